@@ -1,0 +1,129 @@
+"""Damping: from natural frequencies to decay rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.errors import MaterialError
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class Damping(Protocol):
+    """What makes modes die away."""
+
+    def decays(self, frequencies: ArrayLike) -> Array:
+        """Return the decay rates d (1/s, amplitude exp(-d t)) of natural frequencies in Hz."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InternalFriction:
+    """Losses inside the material and to the outside (van den Doel & Pai 1998, eq. 12 and 13).
+
+    Parameters
+    ----------
+    loss_tangent : float
+        tan(phi) of the material, constant over frequency: d = pi f tan(phi).
+    external : float
+        Decay rate added to every mode by air, support or hand, 1/s.
+
+    Raises
+    ------
+    MaterialError
+        When either is negative or not finite.
+    """
+
+    loss_tangent: float
+    external: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_at_least_zero(loss_tangent=self.loss_tangent, external=self.external)
+
+    def decays(self, frequencies: ArrayLike) -> Array:
+        """Return d = pi f tan(phi) + external, 1/s."""
+        return np.pi * self.loss_tangent * np.asarray(frequencies, float) + self.external
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rayleigh:
+    """Losses in proportion to mass and stiffness (O'Brien et al. 2002, eq. 6 and 9).
+
+    Parameters
+    ----------
+    mass : float
+        Coefficient of the mass matrix, 1/s: alpha_2 of 2002, alpha of others.
+    stiffness : float
+        Coefficient of the stiffness matrix, s: alpha_1 of 2002, beta of others.
+    external : float
+        Decay rate added to every mode by air, support or hand, 1/s.
+
+    Raises
+    ------
+    MaterialError
+        When one of them is negative or not finite.
+    """
+
+    mass: float
+    stiffness: float
+    external: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_at_least_zero(mass=self.mass, stiffness=self.stiffness, external=self.external)
+
+    def decays(self, frequencies: ArrayLike) -> Array:
+        """Return d = (mass + stiffness (2 pi f)^2) / 2 + external, 1/s."""
+        squares = np.square(2 * np.pi * np.asarray(frequencies, float))
+        return (self.mass + self.stiffness * squares) / 2 + self.external
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """Decay rates known at some frequencies, interpolated linearly in log f and log d.
+
+    Parameters
+    ----------
+    frequencies : tuple of float
+        Ascending, Hz.
+    rates : tuple of float
+        Decay rates there, 1/s; beyond the ends the nearest is taken.
+
+    Raises
+    ------
+    MaterialError
+        When the two differ in length, are not positive, or frequencies do not ascend.
+    """
+
+    frequencies: tuple[float, ...]
+    rates: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.frequencies) != len(self.rates) or not self.rates:
+            raise MaterialError(
+                f"{len(self.frequencies)} frequencies and {len(self.rates)} decay rates: give one "
+                "rate for each frequency, at least one"
+            )
+        if np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:
+            raise MaterialError("frequencies must ascend from above 0 Hz and decay rates exceed 0")
+
+    def decays(self, frequencies: ArrayLike) -> Array:
+        """Return the interpolated decay rates, 1/s."""
+        wanted = np.log(np.maximum(np.asarray(frequencies, float), np.finfo(float).tiny))
+        return np.exp(np.interp(wanted, np.log(self.frequencies), np.log(self.rates)))
+
+
+def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
+    """Return the damped frequencies f = sqrt(f0^2 - (d / 2 pi)^2), Hz; 0 where overdamped."""
+    squares = np.square(np.asarray(natural, float)) - np.square(np.asarray(decays) / (2 * np.pi))
+    return np.sqrt(np.maximum(squares, 0.0))
+
+
+def _require_at_least_zero(**coefficients: float) -> None:
+    for name, value in coefficients.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise MaterialError(f"{name} is {value}: damping needs a finite number of at least 0")

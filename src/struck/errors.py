@@ -1,0 +1,45 @@
+"""Everything that can go wrong, in one tree.
+
+StruckError
+├── OptionError               an argument outside its bound
+├── MeshError                 a body whose geometry cannot ring as it stands
+├── MaterialError             an unknown or impossible material or damping
+├── ContactError              a contact off the body, or a listener inside it
+├── SolverError               modes that could not be computed or certified
+├── FileFormatError           a file that is not what it says, or cannot be read
+└── MissingDependencyError    an optional package that is not installed
+
+Each message holds the value, the bound and the way out.
+"""
+
+
+class StruckError(Exception):
+    """Base of all errors that struck raises on purpose."""
+
+
+class OptionError(StruckError, ValueError):
+    """An argument outside its bound."""
+
+
+class MeshError(StruckError, ValueError):
+    """A body whose geometry cannot ring as it stands."""
+
+
+class MaterialError(StruckError, ValueError):
+    """An unknown or impossible material or damping."""
+
+
+class ContactError(StruckError, ValueError):
+    """A contact off the body, or a listener inside it."""
+
+
+class SolverError(StruckError, RuntimeError):
+    """Modes that could not be computed or certified."""
+
+
+class FileFormatError(StruckError, ValueError):
+    """A file that is not what it says, or cannot be read or written."""
+
+
+class MissingDependencyError(StruckError, ImportError):
+    """An optional package that is not installed."""

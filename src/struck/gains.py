@@ -1,0 +1,95 @@
+"""Gains: how strongly each mode answers a contact, and how loudly it reaches a listener."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import ContactError
+from struck.geometry import Surface
+from struck.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+class Radiation(Protocol):
+    """How loudly the modes of a surface reach the far field."""
+
+    name: str
+    calibrated: bool
+    references: tuple[str, ...]
+
+    def coefficients(
+        self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
+    ) -> Array:
+        """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
+        ...
+
+
+class Gains(ABC):
+    """Drive (contact side) and output (listener side) of each mode, as a sum over R products."""
+
+    @abstractmethod
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the drive of unit impulses at `points` (K, 3) along `directions`: (K, R, M)."""
+
+    @abstractmethod
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeGains(Gains):
+    """Gains of a body whose mode shapes are known on its surface, heard equally all around.
+
+    Parameters
+    ----------
+    surface : Mesh
+        The body's surface.
+    shapes : array (V, 3, M), float32
+        Mass-normalised mode shapes at its vertices, kg^-1/2.
+    outputs : array (M,)
+        Pressure at 1 m for unit modal velocity.
+    centre : array (3,)
+        Where the sound seems to come from: the centre of mass, m.
+    radiation : Radiation
+        What made `outputs`, to make them anew when frequencies or size change.
+    """
+
+    surface: Mesh
+    shapes: NDArray[np.float32]
+    outputs: Array
+    centre: Array
+    radiation: Radiation
+
+    @cached_property
+    def locator(self) -> Surface:
+        """The surface as a place to look contacts up on."""
+        return Surface(self.surface)
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of the smallest ball about `centre` that holds the body, m."""
+        return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the mode shapes at the nearest surface points along unit `directions`."""
+        faces, weights = self.locator.barycentric(points)
+        corners = self.surface.faces[faces]
+        shapes = np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
+        return np.einsum("kd,kdm->km", directions, shapes)[:, None, :]
+
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return outputs that fall as 1/r from the centre of mass."""
+        distances = np.linalg.norm(np.atleast_2d(listeners) - self.centre, axis=1)
+        if distances.min() < self.radius:
+            raise ContactError(
+                f"a listener is {distances.min():.3g} m from the body's centre, inside its "
+                f"radius of {self.radius:.3g} m: move the listener farther away"
+            )
+        return (self.outputs / distances[:, None, None]).astype(np.complex128)

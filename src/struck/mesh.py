@@ -1,0 +1,100 @@
+"""Triangle surfaces: what every body shows to contacts, radiation and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import MeshError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh:
+    """A triangle surface whose normals point out of the material.
+
+    Parameters
+    ----------
+    points : array (V, 3)
+        Vertices, m.
+    faces : array (F, 3)
+        Vertex indices, counter-clockwise seen from outside.
+    up : str
+        The axis that points up, ``"x"``, ``"y"`` or ``"z"``: it names the places "top" and "bottom".
+
+    Raises
+    ------
+    MeshError
+        On points that are not finite, indices out of range, or no faces.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    up: str = "z"
+
+    def __post_init__(self) -> None:
+        points = np.array(self.points, dtype=np.float64, ndmin=2)
+        faces = np.array(self.faces, dtype=np.int64, ndmin=2)
+        _validate(points, faces)
+        points.setflags(write=False)
+        faces.setflags(write=False)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "faces", faces)
+
+    @cached_property
+    def area_vectors(self) -> NDArray[np.float64]:
+        """Outward normals of the faces times their areas, m^2 (F, 3)."""
+        corners = self.points[self.faces]
+        return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """Areas of the faces, m^2 (F,)."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroids of the faces, m (F, 3)."""
+        return self.points[self.faces].mean(axis=1)
+
+    @property
+    def face_normals(self) -> NDArray[np.float64]:
+        """Outward unit normals of the faces (F, 3)."""
+        return self.area_vectors / np.maximum(self.areas, np.finfo(float).tiny)[:, None]
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume, m^3; negative when the normals point inward."""
+        return float(np.einsum("ij,ij->", self.centroids, self.area_vectors) / 3)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of the bounding box, m (2, 3)."""
+        used = self.points[np.unique(self.faces)]
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @property
+    def extent(self) -> float:
+        """Longest edge of the bounding box, m."""
+        return float(np.ptp(self.bounds, axis=0).max())
+
+    def scaled(self, factor: float) -> Mesh:
+        """Return a copy `factor` times as large about the origin."""
+        return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
+
+
+def _validate(points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"points have shape {points.shape}, not (V, 3): give x, y and z in m")
+    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        raise MeshError(f"faces have shape {faces.shape}, not (F, 3) with F > 0: give triangles")
+    wrong = np.count_nonzero(~np.isfinite(points).all(axis=1))
+    if wrong:
+        raise MeshError(f"{wrong} of {len(points)} vertices are not finite: export the mesh again")
+    if faces.min() < 0 or faces.max() >= len(points):
+        raise MeshError(
+            f"faces name vertices {faces.min()} to {faces.max()}, but the mesh has "
+            f"{len(points)}: export the mesh again"
+        )
