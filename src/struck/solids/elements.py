@@ -1,0 +1,201 @@
+"""Reference elements: nodes, polynomials and quadrature, as data.
+
+Every element is isoparametric: the same polynomials carry geometry and displacement
+(Zienkiewicz, Taylor & Zhu 2013, chapters 5 and 6). Node order is VTK's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Exponents = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quadrature:
+    """Points (q, 3) and weights (q,) that integrate over a reference element."""
+
+    points: Array
+    weights: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Element:
+    """A reference element.
+
+    Parameters
+    ----------
+    corners : array (c, 3)
+        Corner nodes.
+    edges : tuple of pairs
+        Corners whose midpoint carries a further node, in order; empty for linear elements.
+    sides : tuple of tuples
+        Corners of each face, counter-clockwise from outside.
+    exponents : array (n, 3)
+        Monomials that span the polynomials.
+    stiffness_rule, mass_rule : Quadrature
+        For curved elements; the mass rule also measures the volume.
+    straight_rule : Quadrature
+        Exact for the stiffness of straight-sided elements.
+    """
+
+    corners: Array
+    edges: tuple[tuple[int, int], ...]
+    sides: tuple[tuple[int, ...], ...]
+    exponents: Exponents
+    stiffness_rule: Quadrature
+    mass_rule: Quadrature
+    straight_rule: Quadrature
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Reference coordinates of all nodes (n, 3)."""
+        middles = [(self.corners[a] + self.corners[b]) / 2 for a, b in self.edges]
+        return np.vstack([self.corners, *middles])
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        return np.linalg.inv(_monomials(self.nodes, self.exponents))
+
+    def values(self, points: Array) -> Array:
+        """Return the shape functions at reference `points` (q, 3): (q, n)."""
+        return _monomials(points, self.exponents) @ self._coefficients
+
+    def gradients(self, points: Array) -> Array:
+        """Return their gradients in reference coordinates: (q, n, 3)."""
+        slopes = [_derivative(points, self.exponents, axis) for axis in range(3)]
+        return np.stack([slope @ self._coefficients for slope in slopes], axis=-1)
+
+
+def _monomials(points: Array, exponents: Exponents) -> Array:
+    return np.prod(points[:, None, :] ** exponents, axis=2)
+
+
+def _derivative(points: Array, exponents: Exponents, axis: int) -> Array:
+    lowered = exponents.copy()
+    lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
+    return exponents[:, axis] * _monomials(points, lowered)
+
+
+def _tetrahedron_rule(*orbits: tuple[float, tuple[float, ...]]) -> Quadrature:
+    """Rule from orbits of barycentric coordinates, weights summing to 1."""
+    points, weights = [], []
+    for weight, first in orbits:
+        orbit = sorted(set(_permutations(first)))
+        points += [row[1:] for row in orbit]
+        weights += [weight / 6] * len(orbit)
+    return Quadrature(points=np.array(points), weights=np.array(weights))
+
+
+def _permutations(values: tuple[float, ...]) -> list[tuple[float, ...]]:
+    if len(values) == 1:
+        return [values]
+    heads = ((values[i], values[:i] + values[i + 1 :]) for i in range(len(values)))
+    return [(head, *tail) for head, rest in heads for tail in _permutations(rest)]
+
+
+def _gauss(count: int, low: float, high: float) -> tuple[Array, Array]:
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return (low + high + (high - low) * points) / 2, weights * (high - low) / 2
+
+
+def _hexahedron_rule(count: int) -> Quadrature:
+    points, weights = _gauss(count, 0.0, 1.0)
+    return Quadrature(
+        points=np.array(list(product(points, repeat=3))),
+        weights=np.array([np.prod(w) for w in product(weights, repeat=3)]),
+    )
+
+
+def _wedge_rule(triangle: tuple[tuple[float, float, float], ...], count: int) -> Quadrature:
+    """Product of a triangle's rule (weight, orbit point, orbit point) and Gauss points."""
+    flat = [(w, x, y) for w, a, b in triangle for x, y in {(a, b), (b, 1 - a - b), (1 - a - b, a)}]
+    heights, factors = _gauss(count, 0.0, 1.0)
+    pairs = list(product(flat, zip(heights, factors, strict=True)))
+    return Quadrature(
+        points=np.array([(x, y, z) for (_, x, y), (z, _) in pairs]),
+        weights=np.array([w * f / 2 for (w, _, _), (_, f) in pairs]),
+    )
+
+
+def _up_to(degree: int) -> Exponents:
+    return np.array([e for e in product(range(degree + 1), repeat=3) if sum(e) <= degree])
+
+
+def _serendipity() -> Exponents:
+    return np.array([e for e in product(range(3), repeat=3) if e.count(2) <= 1])
+
+
+def _wedge(quadratic: bool) -> Exponents:
+    flat = _up_to(2 if quadratic else 1)
+    prism = [(i, j, k) for i, j, z in flat if z == 0 for k in (0, 1)]
+    return np.array(prism + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if quadratic else []))
+
+
+# Walkington's rule of degree 5 with positive weights, and the rule of degree 2.
+_TET_14 = _tetrahedron_rule(
+    (0.11268792571801585, (0.0673422422100982, *(0.3108859192633006,) * 3)),
+    (0.07349304311636195, (0.7217942490673264, *(0.0927352503108912,) * 3)),
+    (0.04254602077708147, (*(0.0455037041256497,) * 2, *(0.4544962958743503,) * 2)),
+)
+_TET_4 = _tetrahedron_rule((0.25, (0.5854101966249685, *(0.1381966011250105,) * 3)))
+# Dunavant's triangle rules of degree 4 (6 points) and 2 (3 points).
+_TRIANGLE_6 = (
+    (0.223381589678011, 0.445948490915965, 0.108103018168070),
+    (0.109951743655322, 0.091576213509771, 0.816847572980459),
+)
+_TRIANGLE_3 = ((1 / 3, 1 / 6, 2 / 3),)
+_WEDGE_18 = _wedge_rule(_TRIANGLE_6, 3)
+_WEDGE_6 = _wedge_rule(_TRIANGLE_3, 2)
+
+_TET_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=float)
+_TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_TET_SIDES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+_HEX_CORNERS = np.array(
+    [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float
+)
+_HEX_EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0)),
+    *((4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
+_HEX_SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_WEDGE_CORNERS = np.array(
+    [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (0, 1))], dtype=float
+)
+_WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
+_WEDGE_SIDES = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+
+
+def _family(
+    corners: Array, sides: tuple[tuple[int, ...], ...], coarse: Quadrature, fine: Quadrature
+) -> dict[str, object]:
+    rules = {"stiffness_rule": fine, "mass_rule": fine, "straight_rule": coarse}
+    return {"corners": corners, "sides": sides, **rules}
+
+
+_TET = _family(_TET_CORNERS, _TET_SIDES, _TET_4, _TET_14)
+_HEX = _family(_HEX_CORNERS, _HEX_SIDES, _hexahedron_rule(3), _hexahedron_rule(3))
+_WEDGES = _family(_WEDGE_CORNERS, _WEDGE_SIDES, _WEDGE_18, _WEDGE_18)
+
+ELEMENTS: Mapping[str, Element] = MappingProxyType(
+    {
+        "tet4": Element(edges=(), exponents=_up_to(1), **_TET),
+        "tet10": Element(edges=_TET_EDGES, exponents=_up_to(2), **_TET),
+        "hex8": Element(edges=(), exponents=np.array(list(product((0, 1), repeat=3))), **_HEX),
+        "hex20": Element(edges=_HEX_EDGES, exponents=_serendipity(), **_HEX),
+        "wedge6": Element(edges=(), exponents=_wedge(quadratic=False), **_WEDGES),
+        "wedge15": Element(edges=_WEDGE_EDGES, exponents=_wedge(quadratic=True), **_WEDGES),
+    }
+)
+PROMOTED: Mapping[str, str] = MappingProxyType(
+    {"tet4": "tet10", "hex8": "hex20", "wedge6": "wedge15"}
+)
