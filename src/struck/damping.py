@@ -108,8 +108,11 @@ class Measured:
                 f"{len(self.frequencies)} frequencies and {len(self.rates)} decay rates: give one "
                 "rate for each frequency, at least one"
             )
-        if np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:
-            raise MaterialError("frequencies must ascend from above 0 Hz and decay rates exceed 0")
+        finite = np.isfinite((*self.frequencies, *self.rates)).all()
+        if not finite or np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:
+            raise MaterialError(
+                "frequencies must ascend from above 0 Hz, decay rates exceed 0, and all be finite"
+            )
 
     def decays(self, frequencies: ArrayLike) -> Array:
         """Return the interpolated decay rates, 1/s."""

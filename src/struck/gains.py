@@ -34,6 +34,17 @@ class Radiation(Protocol):
 class Gains(ABC):
     """Drive (contact side) and output (listener side) of each mode, as a sum over R products."""
 
+    @property
+    @abstractmethod
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+
+    @abstractmethod
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> Gains:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+
     @abstractmethod
     def at(self, points: Array, directions: Array) -> Array:
         """Return the drive of unit impulses at `points` (K, 3) along `directions`: (K, R, M)."""
@@ -67,6 +78,42 @@ class ShapeGains(Gains):
     centre: Array
     radiation: Radiation
 
+    @classmethod
+    def radiating(
+        cls,
+        surface: Mesh,
+        shapes: NDArray[np.floating],
+        frequencies: Array,
+        centre: Array,
+        radiation: Radiation,
+    ) -> ShapeGains:
+        """Make gains whose outputs `radiation` tells."""
+        return cls(
+            surface=surface,
+            shapes=np.ascontiguousarray(shapes, np.float32),
+            outputs=radiation.coefficients(surface, shapes, frequencies, centre),
+            centre=np.asarray(centre, np.float64),
+            radiation=radiation,
+        )
+
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> ShapeGains:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+
+        Mass-normalised shapes go with (density size^3)^(-1/2).
+        """
+        factor = (density * size**3) ** -0.5
+        surface = self.surface if size == 1 else self.surface.scaled(size)
+        shapes = self.shapes[:, :, modes].astype(np.float64) * factor
+        centre = self.centre * size
+        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.radiation.calibrated
+
     @cached_property
     def locator(self) -> Surface:
         """The surface as a place to look contacts up on."""
@@ -76,6 +123,14 @@ class ShapeGains(Gains):
     def radius(self) -> float:
         """Radius of the smallest ball about `centre` that holds the body, m."""
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
+
+    @cached_property
+    def loudest(self) -> int:
+        """The outward-looking vertex where a push along the normal sounds loudest."""
+        normals = self.surface.vertex_normals
+        outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
+        drive = np.einsum("vd,vdm->vm", normals, self.shapes)
+        return int(np.argmax(np.square(drive * self.outputs).sum(axis=1) * outward))
 
     def at(self, points: Array, directions: Array) -> Array:
         """Return the mode shapes at the nearest surface points along unit `directions`."""

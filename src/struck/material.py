@@ -64,7 +64,18 @@ class Material:
     def from_lame(
         cls, *, first: float, shear: float, density: float, damping: Damping, name: str = "custom"
     ) -> Material:
-        """Make a material from Lame's constants, Pa (lambda and mu of 2002, Table 1)."""
+        """Make a material from Lame's constants, Pa (lambda and mu of 2002, Table 1).
+
+        Raises
+        ------
+        MaterialError
+            When the two do not make a solid that resists both shear and compression.
+        """
+        if not (shear > 0 and 3 * first + 2 * shear > 0):
+            raise MaterialError(
+                f"Lame's constants of {name} are {first} and {shear}: the second must exceed 0 and "
+                "the first -2/3 of the second"
+            )
         return cls(
             name=name,
             density=density,
@@ -101,6 +112,11 @@ class Material:
         return self.youngs_modulus / (2 * (1 + self.poisson_ratio))
 
     @property
+    def bulk_modulus(self) -> float:
+        """Resistance to compression, Pa."""
+        return self.youngs_modulus / (3 * (1 - 2 * self.poisson_ratio))
+
+    @property
     def first_lame(self) -> float:
         """Lame's first constant lambda, Pa."""
         return 2 * self.shear_modulus * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
@@ -115,7 +131,7 @@ _LARGEST_POISSON_RATIO = 0.495
 
 @cache
 def materials() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of materials: constants, source and damping sets by name."""
+    """Return the table of materials by name: group, aliases, constants, damping sets, source."""
     text = resources.files("struck").joinpath("materials.toml").read_text(encoding="utf-8")
     return MappingProxyType(tomllib.loads(text))
 
@@ -132,7 +148,7 @@ def _canonical(name: str) -> str:
 
 
 def _unknown(name: str) -> str:
-    near = difflib.get_close_matches(name.lower(), _aliases(), n=3, cutoff=0.5)
+    near = difflib.get_close_matches(_canonical(name), _aliases(), n=3, cutoff=0.5)
     offer = f"did you mean {' or '.join(near)}? " if near else ""
     return f"no material is called {name!r}: {offer}'struck materials' lists all {len(materials())}"
 

@@ -65,6 +65,15 @@ class Mesh:
         return self.area_vectors / np.maximum(self.areas, np.finfo(float).tiny)[:, None]
 
     @property
+    def vertex_normals(self) -> NDArray[np.float64]:
+        """Outward unit normals at the vertices, weighted by area (V, 3)."""
+        normals = np.zeros_like(self.points)
+        for corner in self.faces.T:
+            np.add.at(normals, corner, self.area_vectors)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals / np.maximum(lengths, np.finfo(float).tiny)
+
+    @property
     def volume(self) -> float:
         """Enclosed volume, m^3; negative when the normals point inward."""
         return float(np.einsum("ij,ij->", self.centroids, self.area_vectors) / 3)

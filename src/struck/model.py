@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from struck.gains import Gains
+from struck.contact import Contact, Place, located
+from struck.damping import Damping, ringing
+from struck.elasticity import Stiffness, changed
+from struck.errors import ContactError, MaterialError, OptionError
+from struck.gains import Gains, Radiation, ShapeGains
 from struck.material import Material
 from struck.mesh import Mesh
+from struck.modes import Modes
 from struck.provenance import Provenance
+from struck.radiation import by_name
+from struck.tables import modes_table
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_TUNING_STEPS, _IN_TUNE = 60, 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,19 +32,19 @@ class ModalModel:
     Parameters
     ----------
     frequencies : array (M,)
-        Ringing (damped) frequencies, ascending with their natural ones, Hz.
+        Ringing (damped) frequencies in the order of the natural ones, Hz.
     natural_frequencies : array (M,)
-        Hz.
+        Ascending, Hz.
     decays : array (M,)
         Amplitude decay rates, 1/s.
     gains : Gains
         Drive over contacts and output over listeners.
     material, mass, centre, inertia, geometry
-        None where unknown, as for recordings.
+        None where unknown, as for recordings; kg, m and kg m^2.
     complete_to : float
         No mode below this frequency is missing, Hz.
     poisson_slopes, errors : array (M,) or None
-        As in Modes.
+        As in `Modes`.
     places : mapping
         Contacts by name, m, each (3,).
     coordinates : tuple of str
@@ -59,3 +68,235 @@ class ModalModel:
     places: Mapping[str, Array] = field(default_factory=dict)
     coordinates: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
     provenance: Provenance = field(default_factory=Provenance)
+
+    @classmethod
+    def of(
+        cls,
+        modes: Modes,
+        material: Material,
+        *,
+        radiation: Radiation | None = None,
+        lowest: float = 20.0,
+        places: Mapping[str, Array] | None = None,
+    ) -> ModalModel:
+        """Make a model of undamped modes.
+
+        Parameters
+        ----------
+        modes : Modes
+        material : Material
+            Its damping gives the decays.
+        radiation : Radiation, optional
+            Radiated power unless given.
+        lowest : float
+            Start of the band, Hz; modes below are dropped and counted.
+        places : mapping, optional
+            Contacts by name, m.
+        """
+        radiation = radiation or by_name("power")
+        kept = np.flatnonzero(modes.frequencies >= lowest)
+        below = len(modes.frequencies) - len(kept)
+        dropped = (f"{below} modes lie below {lowest:g} Hz",) if below else ()
+        natural = modes.frequencies[kept]
+        model = cls(
+            frequencies=natural,
+            natural_frequencies=natural,
+            decays=np.zeros_like(natural),
+            gains=ShapeGains.radiating(
+                modes.surface, modes.shapes[:, :, kept], natural, modes.centre, radiation
+            ),
+            material=material,
+            mass=modes.mass,
+            centre=modes.centre,
+            inertia=modes.inertia,
+            geometry=modes.surface,
+            complete_to=modes.complete_to,
+            poisson_slopes=modes.poisson_slopes[kept],
+            errors=modes.errors[kept],
+            places=places or {},
+            provenance=modes.provenance.extended(
+                references=radiation.references, dropped=dropped, radiation=radiation.name
+            ),
+        )
+        return model.damped(material.damping)
+
+    @classmethod
+    def from_modes(
+        cls,
+        points: ArrayLike,
+        faces: ArrayLike,
+        frequencies: ArrayLike,
+        shapes: ArrayLike,
+        *,
+        material: Material,
+        mass: float,
+        centre: ArrayLike,
+        inertia: ArrayLike,
+        complete_to: float = 0.0,
+        radiation: Radiation | None = None,
+        places: Mapping[str, Array] | None = None,
+        method: str = "modes of another program",
+    ) -> ModalModel:
+        """Make a model of modes that another program computed: `Modes.given`, then `of`."""
+        modes = Modes.given(
+            Mesh(points=np.asarray(points), faces=np.asarray(faces)),
+            np.asarray(frequencies, float),
+            np.asarray(shapes, float),
+            mass=mass,
+            centre=np.asarray(centre, float),
+            inertia=np.asarray(inertia, float),
+            complete_to=complete_to,
+            method=method,
+        )
+        return cls.of(modes, material, radiation=radiation, lowest=0.0, places=places)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the gains are Pa/(N s), not relative."""
+        return self.gains.calibrated
+
+    @property
+    def t60(self) -> Array:
+        """Times to fall by 60 dB, s (M,)."""
+        return np.log(1000) / np.maximum(self.decays, np.finfo(float).tiny)
+
+    def contact(self, at: Place = None, direction: Place = None) -> Contact:
+        """Find a contact on the body.
+
+        Parameters
+        ----------
+        at : str, array (3,) or None
+            A name of `places`, "vertex:120", a point in m, or None for the loudest.
+        direction : array (3,), optional
+            Of the push; the inward normal unless given.
+
+        Raises
+        ------
+        ContactError
+            When there is no such place, or the point is off the body.
+        """
+        if self.geometry is None or not isinstance(self.gains, ShapeGains):
+            raise ContactError("this model has no surface to touch: give gains by its coordinates")
+        loudest = self.geometry.points[self.gains.loudest] if at is None else None
+        point = loudest if at is None else located(self.geometry, self.places, at)
+        return Contact.on(self.gains.locator, self.geometry, point, direction)
+
+    def damped(self, damping: Damping) -> ModalModel:
+        """Return a copy with other losses; overdamped modes are dropped and counted."""
+        every = damping.decays(self.natural_frequencies)
+        kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
+        lost = len(every) - len(kept)
+        before = self._stiffness(self.natural_frequencies, self.complete_to)
+        model = self._chosen(kept, before) if lost else self
+        return replace(
+            model,
+            frequencies=ringing(model.natural_frequencies, every[kept]),
+            decays=every[kept],
+            material=None if self.material is None else self.material.damped(damping),
+            provenance=self.provenance.extended(
+                dropped=(f"{lost} modes are overdamped and do not ring",) if lost else ()
+            ),
+        )
+
+    def scaled(self, factor: float) -> ModalModel:
+        """Return the same body `factor` times as large: frequencies fall as 1/factor.
+
+        Raises
+        ------
+        OptionError
+            When the factor does not exceed 0.
+        """
+        if not (np.isfinite(factor) and factor > 0):
+            raise OptionError(f"factor is {factor}: a size must exceed 0")
+        return self._remade(
+            self._stiffness(self.natural_frequencies / factor, self.complete_to / factor),
+            self.material,
+            size=factor,
+        )
+
+    def tuned(self, *, lowest: float) -> ModalModel:
+        """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
+
+        Raises
+        ------
+        OptionError
+            When no body of this damping can ring that low.
+        """
+        if not (np.isfinite(lowest) and lowest > 0):
+            raise OptionError(f"lowest is {lowest}: a frequency must exceed 0 Hz")
+        model = self
+        for _ in range(_TUNING_STEPS):
+            model = model.scaled(float(model.frequencies[0]) / lowest)
+            if abs(model.frequencies[0] / lowest - 1) < _IN_TUNE:
+                return model
+        raise OptionError(
+            f"with this damping no size of the body rings at {lowest:g} Hz: lower the damping"
+        )
+
+    def made_of(self, material: Material | str) -> ModalModel:
+        """Return the same body of another isotropic material.
+
+        With the same Poisson's ratio exactly (2002, section 3.3); with another to first order in
+        the shapes: `errors` grows by what that may cost, `complete_to` falls as far as a mode
+        from beyond it can have come down.
+
+        Raises
+        ------
+        MaterialError
+            When the material is unknown, or the model has none to start from.
+        """
+        wanted = Material.named(material) if isinstance(material, str) else material
+        if self.material is None:
+            raise MaterialError("this model's own material is unknown: compute or fit it anew")
+        before = self._stiffness(self.natural_frequencies, self.complete_to)
+        after = changed(before, self.material, wanted)
+        return self._remade(after, wanted, density=wanted.density / self.material.density)
+
+    def cite(self) -> str:
+        """Return the papers behind this model, one a line."""
+        return self.provenance.cite()
+
+    def _repr_html_(self) -> str:
+        return modes_table(self.frequencies, self.t60, self.decays, self.errors)
+
+    def _stiffness(self, frequencies: Array, complete_to: float) -> Stiffness:
+        return Stiffness(
+            frequencies=frequencies,
+            poisson_slopes=self.poisson_slopes,
+            errors=self.errors,
+            complete_to=complete_to,
+        )
+
+    def _remade(
+        self, modes: Stiffness, material: Material | None, *, size: float = 1, density: float = 1
+    ) -> ModalModel:
+        """Return the body with other natural frequencies, put in order, size or density."""
+        order = np.argsort(modes.frequencies, kind="stable")
+        weight = density * size**3
+        model = replace(
+            self._chosen(order, modes, size=size, density=density),
+            complete_to=modes.complete_to,
+            material=material,
+            mass=None if self.mass is None else self.mass * weight,
+            centre=None if self.centre is None else self.centre * size,
+            inertia=None if self.inertia is None else self.inertia * weight * size**2,
+            geometry=None if self.geometry is None else self.geometry.scaled(size),
+            places={name: point * size for name, point in self.places.items()},
+        )
+        return model if material is None else model.damped(material.damping)
+
+    def _chosen(
+        self, kept: Index, modes: Stiffness, *, size: float = 1, density: float = 1
+    ) -> ModalModel:
+        """Return a copy with some modes, in the order of `kept`."""
+        natural = modes.frequencies[kept]
+        slopes, errors = modes.poisson_slopes, modes.errors
+        return replace(
+            self,
+            frequencies=natural,
+            natural_frequencies=natural,
+            decays=self.decays[kept],
+            gains=self.gains.changed(natural, kept, size, density),
+            poisson_slopes=None if slopes is None else slopes[kept],
+            errors=None if errors is None else errors[kept],
+        )

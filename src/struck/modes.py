@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.errors import OptionError
 from struck.mesh import Mesh
 from struck.provenance import Provenance
 
@@ -52,3 +53,67 @@ class Modes:
     errors: NDArray[np.float64]
     supported: bool = False
     provenance: Provenance = field(default_factory=Provenance)
+
+    @classmethod
+    def given(
+        cls,
+        surface: Mesh,
+        frequencies: NDArray[np.float64],
+        shapes: NDArray[np.float64],
+        *,
+        mass: float,
+        centre: NDArray[np.float64],
+        inertia: NDArray[np.float64],
+        complete_to: float,
+        method: str,
+    ) -> Modes:
+        """Take modes that another program computed; what it does not tell stays unknown.
+
+        Parameters
+        ----------
+        surface : Mesh
+            The body's surface.
+        frequencies : array (M,)
+            Natural, ascending, Hz.
+        shapes : array (V, 3, M)
+            Mass-normalised, at the surface's vertices, kg^-1/2.
+        mass, centre, inertia
+            kg, m (3,) and kg m^2 about the centre (3, 3).
+        complete_to : float
+            No mode below it is missing, Hz; 0 where unknown.
+        method : str
+            What computed them.
+
+        Raises
+        ------
+        OptionError
+            When shapes do not fit points and frequencies, or frequencies do not ascend.
+        """
+        _require_fitting(frequencies, shapes, len(surface.points))
+        unknown = np.full(len(frequencies), np.nan)
+        return cls(
+            frequencies=frequencies,
+            surface=surface,
+            shapes=shapes,
+            mass=float(mass),
+            centre=centre,
+            inertia=inertia,
+            complete_to=complete_to,
+            poisson_slopes=unknown,
+            errors=unknown,
+            provenance=Provenance(method=method),
+        )
+
+
+def _require_fitting(
+    frequencies: NDArray[np.float64], shapes: NDArray[np.float64], vertices: int
+) -> None:
+    if shapes.shape != (vertices, 3, len(frequencies)):
+        raise OptionError(
+            f"shapes have shape {shapes.shape}, not ({vertices}, 3, {len(frequencies)}): give "
+            "one displacement (3,) at each vertex for each frequency"
+        )
+    if not np.isfinite(shapes).all() or not np.isfinite(frequencies).all():
+        raise OptionError("frequencies or shapes are not finite: leave those modes out")
+    if not len(frequencies) or np.any(np.diff(frequencies) < 0) or frequencies.min() <= 0:
+        raise OptionError("frequencies must ascend from above 0 Hz: leave rigid motions out")

@@ -1,1 +1,1 @@
-
+"""What pushes a body."""

@@ -1,1 +1,1 @@
-
+"""Files: meshes, models and volume meshes, in and out."""

@@ -1,1 +1,35 @@
+"""Radiation: how loudly the modes of a body reach a listener."""
 
+from __future__ import annotations
+
+from struck.errors import OptionError
+from struck.gains import Radiation
+from struck.radiation.far_field import ObrienCoupling, RadiatedPower
+
+__all__ = ["ObrienCoupling", "RadiatedPower", "by_name"]
+
+
+def by_name(name: str) -> Radiation:
+    """Return the estimate of radiation that `name` stands for.
+
+    Parameters
+    ----------
+    name : str
+        ``"power"`` (calibrated, the default of struck) or ``"obrien2002"`` (relative).
+
+    Returns
+    -------
+    Radiation
+
+    Raises
+    ------
+    OptionError
+        When no estimate has that name.
+    """
+    estimates: dict[str, Radiation] = {
+        estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling())
+    }
+    if name not in estimates:
+        offer = " or ".join(repr(known) for known in estimates)
+        raise OptionError(f"no radiation is called {name!r}: give {offer}")
+    return estimates[name]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from struck.geometry import Surface
 from struck.mesh import Mesh
+from struck.solids.tetrahedra import stuffed
+from struck.solids.volume import VolumeMesh
 
 Array = NDArray[np.float64]
 
@@ -57,6 +59,10 @@ class Body:
         if self.wall is None:
             return distance + self.inset
         return np.abs(distance + self.wall / 2) - self.wall / 2
+
+    def stuffed(self, spacing: float) -> VolumeMesh:
+        """Fill the body with linear tetrahedra on a lattice of `spacing`, m."""
+        return stuffed(self.depth, self.mesh.bounds, spacing, self.mesh.up)
 
     def projected(self, points: Array) -> Array:
         """Return points near the boundary moved onto it along the shortest way."""

@@ -134,7 +134,7 @@ def _serendipity() -> Exponents:
     return np.array([e for e in product(range(3), repeat=3) if e.count(2) <= 1])
 
 
-def _wedge(quadratic: bool) -> Exponents:
+def _wedge(*, quadratic: bool) -> Exponents:
     flat = _up_to(2 if quadratic else 1)
     prism = [(i, j, k) for i, j, z in flat if z == 0 for k in (0, 1)]
     return np.array(prism + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if quadratic else []))
@@ -147,14 +147,12 @@ _TET_14 = _tetrahedron_rule(
     (0.04254602077708147, (*(0.0455037041256497,) * 2, *(0.4544962958743503,) * 2)),
 )
 _TET_4 = _tetrahedron_rule((0.25, (0.5854101966249685, *(0.1381966011250105,) * 3)))
-# Dunavant's triangle rules of degree 4 (6 points) and 2 (3 points).
+# Dunavant's triangle rule of degree 4.
 _TRIANGLE_6 = (
     (0.223381589678011, 0.445948490915965, 0.108103018168070),
     (0.109951743655322, 0.091576213509771, 0.816847572980459),
 )
-_TRIANGLE_3 = ((1 / 3, 1 / 6, 2 / 3),)
 _WEDGE_18 = _wedge_rule(_TRIANGLE_6, 3)
-_WEDGE_6 = _wedge_rule(_TRIANGLE_3, 2)
 
 _TET_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=float)
 _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
@@ -175,25 +173,40 @@ _WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), 
 _WEDGE_SIDES = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
 
 
-def _family(
-    corners: Array, sides: tuple[tuple[int, ...], ...], coarse: Quadrature, fine: Quadrature
-) -> dict[str, object]:
-    rules = {"stiffness_rule": fine, "mass_rule": fine, "straight_rule": coarse}
-    return {"corners": corners, "sides": sides, **rules}
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Family:
+    """What the linear and the quadratic element of one form share."""
+
+    corners: Array
+    sides: tuple[tuple[int, ...], ...]
+    coarse: Quadrature
+    fine: Quadrature
+
+    def element(self, exponents: Exponents, edges: tuple[tuple[int, int], ...] = ()) -> Element:
+        return Element(
+            corners=self.corners,
+            edges=edges,
+            sides=self.sides,
+            exponents=exponents,
+            stiffness_rule=self.fine,
+            mass_rule=self.fine,
+            straight_rule=self.coarse,
+        )
 
 
-_TET = _family(_TET_CORNERS, _TET_SIDES, _TET_4, _TET_14)
-_HEX = _family(_HEX_CORNERS, _HEX_SIDES, _hexahedron_rule(3), _hexahedron_rule(3))
-_WEDGES = _family(_WEDGE_CORNERS, _WEDGE_SIDES, _WEDGE_18, _WEDGE_18)
+_TET = _Family(corners=_TET_CORNERS, sides=_TET_SIDES, coarse=_TET_4, fine=_TET_14)
+_CUBE_27 = _hexahedron_rule(3)
+_HEX = _Family(corners=_HEX_CORNERS, sides=_HEX_SIDES, coarse=_CUBE_27, fine=_CUBE_27)
+_WEDGE = _Family(corners=_WEDGE_CORNERS, sides=_WEDGE_SIDES, coarse=_WEDGE_18, fine=_WEDGE_18)
 
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {
-        "tet4": Element(edges=(), exponents=_up_to(1), **_TET),
-        "tet10": Element(edges=_TET_EDGES, exponents=_up_to(2), **_TET),
-        "hex8": Element(edges=(), exponents=np.array(list(product((0, 1), repeat=3))), **_HEX),
-        "hex20": Element(edges=_HEX_EDGES, exponents=_serendipity(), **_HEX),
-        "wedge6": Element(edges=(), exponents=_wedge(quadratic=False), **_WEDGES),
-        "wedge15": Element(edges=_WEDGE_EDGES, exponents=_wedge(quadratic=True), **_WEDGES),
+        "tet4": _TET.element(_up_to(1)),
+        "tet10": _TET.element(_up_to(2), _TET_EDGES),
+        "hex8": _HEX.element(np.array(list(product((0, 1), repeat=3)))),
+        "hex20": _HEX.element(_serendipity(), _HEX_EDGES),
+        "wedge6": _WEDGE.element(_wedge(quadratic=False)),
+        "wedge15": _WEDGE.element(_wedge(quadratic=True), _WEDGE_EDGES),
     }
 )
 PROMOTED: Mapping[str, str] = MappingProxyType(

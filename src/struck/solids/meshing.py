@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy import sparse
 
 from struck.errors import MeshError, OptionError
 from struck.solids.curving import curved, flatness
 from struck.solids.distance import Body
-from struck.solids.tetrahedra import stuffed
 from struck.solids.volume import VolumeMesh
 from struck.solids.wedges import layered
 
@@ -52,7 +51,11 @@ ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
 )
 # Quadratic nodes a lattice cell, in solid bodies and in walls two or three tetrahedra thick.
 _NODES_SOLID, _NODES_WALL = 18, 26
+# What about 8 GiB hold at any accuracy.
+_MOST = 90_000
 _LARGEST_VOLUME_ERROR = 0.01
+_LARGEST_SPACING_OF_WALL = 0.75
+_FINER = (1.0, 0.75, 0.55)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,8 +106,9 @@ def filled(body: Body, accuracy: str = "standard") -> Filling:
         On an unknown accuracy.
     """
     goal = accuracy_named(accuracy)
-    volume = _material_volume(body, goal)
-    thickness = body.wall or 2 * volume / float(body.mesh.areas.sum())
+    area, whole = float(body.mesh.areas.sum()), body.mesh.volume
+    volume = whole if body.wall is None else min(whole, area * body.wall)
+    thickness = body.wall or 2 * whole / area
     spacing = _spacing(body, volume, thickness, goal)
     if volume * _NODES_WALL / spacing**3 <= goal.most:
         return _stuffing(body, spacing, volume, goal)
@@ -114,56 +118,61 @@ def filled(body: Body, accuracy: str = "standard") -> Filling:
             f"than {goal.most} nodes: make a solid of struck.solids instead, or give the outer "
             "surface alone with wall="
         )
-    return _wedges(body, body.wall, volume, goal)
+    layer = _wedges(body, body.wall, goal)
+    complaint = _complaint(layer)
+    if not complaint:
+        return layer
+    if volume * _NODES_WALL / spacing**3 <= _MOST:
+        return _stuffing(body, spacing, volume, goal)
+    raise MeshError(f"{complaint} in one layer of wedges: {_WAY_OUT}")
 
 
 def _spacing(body: Body, volume: float, thickness: float, goal: Accuracy) -> float:
     by_nodes = (volume * _NODES_SOLID / goal.nodes) ** (1 / 3)
-    if body.wall is not None:
-        return min(goal.spacing_of_wall * thickness, by_nodes)
-    return min(by_nodes, 0.75 * thickness)
+    share = goal.spacing_of_wall if body.wall is not None else _LARGEST_SPACING_OF_WALL
+    return min(share * thickness, by_nodes)
 
 
-def _material_volume(body: Body, goal: Accuracy) -> float:
+def _material_volume(body: Body, spacing: float) -> float:
     """Return the volume of the material, m^3: a hollow body's less its cavity's."""
     whole = body.mesh.volume
     if body.wall is None:
         return whole
-    spacing = (whole * _NODES_SOLID / goal.nodes) ** (1 / 3)
     cavity = Body(mesh=body.mesh, inset=body.wall)
     try:
-        linear = stuffed(cavity, spacing)
-    except ValueError:
-        deepest = float(np.sqrt(body.mesh.areas.sum()))
+        inner, _ = curved(cavity.stuffed(spacing), cavity.projected)
+    except MeshError:
         raise MeshError(
             f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m: "
             "leave wall= out for a solid body, or give a thinner wall"
         ) from None
-    inner, _ = curved(linear, cavity.projected)
     return whole - inner.volume()
 
 
-def _stuffing(body: Body, spacing: float, volume: float, goal: Accuracy) -> Filling:
+def _stuffing(body: Body, spacing: float, rough: float, goal: Accuracy) -> Filling:
     """Stuff the body; where a part finer than the lattice tears, try again finer."""
     while True:
-        mesh, short = curved(stuffed(body, spacing), body.projected)
+        volume = _material_volume(body, spacing)
+        mesh, short = curved(body.stuffed(spacing), body.projected)
         filling = _judged(mesh, "stuffing", spacing, volume, short)
         complaint = _complaint(filling)
         if not complaint:
             return filling
         spacing *= 0.75
-        if volume * _NODES_WALL / spacing**3 > goal.most:
+        if rough * _NODES_WALL / spacing**3 > max(goal.most, _MOST):
             raise MeshError(f"{complaint} on a lattice of {spacing / 0.75:.3g} m: {_WAY_OUT}")
 
 
-def _wedges(body: Body, wall: float, volume: float, goal: Accuracy) -> Filling:
-    # A lattice cell meets a plane in about two cut triangles a side.
+def _wedges(body: Body, wall: float, goal: Accuracy) -> Filling:
+    """Fill the wall with one layer; where it folds over, try again finer."""
+    # A lattice plane is cut into two triangles a cell at the least.
     spacing = float(np.sqrt(2.0 * body.mesh.areas.sum() / goal.triangles))
-    mesh, short = layered(body, wall, spacing)
-    filling = _judged(mesh, "wedges", spacing, volume, short)
-    complaint = _complaint(filling)
-    if complaint:
-        raise MeshError(f"{complaint} in one layer of wedges: {_WAY_OUT}")
+    for share in _FINER:
+        mesh, short = layered(body, wall, share * spacing)
+        volume = _material_volume(body, share * spacing)
+        filling = _judged(mesh, "wedges", share * spacing, volume, short)
+        if not _complaint(filling):
+            break
     return filling
 
 

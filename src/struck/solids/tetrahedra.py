@@ -7,10 +7,12 @@ neighbours agree.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.solids.distance import Body
+from struck.errors import MeshError
 from struck.solids.lattice import Lattice
 from struck.solids.volume import VolumeMesh, unique_rows
 
@@ -22,18 +24,41 @@ _LONG, _SHORT = 0.24999, 0.41189
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-def stuffed(body: Body, spacing: float) -> VolumeMesh:
-    """Fill a body with linear tetrahedra on a lattice of the given spacing, m."""
-    lattice = Lattice.over(body.mesh.bounds, spacing)
-    corners, centres = lattice.sampled(body.depth)
+def stuffed(
+    depth: Callable[[Array], Array], bounds: Array, spacing: float, up: str = "z"
+) -> VolumeMesh:
+    """Fill a body with linear tetrahedra.
+
+    Parameters
+    ----------
+    depth : callable
+        1-Lipschitz function of points (K, 3), negative in the body, m (K,).
+    bounds : array (2, 3)
+        Corners of a box around the body, m.
+    spacing : float
+        Of the lattice, m.
+    up : str
+        The axis that points up.
+
+    Raises
+    ------
+    MeshError
+        When no lattice point lies in the body.
+    """
+    lattice = Lattice.over(bounds, spacing)
+    corners, centres = lattice.sampled(depth)
     tetrahedra = lattice.tetrahedra(corners, centres)
+    if not len(tetrahedra):
+        raise MeshError(
+            f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
+        )
     numbers, local = np.unique(tetrahedra, return_inverse=True)
-    depth = np.concatenate([corners.ravel(), centres.ravel()])[numbers]
-    points, depth = _warped(
-        lattice.positions(numbers), depth, local.reshape(-1, 4), numbers >= corners.size
+    values = np.concatenate([corners.ravel(), centres.ravel()])[numbers]
+    points, values = _warped(
+        lattice.positions(numbers), values, local.reshape(-1, 4), numbers >= corners.size
     )
-    points, elements = _cut(points, depth, local.reshape(-1, 4))
-    return VolumeMesh(nodes=points, elements=elements, kind="tet4", up=body.mesh.up)
+    points, elements = _cut(points, values, local.reshape(-1, 4))
+    return VolumeMesh(nodes=points, elements=elements, kind="tet4", up=up)
 
 
 def _edges(tetrahedra: Index) -> Index:
@@ -73,7 +98,9 @@ def _cut(points: Array, depth: Array, tetrahedra: Index) -> tuple[Array, Index]:
     keys = crossed[:, 0] * len(points) + crossed[:, 1]
 
     def crossing(a: Index, b: Index) -> Index:
-        return len(points) + np.searchsorted(keys, np.minimum(a, b) * len(points) + np.maximum(a, b))
+        return len(points) + np.searchsorted(
+            keys, np.minimum(a, b) * len(points) + np.maximum(a, b)
+        )
 
     signs = np.sign(depth)[tetrahedra]
     order = np.argsort(signs, axis=1, kind="stable")

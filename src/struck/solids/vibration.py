@@ -148,6 +148,7 @@ def _as_modes(
     surface, numbers = mesh.surface()
     mass, centre, inertia = mass_properties(system, mesh.nodes)
     small = system.unknowns <= solver.dense_limit
+    lumped = "lumped" if solver.lumped else "consistent"
     details = {
         "elements": f"{len(mesh.elements)} {mesh.kind}",
         "nodes": len(mesh.nodes),
@@ -167,8 +168,12 @@ def _as_modes(
         errors=np.full(len(values), np.nan),
         supported=system.unknowns != len(vectors) * 3,
         provenance=Provenance(
-            method=f"finite elements ({mesh.kind}, {'lumped' if solver.lumped else 'consistent'} mass)",
-            references=("zienkiewicz2013", "anderson1999" if small else "grimes1994", "parlett1998"),
+            method=f"finite elements ({mesh.kind}, {lumped} mass)",
+            references=(
+                "zienkiewicz2013",
+                "anderson1999" if small else "grimes1994",
+                "parlett1998",
+            ),
             details=details,
         ),
     )
@@ -211,3 +216,15 @@ def _dilatation(mesh: VolumeMesh, vectors: Array) -> Array:
         divergence = slopes.reshape(count, points, 3 * nodes) @ shapes
         total += np.einsum("eq,eqm,eqm->m", weights, divergence, divergence, optimize=True)
     return total
+
+
+def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None = None) -> float:
+    """Return the lowest natural frequency of a freely floating body, Hz."""
+    solver = solver or Solver()
+    system = assemble(mesh, material, lumped=solver.lumped)
+    motions = rigid_motions(mesh.nodes)
+    # Any shift below all frequencies will do; this one is the square of a travelling wave's.
+    speed = np.sqrt(material.youngs_modulus / material.density)
+    bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
+    pairs = _sparse_pairs(system, motions, float(bound), 1, solver, lambda _stage, _share: None)
+    return float(np.sqrt(pairs.values[0]) / (2 * np.pi))

@@ -101,7 +101,9 @@ class VolumeMesh:
     def volume(self) -> float:
         """Volume of the elements by quadrature, m^3."""
         rule = self.element.mass_rule
-        parts = (np.linalg.det(self.jacobians(rule.points, c)) @ rule.weights for c in self.chunks())
+        parts = (
+            np.linalg.det(self.jacobians(rule.points, c)) @ rule.weights for c in self.chunks()
+        )
         return float(sum(part.sum() for part in parts))
 
     def chunks(self, size: int = 4096) -> Iterator[slice]:
@@ -113,7 +115,9 @@ class VolumeMesh:
         """Return the sides that belong to one element only: arrays (S, nodes of a side)."""
         groups = []
         for corners in sorted({len(side) for side in self.element.sides}):
-            sides = [_with_middles(self.element, s) for s in self.element.sides if len(s) == corners]
+            sides = [
+                _with_middles(self.element, s) for s in self.element.sides if len(s) == corners
+            ]
             every = self.elements[:, np.array(sides)].reshape(-1, len(sides[0]))
             _, first, counts = np.unique(
                 np.sort(every[:, :corners], axis=1), axis=0, return_index=True, return_counts=True

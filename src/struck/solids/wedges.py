@@ -10,7 +10,6 @@ import numpy as np
 
 from struck.solids.curving import curved
 from struck.solids.distance import Body
-from struck.solids.tetrahedra import stuffed
 from struck.solids.volume import VolumeMesh
 
 
@@ -33,7 +32,7 @@ def layered(body: Body, wall: float, spacing: float) -> tuple[VolumeMesh, int]:
     int
         Count of nodes that had to stay short of the surface.
     """
-    middle, _ = stuffed(Body(mesh=body.mesh, inset=wall / 2), spacing).surface()
+    middle, _ = Body(mesh=body.mesh, inset=wall / 2).stuffed(spacing).surface()
     count = len(middle.points)
     faces = [body.offset(middle.points, np.full(count, depth)) for depth in (wall, 0.0)]
     linear = VolumeMesh(

@@ -1,1 +1,1 @@
-
+"""From modes and pushes to samples."""

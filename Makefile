@@ -1,0 +1,59 @@
+# Each target sets up what it needs in .venv: make and Python 3.11 or newer are enough.
+#   make prove ONLY=name      the proofs whose name holds it
+#   make test PYTHON=python3.12
+
+ENVIRONMENT := .venv
+BIN := $(ENVIRONMENT)/bin
+RECENT := import sys; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
+	$$python -c '$(RECENT)' 2>/dev/null && echo $$python && break; done)
+INSTALL = $(BIN)/python -m pip install --quiet --constraint constraints.txt
+ONLY ?=
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test prove check bench docs clean
+
+help:  ## List the targets
+	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 14
+
+demo: $(ENVIRONMENT)/all.stamp  ## Compute the gallery: sounds, pictures and a page that plays them
+	$(BIN)/struck demo --out gallery
+
+test: $(ENVIRONMENT)/test.stamp  ## A sample of every promise
+	$(BIN)/python -m pytest --numprocesses 2
+
+prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name for a part
+	$(BIN)/python -m pytest -m prove $(if $(ONLY),-k "$(ONLY)")
+
+check: $(ENVIRONMENT)/lint.stamp  ## Style, types and layers
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
+
+bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
+	$(BIN)/python bench/solids.py
+
+docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
+
+clean:  ## Remove everything that make made, the environment too
+	rm -rf $(ENVIRONMENT) gallery docs/_build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+$(ENVIRONMENT)/pip.stamp:
+	@$(or $(PYTHON),false) -c '$(RECENT)' || \
+		{ echo "struck needs Python 3.11 or newer, found $(or $(PYTHON),none): name one, as in make PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(ENVIRONMENT)
+	$(INSTALL) --upgrade pip
+	@touch $@
+
+# all.stamp: struck with every extra; NAME.stamp: the dependency group NAME on top
+$(ENVIRONMENT)/all.stamp: $(ENVIRONMENT)/pip.stamp pyproject.toml constraints.txt
+	$(INSTALL) --build-constraint constraints.txt --editable '.[all]'
+	@touch $@
+
+$(ENVIRONMENT)/%.stamp: $(ENVIRONMENT)/all.stamp
+	$(INSTALL) --group $*
+	@touch $@

@@ -1,0 +1,108 @@
+"""The verbs: thin functions over what does the work."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from struck.analysis import Solid, analyze
+from struck.errors import OptionError
+from struck.excitation.strike import Strike
+from struck.files import model_file
+from struck.material import Material
+from struck.model import ModalModel
+from struck.progress import Progress, silent
+from struck.render import render
+from struck.tuning import tuned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["analyze", "load", "render", "save", "show", "tune"]
+
+
+def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
+    """Write a model to a ``.struck`` file, atomically.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or cannot be written.
+    """
+    model_file.save(model, path)
+
+
+def load(path: str | os.PathLike[str]) -> ModalModel:
+    """Read a model from a ``.struck`` file.
+
+    Raises
+    ------
+    FileFormatError
+        When the file is missing, damaged, no model, or of a newer version.
+    """
+    return model_file.load(path)
+
+
+def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw a model: its shape, its first mode shapes and the spectrum of a strike.
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path, optional
+        Where to save the picture too; the ending tells its format.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or the ending is no picture's.
+    """
+    from struck.pictures import overview
+    from struck.pictures import save as save_picture
+
+    figure = overview(model, render(model, Strike()))
+    if path is not None:
+        save_picture(figure, path)
+    return figure
+
+
+def tune(
+    body: Solid,
+    material: Material | str,
+    *,
+    vary: str,
+    lowest: float,
+    accuracy: str = "standard",
+    progress: Progress = silent,
+) -> Solid:
+    """Return the body with the dimension that makes its lowest mode ring at `lowest`.
+
+    Parameters
+    ----------
+    body : a solid of struck.solids
+    material : Material or str
+    vary : str
+        Name of the dimension, such as "length".
+    lowest : float
+        Hz.
+    accuracy : str
+        "preview", "standard" or "fine".
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Raises
+    ------
+    OptionError
+        When the body has no such dimension, or it does not reach the frequency.
+
+    Examples
+    --------
+    >>> from struck.solids import Tube
+    >>> tube = Tube(length=0.5, radius=0.0125, wall=0.001)
+    >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
+    0.511
+    """
+    if not hasattr(body, "volume_mesh"):
+        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
+    chosen = Material.named(material) if isinstance(material, str) else material
+    return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)

@@ -1,0 +1,105 @@
+"""Texts of the shell turned into bodies, strikes and places to write."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+from struck.analysis import Solid
+from struck.errors import FileFormatError, OptionError
+from struck.excitation.strike import Strike
+from struck.solids import Block, Tube
+
+_SOLIDS: dict[str, type] = {"tube": Tube, "block": Block}
+
+
+def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
+    """Return a parser of `count` numbers between commas."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        values = tuple(map(float, text.split(",")))
+        if len(values) != count:
+            raise argparse.ArgumentTypeError(f"{text!r}: give {count} numbers with commas between")
+        return values
+
+    return parse
+
+
+def body_named(text: str) -> str | Solid:
+    """Return the solid that "tube:length=0.5,radius=0.0125,wall=0.001" means, else a file's name.
+
+    Raises
+    ------
+    OptionError
+        When the solid or one of its dimensions is unknown, missing or no number.
+    """
+    kind, colon, rest = text.partition(":")
+    if not colon or kind not in _SOLIDS:
+        return text
+    solid = _SOLIDS[kind]
+    names = [field.name for field in fields(solid) if field.name != "elements"]
+    given = dict(part.partition("=")[::2] for part in rest.split(","))
+    if set(given) != set(names):
+        example = ",".join(f"{name}=..." for name in names)
+        raise OptionError(f"{text!r} does not say what a {kind} needs: give {kind}:{example}")
+    try:
+        values = {name: _dimension(value) for name, value in given.items()}
+    except ValueError:
+        raise OptionError(f"{text!r} holds no numbers: give metres, as 0.5") from None
+    return solid(**values)
+
+
+def _dimension(text: str) -> float | tuple[float, ...]:
+    edges = tuple(map(float, text.split("x")))
+    return edges[0] if len(edges) == 1 else edges
+
+
+def strike(text: str | None, options: argparse.Namespace) -> Strike:
+    """Return the strike that PLACE[@SECONDS] means, with the other options.
+
+    Raises
+    ------
+    OptionError
+        When the seconds are no number, or the strike is impossible.
+    """
+    place, at_sign, time = (text or "").partition("@")
+    try:
+        seconds = float(time) if at_sign else 0.0
+    except ValueError:
+        raise OptionError(f"--strike {text} ends in {time!r}: give seconds after @") from None
+    return Strike(
+        at=_place(place),
+        time=seconds,
+        impulse=options.impulse,
+        striker=options.striker,
+        speed=options.speed,
+        duration=options.duration,
+        direction=options.direction,
+    )
+
+
+def _place(text: str) -> str | tuple[float, ...] | None:
+    if not text:
+        return None
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        return text
+
+
+def writable(path: str | Path) -> Path:
+    """Return the path of a file to write, refused before any work when its folder is missing.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or the path is a folder.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise FileFormatError(f"{target} is a folder: give the name of a file in it")
+    if not target.parent.is_dir():
+        raise FileFormatError(f"there is no folder {target.parent}: make it first")
+    return target

@@ -1,0 +1,275 @@
+"""The shell: the same verbs as in Python, nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from struck import _api
+from struck.arguments import body_named, numbers, strike, writable
+from struck.errors import StruckError
+from struck.material import materials
+from struck.model import ModalModel
+from struck.progress import TerminalProgress
+from struck.report import summary
+from struck.tables import HEADINGS, aligned, modes_rows
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+_LISTED = 20
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code: 0, 2 on bad input, 130 when interrupted."""
+    options = _parser().parse_args(arguments)
+    progress = TerminalProgress()
+    try:
+        result = options.run(options, progress)
+    except StruckError as error:
+        progress.close()
+        print(f"struck: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        progress.close()
+        print("struck: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    progress.close()
+    print(json.dumps(result.facts, indent=2) if options.json else result.text)
+    return 0
+
+
+class Result:
+    """What a command tells machines (`facts`) and people (`text`)."""
+
+    def __init__(self, text: str, **facts: object) -> None:
+        self.text = text
+        self.facts = facts
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="struck", description="The sounds of physical objects, computed from what they are."
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for declare in (_analyze, _info, _show, _render, _tune, _materials, _demo):
+        declare(commands)
+    return parser
+
+
+def _command(
+    commands: argparse._SubParsersAction,
+    run: Callable[[argparse.Namespace, TerminalProgress], Result],
+    name: str,
+    about: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name,
+        help=about,
+        description=about,
+        epilog=f"example:\n  struck {name} {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--json", action="store_true", help="print the result for machines")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _analyze(commands: argparse._SubParsersAction) -> None:
+    parser = _command(
+        commands,
+        _run_analyze,
+        "analyze",
+        "compute the modes of a body and save its model",
+        "bell.stl --material bronze --units mm -o bell.struck",
+    )
+    parser.add_argument("body", help="mesh file, or tube:length=0.5,radius=0.0125,wall=0.001")
+    parser.add_argument("--material", required=True, help="name; see 'struck materials'")
+    parser.add_argument("--damping", default="own", help="own (default) or heard")
+    parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
+    parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
+    parser.add_argument("--wall", type=float, help="thickness of a hollow body's wall, m")
+    parser.add_argument("--part", help="which of several bodies in the file")
+    parser.add_argument("--up", help="axis that points up: x, y or z")
+    parser.add_argument("--fixed", type=numbers(6), help="box x0,y0,z0,x1,y1,z1 that is held, m")
+    parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
+    parser.add_argument("--band", type=numbers(2), default=(20.0, 20_000.0), help="low,high in Hz")
+    parser.add_argument("--radiation", default="power", help="power (default) or obrien2002")
+    parser.add_argument("--method", default="quadratic", help="quadratic (default) or obrien2002")
+    parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
+
+
+def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    body = body_named(options.body)
+    output = writable(options.output or f"{Path(options.body.partition(':')[0]).stem}.struck")
+    fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
+    same = ("units", "size", "wall", "part", "up", "accuracy", "damping", "radiation", "method")
+    model = _api.analyze(
+        body,
+        options.material,
+        **{name: getattr(options, name) for name in same},
+        fixed=fixed,
+        band=options.band,
+        progress=progress,
+    )
+    _api.save(model, output)
+    return _described(model, f"wrote {output}", output=str(output))
+
+
+def _info(commands: argparse._SubParsersAction) -> None:
+    parser = _command(commands, _run_info, "info", "tell what a model holds", "bell.struck")
+    parser.add_argument("model")
+    parser.add_argument("--modes", type=int, default=_LISTED, help="how many to list")
+
+
+def _run_info(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    model = _api.load(options.model)
+    return _described(model, "", listed=options.modes)
+
+
+def _show(commands: argparse._SubParsersAction) -> None:
+    parser = _command(
+        commands, _run_show, "show", "draw shape, modes and spectrum", "bell.struck -o bell.png"
+    )
+    parser.add_argument("model")
+    parser.add_argument("-o", "--output", help="picture; MODEL.png unless given")
+
+
+def _run_show(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    output = writable(options.output or Path(options.model).with_suffix(".png"))
+    _api.show(_api.load(options.model), output)
+    return Result(f"wrote {output}", output=str(output))
+
+
+def _render(commands: argparse._SubParsersAction) -> None:
+    parser = _command(
+        commands,
+        _run_render,
+        "render",
+        "strike a model and save the sound",
+        "bell.struck --strike rim --striker wood --speed 1 -o bell.wav",
+    )
+    parser.add_argument("model")
+    parser.add_argument(
+        "--strike",
+        action="append",
+        metavar="PLACE[@SECONDS]",
+        help="name, vertex:N or x,y,z in m; may be repeated; the loudest place unless given",
+    )
+    parser.add_argument("--impulse", type=float, help="N s")
+    parser.add_argument("--striker", help="fingertip, felt, rubber, plastic, wood, brass ...")
+    parser.add_argument("--speed", type=float, help="of the striker, m/s")
+    parser.add_argument("--duration", type=float, help="of the push, s")
+    parser.add_argument("--direction", type=numbers(3), help="of the push, x,y,z")
+    parser.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
+    parser.add_argument("--seconds", type=float, help="length of the sound")
+    parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
+    parser.add_argument("--level", default="peak", help="peak (default) or absolute (1.0 = 20 Pa)")
+    parser.add_argument("--encoding", default="float32", help="float32 (default), int24 or int16")
+    parser.add_argument("-o", "--output", help="sound file; MODEL.wav unless given")
+
+
+def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    output = writable(options.output or Path(options.model).with_suffix(".wav"))
+    model = _api.load(options.model)
+    progress("render", 0.0)
+    sound = _api.render(
+        model,
+        [strike(text, options) for text in options.strike or [None]],
+        seconds=options.seconds,
+        sample_rate=options.rate,
+        listener=options.listener,
+    )
+    factor = sound.save(output, level=options.level, encoding=options.encoding)
+    text = "\n".join((*sound.notes, f"wrote {output} ({sound.duration:.2f} s)"))
+    return Result(
+        text, output=str(output), seconds=sound.duration, factor=factor, notes=list(sound.notes)
+    )
+
+
+def _tune(commands: argparse._SubParsersAction) -> None:
+    parser = _command(
+        commands,
+        _run_tune,
+        "tune",
+        "find the dimension that makes a body ring at a frequency",
+        "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium --vary length "
+        "--lowest 587.33",
+    )
+    parser.add_argument("body", help="tube:length=0.5,radius=0.0125,wall=0.001")
+    parser.add_argument("--material", required=True)
+    parser.add_argument("--vary", required=True, help="name of the dimension")
+    parser.add_argument("--lowest", type=float, required=True, help="Hz")
+    parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
+
+
+def _run_tune(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    body = _api.tune(
+        body_named(options.body),
+        options.material,
+        vary=options.vary,
+        lowest=options.lowest,
+        accuracy=options.accuracy,
+        progress=progress,
+    )
+    value = getattr(body, options.vary)
+    return Result(f"{options.vary} = {value:.7g}", **{options.vary: value})
+
+
+def _materials(commands: argparse._SubParsersAction) -> None:
+    _command(commands, _run_materials, "materials", "list materials with their sources", "--json")
+
+
+def _run_materials(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    head = ("material", "kg/m3", "GPa", "Poisson", "tan phi", "heard")
+    rows = [
+        (
+            name,
+            f"{entry['density']:.0f}",
+            f"{entry['youngs_modulus'] / 1e9:.4g}",
+            f"{entry['poisson_ratio']:.3g}",
+            f"{entry['loss_tangent']:.2g}",
+            "yes" if "heard" in entry else "",
+        )
+        for name, entry in materials().items()
+    ]
+    return Result(aligned([head, *rows]), **{name: dict(e) for name, e in materials().items()})
+
+
+def _demo(commands: argparse._SubParsersAction) -> None:
+    parser = _command(
+        commands, _run_demo, "demo", "make a gallery of sounds and pictures", "--out gallery"
+    )
+    parser.add_argument("--out", default="gallery", help="folder to make")
+
+
+def _run_demo(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    from struck.demo import gallery
+
+    page = gallery(Path(options.out), progress)
+    return Result(f"open {page.resolve()} in a browser to see and hear it", page=str(page))
+
+
+def _described(model: ModalModel, last: str, *, listed: int = _LISTED, **facts: object) -> Result:
+    rows = modes_rows(model.frequencies, model.t60, model.decays, model.errors)
+    more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
+    lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
+    return Result(
+        "\n".join(lines).rstrip(),
+        frequencies=model.frequencies.tolist(),
+        decays=model.decays.tolist(),
+        complete_to=model.complete_to,
+        mass=model.mass,
+        calibrated=model.calibrated,
+        places=sorted(model.places),
+        provenance={
+            "method": model.provenance.method,
+            "dropped": list(model.provenance.dropped),
+            "references": list(model.provenance.references),
+            "details": dict(model.provenance.details),
+        },
+        **facts,
+    )

@@ -1,0 +1,156 @@
+"""Elastic impact after Hertz: how long a striker touches a body, and how hard it pushes.
+
+The body is taken as flat at the contact and as rigid but for the dent, so its mass counts only as
+far as it gives way there. The blow is quasi-static: waves within the striker are left out.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from struck.errors import OptionError
+
+CONTACT_CONSTANT = 4 * math.sqrt(math.pi) / 5 * math.gamma(0.4) / math.gamma(0.9) * (15 / 16) ** 0.4
+"""2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)."""
+
+
+class Elastic(Protocol):
+    """What a striker and a material have in common."""
+
+    @property
+    def youngs_modulus(self) -> float:
+        """Pa."""
+        ...
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Above -1 and at most 0.5."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Striker:
+    """A round, elastic head.
+
+    Parameters
+    ----------
+    name : str
+        What people call it.
+    radius : float
+        Of the surface that touches, m.
+    mass : float
+        Of what moves in the blow, kg.
+    youngs_modulus : float
+        Pa.
+    poisson_ratio : float
+        Between -1 and 0.5.
+    restitution : float
+        Speed apart over speed together, 0 to 1.
+    source : str
+        Where the figures come from.
+    """
+
+    name: str
+    radius: float
+    mass: float
+    youngs_modulus: float
+    poisson_ratio: float
+    restitution: float
+    source: str = ""
+
+    @classmethod
+    def named(cls, name: str) -> Striker:
+        """Look a striker up in ``strikers.toml``, in any case.
+
+        Raises
+        ------
+        OptionError
+            When there is none of that name; the nearest are offered.
+        """
+        entry = strikers().get(name.strip().lower())
+        if entry is None:
+            raise OptionError(_unknown(name))
+        return cls(name=name.strip().lower(), **entry)
+
+
+@cache
+def strikers() -> Mapping[str, Mapping[str, Any]]:
+    """Return the table of strikers by name."""
+    text = resources.files("struck.excitation").joinpath("strikers.toml").read_text("utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
+def _unknown(name: str) -> str:
+    near = difflib.get_close_matches(name.lower(), strikers(), n=3, cutoff=0.5)
+    offer = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"no striker is called {name!r}: {offer}there are {', '.join(strikers())}"
+
+
+def contact_modulus(*solids: Elastic) -> float:
+    """Return E* of solids in contact, Pa: 1/E* = sum of (1 - nu^2)/E (Johnson 1985, 4.2)."""
+    return 1 / sum((1 - solid.poisson_ratio**2) / solid.youngs_modulus for solid in solids)
+
+
+def effective_mass(
+    *, mass: float, centre: ArrayLike, inertia: ArrayLike, point: ArrayLike, direction: ArrayLike
+) -> float:
+    """Return the mass that a free rigid body shows to a push, kg.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    centre : array-like (3,)
+        Centre of mass, m.
+    inertia : array-like (3, 3)
+        Moments of inertia about it, kg m^2.
+    point, direction : array-like (3,)
+        Where the push acts, m, and its unit direction n.
+
+    Returns
+    -------
+    float
+        1 / (1/M + (r x n) . I^-1 (r x n)): the impulse divided by the speed it gives the point
+        along n.
+    """
+    arm = np.asarray(point, float) - np.asarray(centre, float)
+    torque = np.cross(arm, np.asarray(direction, float))
+    return float(1 / (1 / mass + torque @ np.linalg.solve(np.asarray(inertia, float), torque)))
+
+
+def joint_mass(*masses: float) -> float:
+    """Return the mass of colliding bodies as seen by their approach, kg: 1/m = sum of 1/m_i."""
+    return 1 / sum(1 / mass for mass in masses)
+
+
+def contact_time(*, mass: float, radius: float, modulus: float, speed: float) -> float:
+    """Return how long an elastic impact lasts, s.
+
+    Parameters
+    ----------
+    mass : float
+        Joint mass of the two, kg.
+    radius : float
+        Joint radius of curvature, m.
+    modulus : float
+        E* of the two, Pa.
+    speed : float
+        Of approach, m/s.
+
+    Returns
+    -------
+    float
+        2.8683 (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4).
+    """
+    return CONTACT_CONSTANT * (mass**2 / (radius * modulus**2 * speed)) ** 0.2

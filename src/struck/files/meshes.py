@@ -1,0 +1,202 @@
+"""Mesh files: OBJ, STL, PLY, OFF, GLB and glTF to one closed surface in metres."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.closed import is_closed, require_closed
+from struck.errors import FileFormatError, MeshError, OptionError
+from struck.files.parse import parse
+from struck.files.parts import Part
+from struck.mesh import Mesh
+from struck.pieces import bodies, submesh
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+_UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
+_LISTED = 12
+# Cubes of lengths must stay within the range of double precision.
+_SMALLEST, _LARGEST = 1e-60, 1e60
+# Below this height over its longest side a triangle is a line but for rounding.
+_THINNEST_FACE = 1e-12
+
+
+def load_mesh(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+) -> Mesh:
+    """Load one closed body from a mesh file.
+
+    Vertices at the very same place become one (formats repeat them along seams, STL for each
+    face), vertices without faces go, and polygons are cut into triangles. Faces without area are
+    left out where the surface stays closed without them. Nothing else is changed.
+
+    Parameters
+    ----------
+    path : path
+        A file of type OBJ, STL, PLY, OFF, GLB or glTF.
+    units : str, optional
+        What the file's numbers are: "m", "cm", "mm", "in" or "ft". Left out, they are taken as
+        metres, as glTF defines them.
+    size : float, optional
+        Longest edge of the body's bounding box after scaling, m; instead of `units`.
+    part : str, optional
+        Which body of several: the name of an OBJ object or group, an STL solid or a glTF node, or
+        the number of a separate body, "0", "1", ... in file order. Names come before numbers.
+    up : str, optional
+        The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
+        GLB and glTF, z for STL, PLY and OFF.
+
+    Returns
+    -------
+    Mesh
+        A closed surface with normals outward, in m.
+
+    Raises
+    ------
+    OptionError
+        On unknown units or axis, a size that is not positive, or both `units` and `size`.
+    FileFormatError
+        When the file cannot be read.
+    MeshError
+        When its content is no single closed body; several bodies are listed by name.
+    """
+    path = Path(path)
+    _require_options(units, size, up)
+    try:
+        body = _one_body(parse(path), part)
+        require_closed(body)
+    except (FileFormatError, MeshError) as error:
+        raise type(error)(f"{path}: {error}") from error
+    factor = size / body.extent if size is not None else UNITS[units or "m"]
+    axis = up or _UP[path.suffix[1:].lower()]
+    return Mesh(points=body.points * factor, faces=body.faces, up=axis)
+
+
+def _require_options(units: str | None, size: float | None, up: str | None) -> None:
+    if units is not None and size is not None:
+        raise OptionError(f"units={units!r} and size={size} both set the scale: give one of them")
+    if units is not None and units not in UNITS:
+        raise OptionError(f"units is {units!r}: give one of {', '.join(UNITS)}")
+    if size is not None and not (np.isfinite(size) and size > 0):
+        raise OptionError(f"size is {size}: give the longest edge of the body in m, above 0")
+    if up is not None and up not in {"x", "y", "z"}:
+        raise OptionError(f"up is {up!r}: give x, y or z")
+
+
+def _one_body(parts: list[Part], part: str | None) -> Mesh:
+    """Choose the body that `part` names, or the only one there is."""
+    surfaces = [_surface(found) for found in parts]
+    found, names = _bodies(parts, surfaces)
+    numbers = [str(number) for number in range(len(found))]
+    if part is None and len(found) == 1:
+        return found[0]
+    if part is None:
+        offer = _listed(names or numbers)
+        raise MeshError(f"it holds {len(found)} bodies: choose one with part=, of {offer}")
+    choices = dict(zip(numbers, found, strict=True))
+    choices |= {each.name: surface for each, surface in zip(parts, surfaces, strict=True)}
+    choices |= dict(zip(names, found, strict=bool(names)))
+    if part not in choices:
+        offer = _listed(names or [*numbers, *(each.name for each in parts if len(parts) > 1)])
+        raise MeshError(f"it has no part {part!r}: choose one of {offer}")
+    return choices[part]
+
+
+def _bodies(parts: list[Part], surfaces: list[Mesh]) -> tuple[list[Mesh], list[str]]:
+    """Return the separate bodies and, where each comes from a part of its own, their names.
+
+    Parts that are closed are bodies even where they touch; open ones are patches of one surface.
+    """
+    apart = len(parts) > 1 and all(is_closed(surface) for surface in surfaces)
+    whole = _joined(surfaces) if apart else _united(parts, surfaces)
+    if not is_closed(whole):
+        return [whole], []
+    groups = bodies(whole)
+    names: list[str] = []
+    if apart:
+        labels = np.repeat(np.arange(len(parts)), [len(surface.faces) for surface in surfaces])
+        outermost = [faces[np.argmin(whole.centroids[faces, 0])] for faces in groups]
+        names = [parts[labels[face]].name for face in outermost]
+    unique = len(set(names)) == len(groups)
+    return [submesh(whole, faces) for faces in groups], names if unique else []
+
+
+def _joined(surfaces: list[Mesh]) -> Mesh:
+    """Return surfaces side by side."""
+    starts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
+    return Mesh(
+        points=np.concatenate([surface.points for surface in surfaces]),
+        faces=np.concatenate(
+            [surface.faces + start for surface, start in zip(surfaces, starts[:-1], strict=True)]
+        ),
+    )
+
+
+def _united(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
+    """Return all patches sewn together."""
+    if len(parts) == 1:
+        return surfaces[0]
+    raw = _joined([Mesh(points=part.points, faces=part.faces) for part in parts])
+    return _cleaned(raw)
+
+
+def _surface(part: Part) -> Mesh:
+    return _cleaned(Mesh(points=part.points, faces=part.faces))
+
+
+def _cleaned(raw: Mesh) -> Mesh:
+    if not _SMALLEST < raw.extent < _LARGEST:
+        raise MeshError(
+            f"its longest edge is {raw.extent:.3g}, and volumes can be computed from "
+            f"{_SMALLEST:g} to {_LARGEST:g} alone: export it again"
+        )
+    return _without_lines(_welded(raw))
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Merge vertices at the very same place, and leave out faces that this collapses."""
+    points = mesh.points + 0.0  # makes -0.0 and 0.0 one
+    order = np.lexsort(points.T)
+    fresh = np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))
+    merged = np.empty(len(points), dtype=np.int64)
+    merged[order] = order[fresh][np.cumsum(fresh) - 1]
+    faces = merged[mesh.faces]
+    whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+    if not whole.any():
+        raise MeshError(f"none of its {len(faces)} faces has an area: export the surface again")
+    return submesh(Mesh(points=points, faces=faces), np.flatnonzero(whole))
+
+
+def _without_lines(mesh: Mesh) -> Mesh:
+    """Leave out faces whose corners lie on a line, where the surface is closed without them."""
+    corners = mesh.points[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    lines = 2 * mesh.areas <= _THINNEST_FACE * longest**2
+    if not lines.any() or lines.all():
+        return mesh
+    rest = submesh(mesh, np.flatnonzero(~lines))
+    if is_closed(rest):
+        return rest
+    if is_closed(mesh):
+        raise MeshError(
+            f"{np.count_nonzero(lines)} of its {len(lines)} faces have no area and hold the "
+            "surface together: remesh it, or merge their vertices"
+        )
+    return mesh
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:_LISTED])
+    more = len(names) - _LISTED
+    return f"{shown} ... and {more} more" if more > 0 else shown

@@ -1,0 +1,116 @@
+"""Models and sounds told to people: a few lines of text, or one HTML page that plays."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from struck.model import ModalModel
+from struck.sound import Sound
+from struck.tables import modes_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ROWS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Exhibit:
+    """A body with what a person would see and hear of it.
+
+    Parameters
+    ----------
+    title, text : str
+    model : ModalModel
+    sounds : sequence of (caption, Sound)
+    picture : Figure
+    """
+
+    title: str
+    text: str
+    model: ModalModel
+    sounds: Sequence[tuple[str, Sound]]
+    picture: Figure
+
+
+def summary(model: ModalModel) -> list[str]:
+    """Return what a model holds, a line each."""
+    material = model.material
+    gains = "Pa per N s at 1 m" if model.calibrated else "relative"
+    lines = [f"{len(model.frequencies)} modes, none missing up to {model.complete_to:.0f} Hz"]
+    if material is not None:
+        lines.append(
+            f"material  {material.name}: {material.density:g} kg/m3, "
+            f"E = {material.youngs_modulus / 1e9:g} GPa, Poisson {material.poisson_ratio:g}, "
+            f"{material.damping}"
+        )
+    if model.mass is not None:
+        lines.append(f"mass      {model.mass:.4g} kg")
+    if model.geometry is not None:
+        size = " x ".join(f"{edge:.4g}" for edge in _size(model))
+        lines.append(f"size      {size} m, {model.geometry.up} up")
+    lines += [f"gains     {gains}", f"places    {', '.join(sorted(model.places)) or 'none named'}"]
+    lines.append(f"method    {model.provenance.method}")
+    lines += [f"          {name}: {value}" for name, value in model.provenance.details.items()]
+    return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
+
+
+def _size(model: ModalModel) -> list[float]:
+    if model.geometry is None:
+        return []
+    low, high = model.geometry.bounds
+    return (high - low).tolist()
+
+
+def page(title: str, introduction: str, exhibits: Sequence[Exhibit]) -> str:
+    """Return one HTML page, complete in itself, that shows and plays the exhibits."""
+    sections = "\n".join(_section(exhibit) for exhibit in exhibits)
+    return _PAGE.format(title=html.escape(title), text=html.escape(introduction), body=sections)
+
+
+def _section(exhibit: Exhibit) -> str:
+    model = exhibit.model
+    count = min(_ROWS, len(model.frequencies))
+    errors = None if model.errors is None else model.errors[:count]
+    table = modes_table(model.frequencies[:count], model.t60[:count], model.decays[:count], errors)
+    facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
+    sounds = "".join(
+        f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}</figure>"
+        for caption, sound in exhibit.sounds
+    )
+    return (
+        f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
+        f'<div class="sounds">{sounds}</div><img alt="{html.escape(exhibit.title)}" '
+        f'src="{_embedded(exhibit.picture)}"><details><summary>{count} of '
+        f"{len(model.frequencies)} modes</summary><p>{facts}</p>{table}</details></section>"
+    )
+
+
+def _embedded(figure: Figure) -> str:
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=110)
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>
+body {{ font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem;
+  padding: 0 1rem; color: #222; background: #fbfaf8; }}
+section {{ margin: 2.5rem 0; padding: 1.5rem; background: #fff; border-radius: 8px;
+  box-shadow: 0 1px 4px #0002; }}
+h1, h2 {{ font-weight: 600; margin-top: 0; }}
+img {{ max-width: 100%; }}
+.sounds {{ display: flex; flex-wrap: wrap; gap: 1rem; }}
+figure {{ margin: 0; }} figcaption {{ font-size: .9rem; color: #555; }}
+table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
+td, th {{ padding: .15rem .8rem; text-align: right; }} th {{ border-bottom: 1px solid #bbb; }}
+</style></head><body><h1>{title}</h1><p>{text}</p>
+{body}
+</body></html>
+"""

@@ -1,0 +1,195 @@
+"""Structured curved hexahedra: flat sheets of quadrilaterals, stacked in layers, glued.
+
+A sheet is a mesh of 8-node quadrilaterals in the plane of two parameters; `stacked` lays it on
+itself along a third one; a body maps the three parameters to space, so that every node, mid-edge
+nodes included, lies exactly where the body's own formula puts it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sheet:
+    """Quadrilaterals in a plane.
+
+    Parameters
+    ----------
+    points : array (N, 2)
+        Nodes.
+    quads : array (Q, 8)
+        Corners counter-clockwise, then the middles of the edges (0,1), (1,2), (2,3), (3,0).
+    """
+
+    points: Array
+    quads: Index
+
+
+# Row and column of the nodes of a quadrilateral in its block of three by three.
+_IN_BLOCK = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
+
+
+def lattice(first: Array, second: Array, *, closed: bool = False) -> Sheet:
+    """Lay quadrilaterals on a rectangular lattice.
+
+    Parameters
+    ----------
+    first : array (2m + 1,)
+        Ascending first coordinates of element ends and, between them, middles.
+    second : array (2n + 1,), or (2n,) where closed
+        The same for the second coordinate.
+    closed : bool
+        Whether the second direction closes on itself, as an angle does.
+    """
+    number = np.arange(len(first) * len(second)).reshape(len(first), len(second))
+    if closed:
+        number = np.hstack([number, number[:, :1]])
+    rows, columns = number.shape[0] - 2, number.shape[1] - 2
+    nodes = [number[i : rows + i : 2, j : columns + j : 2].ravel() for i, j in _IN_BLOCK]
+    points = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1).reshape(-1, 2)
+    used, quads = np.unique(np.stack(nodes, axis=1), return_inverse=True)
+    return Sheet(points=points[used], quads=quads.reshape(-1, 8))
+
+
+def angles(around: int) -> Array:
+    """Return the angles of the ends and middles of `around` elements on a circle (2 around,)."""
+    return np.linspace(-np.pi / 4, 7 * np.pi / 4, 2 * around, endpoint=False)
+
+
+_ROUNDING = 0.4  # how far the sides of the core bulge towards circles: 0 a square, 1 a disc
+_CORE = 0.6  # half the width of the core
+
+
+def disc(around: int, rings: int) -> Sheet:
+    """Mesh the unit disc without a pole: a rounded square core within rings (an O-grid).
+
+    Parameters
+    ----------
+    around : int
+        Elements on the circle, a multiple of 4; their nodes lie at `angles`.
+    rings : int
+        Elements between core and circle, at least 1.
+    """
+    side = np.tan(np.linspace(-np.pi / 4, np.pi / 4, around // 2 + 1))
+    side /= np.sqrt(1 - _ROUNDING / 2 + _ROUNDING * side**2 / 2)
+    core = lattice(side, side)
+    ring = lattice(np.linspace(0, 1, 2 * rings + 1), angles(around), closed=True)
+    points, quads = merged(
+        [_rounded(core.points), _between_core_and_circle(*ring.points.T)],
+        [core.quads, ring.quads],
+    )
+    return Sheet(points=points, quads=quads)
+
+
+def _rounded(square: Array) -> Array:
+    """Map the square from -1 to 1 on the core, smoothly (elliptical map, softened)."""
+    return _CORE * square * np.sqrt(1 - _ROUNDING / 2 * square[:, ::-1] ** 2)
+
+
+def _between_core_and_circle(outward: Array, angle: Array) -> Array:
+    """Return points from the core's edge (outward = 0) to the unit circle (1), angle kept."""
+    quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
+    slope = np.tan(angle - quarter)
+    edge = slope / np.sqrt(1 - _ROUNDING / 2 + _ROUNDING * slope**2 / 2)
+    corner = _rounded(np.stack([np.ones_like(edge), edge], axis=1))
+    radius = (1 - outward) * np.hypot(*corner.T) + outward
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def with_middles(points: Array, corners: Index) -> Sheet:
+    """Make a sheet of straight-sided quadrilaterals from their corners (Q, 4)."""
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
+    edges, place = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    middles = len(points) + place.reshape(-1, 4)
+    return Sheet(
+        points=np.vstack([points, points[edges].mean(axis=1)]),
+        quads=np.hstack([corners, middles]),
+    )
+
+
+def stacked(sheet: Sheet, levels: Array) -> tuple[Array, Index]:
+    """Lay a sheet on itself in layers.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        N points, C of them corners, and Q quadrilaterals.
+    levels : array (2 L + 1,)
+        Ascending third coordinates of the ends and middles of L layers.
+
+    Returns
+    -------
+    parameters : array (N (L + 1) + C L, 3)
+        The sheet's two coordinates and the level of each node.
+    elements : array (Q L, 20)
+        Hexahedra in VTK's order.
+    """
+    corners = np.unique(sheet.quads[:, :4])
+    rank = np.zeros(len(sheet.points), np.int64)
+    rank[corners] = np.arange(len(corners))
+    whole = len(sheet.points)
+    step = whole + len(corners)
+    one_layer = np.hstack(
+        [
+            sheet.quads[:, :4],
+            sheet.quads[:, :4] + step,
+            sheet.quads[:, 4:],
+            sheet.quads[:, 4:] + step,
+            rank[sheet.quads[:, :4]] + whole,
+        ]
+    )
+    layers = len(levels) // 2
+    elements = (one_layer[None] + step * np.arange(layers)[:, None, None]).reshape(-1, 20)
+    parts = [
+        _at_level(sheet.points if i % 2 == 0 else sheet.points[corners], level)
+        for i, level in enumerate(levels)
+    ]
+    return np.vstack(parts), elements
+
+
+def _at_level(points: Array, level: float) -> Array:
+    return np.column_stack([points, np.full(len(points), level)])
+
+
+_COINCIDENT = 1e-9  # of the longest extent: far below any element, far above rounding
+
+
+def merged(points: list[Array], cells: list[Index]) -> tuple[Array, Index]:
+    """Glue meshes of one kind of cell where their nodes coincide; drop unused nodes."""
+    starts = np.cumsum([0] + [len(part) for part in points[:-1]])
+    joined = np.vstack(points)
+    nodes = np.vstack([part + start for part, start in zip(cells, starts, strict=True)])
+    reach = _COINCIDENT * np.ptp(joined, axis=0).max()
+    pairs = KDTree(joined).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(joined),) * 2)
+    _, group = connected_components(graph, directed=False)
+    _, first = np.unique(group, return_index=True)
+    used, glued = np.unique(first[group[nodes]], return_inverse=True)
+    return joined[used], glued.reshape(nodes.shape)
+
+
+def divided(breaks: Array, count: int) -> Array:
+    """Share about `count` elements among the intervals of `breaks` by their lengths.
+
+    Returns
+    -------
+    array (2 m + 1,)
+        Ends and middles of the m elements, at least one an interval.
+    """
+    lengths = np.diff(breaks)
+    shares = np.maximum(1, np.round(count * lengths / lengths.sum())).astype(int)
+    starts = [
+        np.linspace(low, high, 2 * share, endpoint=False)
+        for low, high, share in zip(breaks[:-1], breaks[1:], shares, strict=True)
+    ]
+    return np.concatenate([*starts, breaks[-1:]])

@@ -1,0 +1,128 @@
+"""How many elements a solid of simple form is cut into, and which dimensions it may have.
+
+The counts come from convergence: one layer of 20-node hexahedra carries bending through a wall,
+and some three of them a wave carry bending along it to 0.1 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from struck.errors import OptionError
+
+ACCURACIES = ("preview", "standard", "fine")
+
+
+def level(accuracy: str) -> int:
+    """Return 0, 1 or 2 for "preview", "standard" or "fine".
+
+    Raises
+    ------
+    OptionError
+        On any other accuracy.
+    """
+    if accuracy not in ACCURACIES:
+        raise OptionError(f"accuracy is {accuracy!r}: give one of {', '.join(ACCURACIES)}")
+    return ACCURACIES.index(accuracy)
+
+
+def require_length(name: str, value: float) -> None:
+    """Raise OptionError unless `value` is a positive, finite length in m."""
+    if not (math.isfinite(value) and value > 0):
+        raise OptionError(f"{name} is {value} m: it must exceed 0")
+
+
+def require_counts(elements: tuple[int, ...], names: Sequence[str], least: Sequence[int]) -> None:
+    """Raise OptionError unless `elements` holds a whole number of at least `least` a direction."""
+    if len(elements) != len(names):
+        raise OptionError(f"elements are {elements}: give {len(names)} counts, {', '.join(names)}")
+    for name, count, bound in zip(names, elements, least, strict=True):
+        if count != int(count) or count < bound:
+            raise OptionError(
+                f"elements {name} are {count}: give a whole number of at least {bound}"
+            )
+
+
+def require_round(around: int) -> None:
+    """Raise OptionError unless `around` is a multiple of 4."""
+    if around % 4:
+        raise OptionError(
+            f"elements around are {around}: give a multiple of 4, as {around // 4 * 4}"
+        )
+
+
+_TUBE_AROUND = (8, 16, 24)
+_TUBE_ALONG = (20, 48, 96)  # of a tube as slender as a chime, 40 radii long
+_TUBE_THROUGH = (2, 3, 4)  # of a tube whose wall fills it almost
+_ROD = ((8, 1), (12, 1), (16, 2))  # around, and between core and side
+
+
+def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along and through a tube."""
+    step = level(accuracy)
+    around = _TUBE_AROUND[step]
+    shortest = math.pi * radius / around  # half an element's arc
+    slender = _TUBE_ALONG[step] * max(1.0, math.sqrt(length / radius / 40))
+    along = max(2, round(min(slender, length / shortest)))
+    if wall == radius:
+        return _ROD[step][0], along, _ROD[step][1]
+    return around, along, math.ceil(_TUBE_THROUGH[step] * wall / radius)
+
+
+_NODES = (300, 2_500, 12_000)
+
+
+def block_counts(size: tuple[float, float, float], accuracy: str) -> tuple[int, int, int]:
+    """Return the elements along x, y and z: edges near equal, as many as the nodes allow."""
+    budget = _NODES[level(accuracy)]
+    edge, counts = max(size), (1, 1, 1)
+    while _block_nodes(finer := _cuts(size, edge)) <= budget:
+        edge, counts = edge / 1.05, finer
+    return counts
+
+
+def _cuts(size: tuple[float, float, float], edge: float) -> tuple[int, int, int]:
+    x, y, z = (max(1, round(side / edge)) for side in size)
+    return x, y, z
+
+
+def _block_nodes(counts: tuple[int, int, int]) -> int:
+    """Return the nodes of a block of 20-node hexahedra: corners and middles of edges."""
+    x, y, z = counts
+    corners = (x + 1) * (y + 1) * (z + 1)
+    return corners + sum(n * corners // (n + 1) for n in (x, y, z))
+
+
+def extrusion_edge(area: float, height: float, accuracy: str) -> float:
+    """Return the edge of near-cubic elements in an extrusion, m."""
+    budget = _NODES[level(accuracy)]
+    edge = math.sqrt(area)
+    while _extrusion_nodes(area, height, edge / 1.05) <= budget:
+        edge /= 1.05
+    return edge
+
+
+def _extrusion_nodes(area: float, height: float, edge: float) -> float:
+    layers = max(1, round(height / edge))
+    return (area / edge**2) * (3 * (layers + 1) + layers)
+
+
+_SHELL_AROUND = (20, 32, 48)
+_SHELL_ALONG = (14, 24, 40)  # at least
+
+
+def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along the mid-line and through the wall of a body of revolution."""
+    step = level(accuracy)
+    around = _SHELL_AROUND[step]
+    arc = 2 * math.pi * radius / around
+    along = max(_SHELL_ALONG[step], math.ceil(length / arc))
+    return around, along, max(1, round(wall * along / length))
+
+
+def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along, and between core and side of a solid of revolution."""
+    around, rings = _ROD[level(accuracy)]
+    arc = 2 * math.pi * radius / around
+    return around, max(around // 4, math.ceil(length / arc)), rings

@@ -1,0 +1,234 @@
+"""Bodies of revolution about the z axis: bowls, bells, glasses, turned solids."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import MeshError, OptionError
+from struck.solids.cross_sections import Counts, Goblet, Shell, Spindle, outline, volume
+from struck.solids.meridian import (
+    check_contour,
+    check_wall,
+    revolved,
+    smooth_curve,
+    smooth_wall,
+    straight_curve,
+    straight_wall,
+)
+from struck.solids.outline import as_points
+from struck.solids.resolution import (
+    require_counts,
+    require_length,
+    require_round,
+    shell_counts,
+    solid_counts,
+)
+from struck.solids.volume import VolumeMesh
+
+Array = NDArray[np.float64]
+Pairs = Sequence[Sequence[float]]
+Thickness = float | Sequence[float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stem:
+    """A solid stem and the foot that it stands on, for a bowl that starts on the axis.
+
+    Parameters
+    ----------
+    radii : sequence of float
+        Radii at equal heights from the top of the foot to the underside of the bowl, m; between
+        them the radius changes smoothly.
+    foot : sequence of (r, z)
+        Mid-line of the foot, from the axis outward, m.
+    foot_wall : float or sequence
+        Thickness of the foot, m: one, or one a point.
+
+    Raises
+    ------
+    OptionError
+        On radii or thicknesses that are not positive, or points that are not finite pairs.
+    MeshError
+        On a foot that does not start on the axis.
+    """
+
+    radii: Sequence[float]
+    foot: Pairs
+    foot_wall: Thickness
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", tuple(float(radius) for radius in self.radii))
+        object.__setattr__(self, "foot", _profile("foot", self.foot))
+        object.__setattr__(self, "foot_wall", _thickness("foot_wall", self.foot_wall, self.foot))
+        if len(self.radii) < 2:
+            raise OptionError(f"the stem has {len(self.radii)} radii: give at least 2")
+        for radius in self.radii:
+            require_length("radius of the stem", radius)
+        _require_start_on_axis("the foot", self.foot)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Revolution:
+    """A body of revolution about the z axis.
+
+    Parameters
+    ----------
+    profile : sequence of (r, z)
+        With a `wall`: the mid-line of the wall, m. An end at r = 0 closes the body there, at a
+        right angle to the axis where `smooth`. Without one: the side of a solid from bottom to
+        top, z rising, r > 0; its ends are flat.
+    wall : float or sequence, optional
+        Thickness of the wall, m: one, or one a point of the profile (between the points it
+        changes smoothly, or linearly where the profile is straight).
+    smooth : bool
+        Whether the profile is a smooth curve (a cubic spline) through its points, or straight
+        between them, walls mitred at the corners.
+    stem : Stem, optional
+        A stem and foot below a bowl whose profile starts on the axis.
+    elements : tuple of three ints, optional
+        Elements around (a multiple of 4), along the profile and through the wall (in a solid:
+        between the axis and the side, beyond the core), instead of an accuracy's.
+
+    Raises
+    ------
+    OptionError
+        On thicknesses that are not positive, points that are not finite pairs, impossible counts.
+    MeshError
+        On a profile that crosses itself or the axis, or bends too tightly for its wall.
+
+    Examples
+    --------
+    >>> bowl = Revolution(profile=[(0, 0), (0.07, 0.01), (0.1, 0.06)], wall=0.003)
+    >>> sorted(bowl.places)
+    ['bottom', 'rim', 'side']
+    """
+
+    profile: Pairs
+    wall: Thickness | None = None
+    smooth: bool = True
+    stem: Stem | None = None
+    elements: tuple[int, int, int] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "profile", _profile("profile", self.profile))
+        if self.wall is not None:
+            object.__setattr__(self, "wall", _thickness("wall", self.wall, self.profile))
+        if self.elements is not None:
+            require_counts(self.elements, ("around", "along", "through"), (8, 1, 1))
+            require_round(self.elements[0])
+        if self.stem is not None:
+            _require_start_on_axis("a bowl on a stem", self.profile)
+        check_contour(outline(self._section.contour()))
+
+    @property
+    def _section(self) -> Shell | Spindle | Goblet:
+        if self.wall is None:
+            if self.stem is not None:
+                raise OptionError("the body has a stem but no wall: give the wall of its bowl")
+            return _spindle(np.array(self.profile), smooth=self.smooth)
+        shell = _shell(self.profile, self.wall, smooth=self.smooth)
+        if self.stem is None:
+            return shell
+        foot = _shell(self.stem.foot, self.stem.foot_wall, smooth=self.smooth)
+        return Goblet(bowl=shell, foot=foot, radii=np.array(self.stem.radii))
+
+    @property
+    def volume(self) -> float:
+        """Volume of the material, m^3, by Pappus from the curves that bound it."""
+        return volume(self._section.contour())
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the outside, at y = 0, where the body has them.
+
+        "rim": 1 % of the profile off its free end; "side": half way along it; "top" and
+        "bottom": on the axis; of a body with a stem also "stem" and "foot".
+        """
+        points = self._section.places()
+        return MappingProxyType({name: np.array([r, 0.0, z]) for name, (r, z) in points.items()})
+
+    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+        """Return curved 20-node hexahedra, without a pole on the axis.
+
+        Parameters
+        ----------
+        accuracy : str
+            "preview", "standard" or "fine"; counts given as `elements` go first.
+
+        Raises
+        ------
+        OptionError
+            On an unknown accuracy.
+        """
+        around, along, through = self.elements or self._counts(accuracy)
+        counts = Counts(around=around, along=along, through=through)
+        nodes, elements = revolved(self._section.patches(counts), around)
+        return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
+
+    def _counts(self, accuracy: str) -> tuple[int, int, int]:
+        points = np.array(self.profile)
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        radius = float(points[:, 0].max())
+        if self.wall is None:
+            return solid_counts(length, radius, accuracy)
+        return shell_counts(length, radius, float(np.max(self.wall)), accuracy)
+
+
+def _profile(name: str, values: Pairs) -> Pairs:
+    points = as_points(name, values)
+    if len(points) < 2:
+        raise OptionError(f"{name} has {len(points)} points: give at least 2")
+    for (r, z), following in zip(points, (*points[1:], None), strict=True):
+        if r < 0:
+            raise MeshError(f"{name} has r = {r} m at z = {z} m: radii are 0 or more")
+        if (r, z) == following:
+            raise MeshError(f"{name} repeats the point ({r}, {z}) m: give it once")
+    if points[0] == points[-1]:
+        raise MeshError(f"{name} closes on itself at {points[0]} m: leave a gap between its ends")
+    return points
+
+
+def _thickness(name: str, value: Thickness, profile: Pairs) -> tuple[float, ...]:
+    """Return one thickness a point."""
+    several = tuple(float(t) for t in np.atleast_1d(np.asarray(value, float)))
+    if len(several) == 1:
+        several *= len(profile)
+    if len(several) != len(profile):
+        raise OptionError(
+            f"{name} holds {len(several)} values for {len(profile)} points: give one, or one each"
+        )
+    for thickness in several:
+        require_length(name, thickness)
+    return several
+
+
+def _require_start_on_axis(name: str, profile: Pairs) -> None:
+    if profile[0][0] != 0 or profile[-1][0] == 0:
+        raise MeshError(
+            f"{name} runs from r = {profile[0][0]} m to r = {profile[-1][0]} m: start on the axis, "
+            "at r = 0, and end off it"
+        )
+
+
+def _shell(profile: Pairs, thickness: Thickness, *, smooth: bool) -> Shell:
+    points, across = np.array(profile), np.array(thickness)
+    wall = (smooth_wall if smooth else straight_wall)(points, across)
+    check_wall(wall)
+    breaks = wall.knots[[0, -1]] if smooth else wall.knots
+    return Shell(wall=wall, breaks=breaks, on_axis=(points[0, 0] == 0, points[-1, 0] == 0))
+
+
+def _spindle(points: Array, *, smooth: bool) -> Spindle:
+    side = (smooth_curve if smooth else straight_curve)(points)
+    r, z = side.sampled(0.0, float(side.knots[-1])).T
+    if r.min() <= 0 or np.diff(z).min() <= 0:
+        raise MeshError(
+            "the side of a solid must rise in z and keep r > 0 all along (its ends are flat): "
+            "list it from bottom to top off the axis, use smooth=False, or give a wall"
+        )
+    return Spindle(side=side, breaks=side.knots[[0, -1]] if smooth else side.knots)

@@ -1,0 +1,221 @@
+"""Triangles inside a polygon: a Delaunay triangulation refined as Ruppert does.
+
+Points on a square lattice give squares in the open; circumcentres of poor triangles and middles
+of missing or encroached boundary edges repair the rest (Ruppert 1995, J. Algorithms 18, in whole
+rounds instead of one point at a time).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from struck.errors import MeshError
+from struck.solids.outline import Loops, contains, distance_to_edges
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Boundary:
+    """Edges of the triangulation on the outline.
+
+    Parameters
+    ----------
+    ends : array (S, 2)
+        Point indices.
+    middles : array (S, 2)
+        Where the outline itself runs between the ends: a corner, or the middle of a straight edge.
+    """
+
+    ends: Index
+    middles: Array
+
+    def split(self, chosen: NDArray[np.bool_], points: Array) -> Boundary:
+        """Return the boundary with chosen edges cut at their middles, to be put after `points`."""
+        number = len(points) + np.arange(np.count_nonzero(chosen))
+        a, b = self.ends[chosen].T
+        halves = [np.stack([a, number], axis=1), np.stack([number, b], axis=1)]
+        tips = [(points[a] + self.middles[chosen]) / 2, (self.middles[chosen] + points[b]) / 2]
+        return Boundary(
+            ends=np.vstack([self.ends[~chosen], *halves]),
+            middles=np.vstack([self.middles[~chosen], *tips]),
+        )
+
+
+_ROUNDS = 80
+_POOR = np.radians(25.0)  # smallest angle; Ruppert's rounds end for 20.7 degrees, mostly for 30
+
+
+def triangulated(loops: Loops, size: float) -> tuple[Array, Index, Boundary]:
+    """Triangulate the inside of loops: points (N, 2), triangles (T, 3) counter-clockwise, boundary.
+
+    Raises
+    ------
+    MeshError
+        When a boundary edge stays missing.
+    """
+    points, boundary = _resampled(loops, size)
+    points = np.vstack([points, _lattice_inside(loops, size)])
+    for _ in range(_ROUNDS):
+        triangles = _inside(points, loops)
+        split, added = ~_present(boundary, triangles), np.zeros((0, 2))
+        if not split.any():
+            split, added = _repairs(points, triangles, boundary, loops, size)
+        if not (split.any() or len(added)):
+            break
+        middles = boundary.middles[split]
+        boundary = boundary.split(split, points)
+        points = np.vstack([points, middles, added])
+    triangles = _inside(points, loops)
+    if not _present(boundary, triangles).all():
+        raise MeshError(
+            "the outline has edges too close together or corners too sharp to mesh: "
+            "widen the narrowest gap or blunt the sharpest corner"
+        )
+    return points, triangles, boundary
+
+
+def _present(boundary: Boundary, triangles: Index) -> NDArray[np.bool_]:
+    return np.isin(keys(boundary.ends), keys(sides(triangles)))
+
+
+def _resampled(loops: Loops, size: float) -> tuple[Array, Boundary]:
+    """Walk the loops in edges of at most `size`, over short edges of a smooth bend in pairs."""
+    points, ends, middles, start = [], [], [], 0
+    for loop in loops:
+        kept, between = _strides(loop, size)
+        number = start + np.arange(len(kept))
+        points.append(kept)
+        middles.append(between)
+        ends.append(np.stack([number, np.roll(number, -1)], axis=1))
+        start += len(number)
+    return np.vstack(points), Boundary(ends=np.vstack(ends), middles=np.vstack(middles))
+
+
+def _strides(loop: Array, size: float) -> tuple[Array, Array]:
+    """Return the points where the strides along a loop begin, and where each one is half done."""
+    steps = np.roll(loop, -1, axis=0) - loop
+    first = int(np.argmax(_bends(steps)))
+    loop, steps = np.roll(loop, -first, axis=0), np.roll(steps, -first, axis=0)
+    together = _strides_of_two(steps, size)
+    starts, halves, edge = [], [], 0
+    while edge < len(loop):
+        if together[edge]:
+            starts.append(loop[edge : edge + 1])
+            halves.append(loop[edge + 1 : edge + 2])
+        else:
+            count = int(np.ceil(np.linalg.norm(steps[edge]) / size - 1e-9))
+            shares = np.arange(count)[:, None] / count
+            starts.append(loop[edge] + shares * steps[edge])
+            halves.append(loop[edge] + (shares + 0.5 / count) * steps[edge])
+        edge += 2 if together[edge] else 1
+    return np.vstack(starts), np.vstack(halves)
+
+
+_BEND = 0.5  # rad; the corner in the middle of a stride leaves its quadrilaterals convex
+
+
+def _strides_of_two(steps: Array, size: float) -> NDArray[np.bool_]:
+    """Tell where an edge and the next one are short, alike and nearly in line."""
+    lengths = np.linalg.norm(steps, axis=1)
+    following = np.roll(lengths, -1)
+    alike = np.maximum(lengths, following) < 2 * np.minimum(lengths, following)
+    fitting = (lengths + following <= size) & alike & (np.roll(_bends(steps), -1) < _BEND)
+    fitting[-1] = False
+    return fitting
+
+
+def _bends(steps: Array) -> Array:
+    """Return the absolute angles by which a loop turns at the start of each step, rad."""
+    before = np.roll(steps, 1, axis=0)
+    cross = before[:, 0] * steps[:, 1] - before[:, 1] * steps[:, 0]
+    return np.abs(np.arctan2(cross, np.sum(before * steps, axis=1)))
+
+
+def _lattice_inside(loops: Loops, size: float) -> Array:
+    """Return the points of a square lattice along the outline's longest edge, off the boundary."""
+    steps = np.roll(loops[0], -1, axis=0) - loops[0]
+    lengths = np.linalg.norm(steps, axis=1)
+    x, y = steps[np.argmax((lengths / lengths.max()).round(9))]
+    turn = np.array([[x, -y], [y, x]]) / np.hypot(x, y)
+    turned = loops[0] @ turn
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    counts = np.ceil((high - low) / size - 1e-9).astype(int)
+    axes = [np.linspace(a, b, n + 1)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) @ turn.T
+    points = points[contains(loops, points)]
+    return points[distance_to_edges(loops, points) > 0.6 * size]
+
+
+def _inside(points: Array, loops: Loops) -> Index:
+    triangles = Delaunay(points).simplices.astype(np.int64)
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    triangles[area < 0] = triangles[area < 0][:, ::-1]
+    longest = np.max([np.sum(side**2, axis=1) for side in (b - a, c - b, a - c)], axis=0)
+    flat = np.abs(area) < 1e-9 * longest
+    return triangles[~flat & contains(loops, (a + b + c) / 3)]
+
+
+def sides(cells: Index) -> Index:
+    """Return the sides of polygons (K, n) as pairs of point indices (K, n, 2)."""
+    return np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)
+
+
+def keys(edges: Index) -> Index:
+    """Return one number for each undirected edge (..., 2)."""
+    low, high = edges.min(axis=-1), edges.max(axis=-1)
+    return (low << 32) | high
+
+
+def _repairs(
+    points: Array, triangles: Index, boundary: Boundary, loops: Loops, size: float
+) -> tuple[NDArray[np.bool_], Array]:
+    """Return which boundary edges to split and which points to add for better triangles."""
+    angles = inner_angles(points[triangles])
+    at_corner = _between_edges(triangles, boundary, angles.argmin(axis=1))
+    centres, radii = _circumcircles(points[triangles])
+    poor = ((angles.min(axis=1) < _POOR) & ~at_corner) | (radii > size)
+    order = np.flatnonzero(poor)[np.argsort(-radii[poor])]
+    centres, radii = centres[order], radii[order]
+    a, b = points[boundary.ends[:, 0]], points[boundary.ends[:, 1]]
+    gap = np.linalg.norm(centres[:, None] - (a + b) / 2, axis=2)
+    encroached = gap < np.linalg.norm(b - a, axis=1) / 2 * (1 - 1e-9)
+    free = ~encroached.any(axis=1) & contains(loops, centres)
+    return encroached.any(axis=0), _apart(centres[free], 0.7 * radii[free])
+
+
+def inner_angles(corners: Array) -> Array:
+    """Return the inner angles of convex polygons (K, n, 2): (K, n)."""
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
+    return np.arctan2(cross, np.sum(ahead * back, axis=-1))
+
+
+def _between_edges(triangles: Index, boundary: Boundary, vertex: Index) -> NDArray[np.bool_]:
+    """Tell where both sides at the chosen vertex are boundary: no refinement opens that angle."""
+    on_boundary = np.isin(keys(sides(triangles)), keys(boundary.ends))
+    rows = np.arange(len(triangles))
+    return on_boundary[rows, vertex] & on_boundary[rows, vertex - 1]
+
+
+def _circumcircles(corners: Array) -> tuple[Array, Array]:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    u, v = b - a, c - a
+    squares = np.stack([np.sum(u * u, axis=1), np.sum(v * v, axis=1)], axis=1)
+    offset = np.linalg.solve(2 * np.stack([u, v], axis=1), squares[..., None])[..., 0]
+    return a + offset, np.linalg.norm(offset, axis=1)
+
+
+def _apart(points: Array, gaps: Array) -> Array:
+    """Keep points in order, each at least its gap away from those kept before."""
+    kept = np.zeros((0, 2))
+    for point, gap in zip(points, gaps, strict=True):
+        if not len(kept) or np.linalg.norm(kept - point, axis=1).min() > gap:
+            kept = np.vstack([kept, point])
+    return kept

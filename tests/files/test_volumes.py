@@ -1,0 +1,265 @@
+"""Volume meshes: written by meshio or by hand, read back node by node."""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import io
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from struck.errors import FileFormatError, MeshError, MissingDependencyError, OptionError
+from struck.files.volumes import load_volume
+
+KINDS = {
+    "tetra": "tet4",
+    "tetra10": "tet10",
+    "hexahedron": "hex8",
+    "hexahedron20": "hex20",
+    "wedge": "wedge6",
+    "wedge15": "wedge15",
+}
+FORMATS = {"vtk": "vtk", "vtu": "vtu", "msh": "gmsh", "inp": "abaqus"}
+SIZE = np.array([3.0, 2.0, 1.0])
+
+# Corners and, after them, the pairs whose midpoints follow: VTK's order, as Abaqus has it too.
+CORNERS = {
+    "tetra": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hexahedron": [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
+    "wedge": [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (0, 1))],
+}
+VTK_EDGES = {
+    "tetra10": ["01", "12", "20", "03", "13", "23"],
+    "hexahedron20": ["01", "12", "23", "30", "45", "56", "67", "74", "04", "15", "26", "37"],
+    "wedge15": ["01", "12", "20", "34", "45", "53", "03", "14", "25"],
+}
+# From Gmsh's manual, "Node ordering".
+GMSH_EDGES = {
+    "tetra10": ["01", "12", "20", "03", "23", "13"],
+    "hexahedron20": ["01", "03", "04", "12", "15", "23", "26", "37", "45", "47", "56", "67"],
+    "wedge15": ["01", "02", "03", "12", "14", "25", "34", "35", "45"],
+}
+GMSH_NUMBERS = {"tetra10": 11, "hexahedron20": 17, "wedge15": 18}
+ABAQUS_NAMES = {"tetra10": "C3D10", "hexahedron20": "C3D20R", "wedge15": "C3D15"}
+
+
+def nodes(kind: str, edges: dict[str, list[str]] = VTK_EDGES) -> np.ndarray:
+    corners = np.array(CORNERS[kind.rstrip("0125")], dtype=float)
+    pairs = [[int(end) for end in pair] for pair in edges.get(kind, [])]
+    return np.vstack([corners, *(corners[pair].mean(axis=0) for pair in pairs)]) * SIZE
+
+
+def write(path: Path, *blocks: tuple[str, np.ndarray], points: np.ndarray) -> Path:
+    meshio._mesh.topological_dimension.setdefault("wedge15", 3)
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        meshio.Mesh(points, list(blocks)).write(path, file_format=FORMATS[path.suffix[1:]])
+    return path
+
+
+def one(path: Path, kind: str) -> Path:
+    return write(path, (kind, np.arange(len(nodes(kind)))[None]), points=nodes(kind))
+
+
+def refused(path: Path, kind: type[Exception] = MeshError) -> str:
+    with pytest.raises(kind) as caught:
+        load_volume(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("extension", FORMATS)
+def test_every_kind_in_every_format(tmp_path: Path, kind: str, extension: str) -> None:
+    mesh = load_volume(one(tmp_path / f"a.{extension}", kind))
+    assert mesh.kind == KINDS[kind]
+    np.testing.assert_array_equal(mesh.nodes[mesh.elements[0]], nodes(kind))
+
+
+@pytest.mark.parametrize("kind", GMSH_EDGES)
+def test_gmsh_order_of_the_manual(tmp_path: Path, kind: str) -> None:
+    points = nodes(kind, GMSH_EDGES)
+    lines = [f"{i + 1} {x} {y} {z}" for i, (x, y, z) in enumerate(points)]
+    numbers = " ".join(str(i + 1) for i in range(len(points)))
+    text = [
+        *("$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(points)), *lines),
+        *("$EndNodes", "$Elements", "1", f"1 {GMSH_NUMBERS[kind]} 2 0 1 {numbers}", "$EndElements"),
+    ]
+    path = tmp_path / "a.msh"
+    path.write_text("\n".join([*text, ""]))
+    mesh = load_volume(path)
+    np.testing.assert_array_equal(mesh.nodes[mesh.elements[0]], nodes(kind))
+
+
+@pytest.mark.parametrize("kind", ABAQUS_NAMES)
+def test_abaqus_by_hand(tmp_path: Path, kind: str) -> None:
+    """Numbers with gaps, a line of elements that goes on, and CalculiX's own cards around."""
+    points = nodes(kind)
+    rows = [f"{10 * i + 7}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(points)]
+    numbers = [str(10 * i + 7) for i in range(len(points))]
+    text = [
+        *("*HEADING", "** by hand", "*NODE, NSET=Nall", *rows),
+        *(f"*ELEMENT, TYPE={ABAQUS_NAMES[kind]}, ELSET=Eall", "5, " + ", ".join(numbers[:8]) + ","),
+        *(", ".join(numbers[8:]), "*NODE FILE", "U"),
+    ]
+    path = tmp_path / "a.inp"
+    path.write_text("\n".join([*text, ""]))
+    mesh = load_volume(path)
+    np.testing.assert_array_equal(mesh.nodes[mesh.elements[0]], points)
+
+
+def test_wedges_of_vtk_itself_stand_the_other_way(tmp_path: Path) -> None:
+    """VTK's linear wedge has its first triangle's normal outward (VTK file formats, figure 2)."""
+    points = nodes("wedge")[[0, 2, 1, 3, 5, 4]]
+    rows = "\n".join(f"{x} {y} {z}" for x, y, z in points)
+    path = tmp_path / "a.vtk"
+    path.write_text(
+        "# vtk DataFile Version 3.0\nby hand\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        f"POINTS 6 double\n{rows}\nCELLS 1 7\n6 0 1 2 3 4 5\nCELL_TYPES 1\n13\n"
+    )
+    mesh = load_volume(path)
+    np.testing.assert_array_equal(mesh.nodes[mesh.elements[0]], nodes("wedge"))
+
+
+def test_units(tmp_path: Path) -> None:
+    path = one(tmp_path / "a.vtu", "tetra")
+    assert load_volume(path, units="mm").nodes.max() == pytest.approx(0.003)
+    with pytest.raises(OptionError, match="units is 'km'"):
+        load_volume(path, units="km")
+
+
+def test_surfaces_and_spare_nodes_are_passed_over(tmp_path: Path) -> None:
+    points = np.vstack([[[9.0, 9, 9]], nodes("tetra"), nodes("tetra") + 5])
+    blocks = [
+        ("triangle", np.array([[1, 2, 3]])),
+        ("tetra", np.array([[1, 2, 3, 4]])),
+        ("line", np.array([[0, 1]])),
+        ("tetra", np.array([[5, 6, 7, 8]])),
+    ]
+    mesh = load_volume(write(tmp_path / "a.vtu", *blocks, points=points))
+    assert (mesh.nodes.shape, mesh.elements.shape) == ((8, 3), (2, 4))
+    np.testing.assert_array_equal(mesh.nodes[mesh.elements[1]], nodes("tetra") + 5)
+
+
+def test_several_kinds_are_counted(tmp_path: Path) -> None:
+    points = np.vstack([nodes("tetra"), nodes("wedge")])
+    blocks = [
+        ("tetra", np.array([[0, 1, 2, 3]])),
+        ("wedge", np.arange(4, 10)[None]),
+        ("triangle", np.array([[0, 1, 2], [0, 1, 3]])),
+    ]
+    message = refused(write(tmp_path / "a.vtu", *blocks, points=points))
+    assert "1 tetra, 1 wedge, 2 triangle, and one kind of volume element is taken" in message
+
+
+@pytest.mark.parametrize("kind", ["pyramid", "pyramid13", "hexahedron27"])
+def test_other_kinds_are_named(tmp_path: Path, kind: str) -> None:
+    meshio._mesh.topological_dimension.setdefault("pyramid13", 3)
+    count = meshio._common.num_nodes_per_cell[kind]
+    points = np.random.default_rng(1).random((count, 3))
+    message = refused(write(tmp_path / "a.vtu", (kind, np.arange(count)[None]), points=points))
+    assert f"its elements are 1 {kind}" in message
+
+
+def test_surface_mesh_has_no_volume(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.vtk", ("triangle", np.array([[0, 1, 2]])), points=nodes("tetra"))
+    assert "it holds no volume elements (1 triangle)" in refused(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_inverted_elements_are_counted(tmp_path: Path, kind: str) -> None:
+    points = np.vstack([nodes(kind) + np.array([4 * i, 0, 0]) for i in range(3)])
+    elements = np.arange(len(points)).reshape(3, -1)
+    points[elements[1]] *= [1, 1, -1]
+    message = refused(write(tmp_path / "a.vtu", (kind, elements), points=points))
+    assert f"1 of its 3 {KINDS[kind]} elements are inverted" in message
+
+
+@pytest.mark.parametrize("kind", ["hexahedron20", "wedge15"])
+def test_middle_nodes_in_the_order_of_another_program(tmp_path: Path, kind: str) -> None:
+    points = nodes(kind, GMSH_EDGES)
+    path = write(tmp_path / "a.vtu", (kind, np.arange(len(points))[None]), points=points)
+    assert "the format's own order" in refused(path)
+
+
+def test_flat_element_is_refused(tmp_path: Path) -> None:
+    points = nodes("tetra") * [1, 1, 0]
+    path = write(tmp_path / "a.vtu", ("tetra", np.array([[0, 1, 2, 3]])), points=points)
+    assert "1 of its 1 tet4 elements" in refused(path)
+
+
+def test_nodes_that_are_not_finite(tmp_path: Path) -> None:
+    points = nodes("tetra")
+    points[2, 1] = np.nan
+    path = write(tmp_path / "a.vtu", ("tetra", np.array([[0, 1, 2, 3]])), points=points)
+    assert "not finite" in refused(path)
+
+
+@pytest.mark.parametrize("index", [4, -1])
+def test_index_out_of_range(tmp_path: Path, index: int) -> None:
+    path = write(tmp_path / "a.vtk", ("tetra", np.array([[0, 1, 2, index]])), points=nodes("tetra"))
+    assert "of 4: export the mesh again" in refused(path)
+
+
+def test_several_blocks_of_nodes_are_refused(tmp_path: Path) -> None:
+    path = one(tmp_path / "a.inp", "tetra")
+    path.write_text(path.read_text() * 2)
+    assert "it holds 2 blocks of nodes" in refused(path, FileFormatError)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
+def test_truncated_files_are_one_line_and_silent(
+    tmp_path: Path, extension: str, share: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = one(tmp_path / f"a.{extension}", "tetra10")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    refused(path, (FileFormatError, MeshError))  # type: ignore[arg-type]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+@pytest.mark.parametrize("seed", range(3))
+def test_binary_junk(
+    tmp_path: Path, extension: str, seed: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"a.{extension}"
+    path.write_bytes(np.random.default_rng(seed).bytes(3000))
+    refused(path, (FileFormatError, MeshError))  # type: ignore[arg-type]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_reader_that_leaves_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def leave(_: str) -> None:
+        print("Error: no luck")  # noqa: T201
+        raise SystemExit(1)
+
+    path = one(tmp_path / "a.vtk", "tetra")
+    monkeypatch.setattr(meshio.vtk, "read", leave)
+    assert "SystemExit: 1 Error: no luck" in refused(path, FileFormatError)
+
+
+def test_missing_file_folder_and_extension(tmp_path: Path) -> None:
+    assert "No such file" in refused(tmp_path / "a.vtk", FileFormatError)
+    (tmp_path / "b.inp").mkdir()
+    assert "cannot be opened" in refused(tmp_path / "b.inp", FileFormatError)
+    assert "use one of vtk, vtu, msh, inp" in refused(tmp_path / "a.med", FileFormatError)
+
+
+def test_without_meshio_the_install_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = one(tmp_path / "a.vtk", "tetra")
+    imported = builtins.__import__
+
+    def absent(name: str, *rest: object) -> object:
+        if name == "meshio":
+            raise ImportError(name)
+        return imported(name, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(MissingDependencyError, match=r'pip install "struck\[volumes\]"'):
+        load_volume(path)

@@ -1,0 +1,153 @@
+"""A file is written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from struck import atomic
+from struck.errors import FileFormatError
+
+STEPS = {
+    "write": (atomic, "_write_through"),
+    "flush": (atomic.os, "fsync"),
+    "rename": (Path, "replace"),
+}
+
+
+def interrupted(kind: type[BaseException]) -> Callable[..., None]:
+    def stop(*_: object, **__: object) -> None:
+        raise kind
+
+    return stop
+
+
+def test_new_file_holds_the_data_and_the_usual_permissions(tmp_path: Path) -> None:
+    atomic.write_bytes(tmp_path / "a.bin", b"one")
+    (tmp_path / "plain").write_bytes(b"")
+    assert (tmp_path / "a.bin").read_bytes() == b"one"
+    assert (tmp_path / "a.bin").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_existing_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"a longer old content")
+    atomic.write_bytes(str(tmp_path / "a.bin"), b"new")
+    assert (tmp_path / "a.bin").read_bytes() == b"new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_open_readers_keep_the_old_content(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"old")
+    with (tmp_path / "a.bin").open("rb") as reader:
+        atomic.write_bytes(tmp_path / "a.bin", b"new")
+        assert reader.read() == b"old"
+
+
+def test_symbolic_link_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "real").write_bytes(b"old")
+    (tmp_path / "link").symlink_to("real")
+    atomic.write_bytes(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, OSError, MemoryError])
+def test_failure_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, kind: type[BaseException]
+) -> None:
+    (tmp_path / "a.bin").write_bytes(b"old")
+    monkeypatch.setattr(*STEPS[step], interrupted(kind))
+    with pytest.raises(FileFormatError if kind is OSError else kind):
+        atomic.write_bytes(tmp_path / "a.bin", b"new")
+    monkeypatch.undo()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
+    assert (tmp_path / "a.bin").read_bytes() == b"old"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for other processes")
+@pytest.mark.parametrize("delay", [0.0, 0.001, 0.003, 0.007])
+def test_real_interruption_leaves_one_whole_file(tmp_path: Path, delay: float) -> None:
+    program = """
+        import sys
+        from struck.atomic import write_bytes
+        count = 0
+        while True:
+            count += 1
+            write_bytes(sys.argv[1], bytes([count % 256]) * 3_000_000)
+            print(count, flush=True)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program), str(tmp_path / "a.bin")]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, text=True, **streams) as writer:
+        assert writer.stdout is not None
+        for _ in range(3):
+            writer.stdout.readline()
+        time.sleep(delay)
+        writer.send_signal(signal.SIGINT)
+    content = (tmp_path / "a.bin").read_bytes()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
+    assert content == content[:1] * 3_000_000
+
+
+def test_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"the folder .*nowhere does not exist; make it"):
+        atomic.write_bytes(tmp_path / "nowhere" / "a.bin", b"")
+    assert not list(tmp_path.iterdir())
+
+
+def test_file_as_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FileFormatError, match=r"the folder .*file does not exist"):
+        atomic.write_bytes(tmp_path / "file" / "a.bin", b"")
+
+
+def test_folder_as_target_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="is a folder: add the name"):
+        atomic.write_bytes(tmp_path, b"")
+
+
+def test_device_is_not_replaced() -> None:
+    before = Path(os.devnull).stat()
+    with pytest.raises(FileFormatError, match="not an ordinary file"):
+        atomic.write_bytes(os.devnull, b"x")
+    assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
+    assert Path(os.devnull).stat().st_ino == before.st_ino
+
+
+def test_name_too_long_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="cannot be written"):
+        atomic.write_bytes(tmp_path / ("n" * 300), b"x")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def closed_folder() -> Iterator[Path]:
+    """A folder where this process may not write, even when it runs as root."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o555)
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    yield folder
+    if root:
+        os.seteuid(0)
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders have no such permission on Windows")
+def test_folder_without_permission_is_named(closed_folder: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"allows no new files.*another folder"):
+        atomic.write_bytes(closed_folder / "a.bin", b"x")

@@ -1,0 +1,68 @@
+"""What the documents show runs: Python blocks, shell lines and examples."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    ROOT / "README.md",
+    *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts),
+]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+BLOCK = re.compile(
+    r"^```(?P<kind>python|console)(?P<words>[^\n]*)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+INSTALLING = {"cd", "git", "make", "pip", "python"}  # lines for a person's own machine
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def run_python(code: str, namespace: dict[str, object], page: Path, line: int) -> None:
+    located = "\n" * line + code  # so that a traceback names the page's own line
+    exec(compile(located, str(page), "exec"), namespace)  # noqa: S102 - our own documents
+
+
+def run_console(code: str) -> None:
+    for line in code.splitlines():
+        command, *arguments = shlex.split(line.removeprefix("$ ")) if line[:2] == "$ " else [""]
+        if not command or command in INSTALLING:
+            continue
+        assert command == "struck", f"the documents show a command that no test runs: {line}"
+        assert run_struck(arguments) == 0, line
+
+
+def run_struck(arguments: list[str]) -> int:
+    from struck.cli import main
+
+    try:
+        return main(arguments) or 0
+    except SystemExit as end:
+        return 0 if end.code is None else int(end.code)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text(encoding="utf-8")
+    namespace: dict[str, object] = {"__name__": "__main__"}
+    for block in BLOCK.finditer(text):
+        assert not block["words"].strip(), f"{name_of(page)}: a block may not opt out of running"
+        if block["kind"] == "python":
+            run_python(block["code"], namespace, page, text[: block.start("code")].count("\n"))
+        else:
+            run_console(block["code"])
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
+def test_example(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(example), run_name="__main__")
