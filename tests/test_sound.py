@@ -54,7 +54,7 @@ def test_absolute_level_writes_20_pascal_as_one(tmp_path: Path) -> None:
 
 
 def test_a_relative_sound_has_no_absolute_level(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="relative.*level='peak'"):
+    with pytest.raises(OptionError, match=r"relative.*level='peak'"):
         tone(calibrated=False).save(tmp_path / "tone.wav", level="absolute")
     assert not list(tmp_path.iterdir())
 
@@ -72,7 +72,7 @@ def test_silence_stays_silence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "level, unit", [("peak", "Pa"), ("absolute", "Pa"), ("peak", "relative")]
+    ("level", "unit"), [("peak", "Pa"), ("absolute", "Pa"), ("peak", "relative")]
 )
 def test_own_files_come_back_in_their_unit(tmp_path: Path, level: str, unit: str) -> None:
     sound = tone(calibrated=unit == "Pa")
@@ -104,7 +104,7 @@ def test_what_cannot_be_read_or_written_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "samples, rate, message",
+    ("samples", "rate", "message"),
     [
         (np.array([[0.0, np.nan]]), RATE, "1 of 2 samples are not finite"),
         (np.array([[1e300]]), RATE, "not finite"),

@@ -21,9 +21,7 @@ STEPS = {"float32": 0.0, "int24": 2.0**-23, "int16": 2.0**-15}
 
 def recording(channels: int = 2, length: int = 1001, comment: str = "") -> wav.Recording:
     samples = np.random.default_rng(1).uniform(-0.99, 0.99, (channels, length))
-    return wav.Recording(
-        samples=samples.astype(np.float32), sample_rate=44100, comment=comment
-    )
+    return wav.Recording(samples=samples.astype(np.float32), sample_rate=44100, comment=comment)
 
 
 @pytest.mark.parametrize("encoding", wav.ENCODINGS)
@@ -44,9 +42,7 @@ def test_libsndfile_reads_what_we_write(encoding: str, channels: int) -> None:
 def test_we_read_what_libsndfile_writes(encoding: str, kind: str) -> None:
     samples = recording().samples
     data = io.BytesIO()
-    with soundfile.SoundFile(
-        data, "w", 22050, 2, subtype=SUBTYPES[encoding], format=kind
-    ) as file:
+    with soundfile.SoundFile(data, "w", 22050, 2, subtype=SUBTYPES[encoding], format=kind) as file:
         file.comment = "hello"
         file.write(samples.T)
     read = wav.decode(data.getvalue())
@@ -114,7 +110,7 @@ def test_truncated_files_are_refused(length: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "offset, content, message",
+    ("offset", "content", "message"),
     [
         (0, b"OggS", "not a WAV file"),
         (8, b"AVI ", "not a WAV file"),

@@ -12,7 +12,7 @@ from struck.files import model_file
 from struck.material import Material
 from struck.model import ModalModel
 from struck.progress import Progress, silent
-from struck.render import render
+from struck.rendering import render
 from struck.tuning import tuned
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -37,7 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("struck: interrupted", file=sys.stderr)
         return INTERRUPTED
     progress.close()
-    print(json.dumps(result.facts, indent=2) if options.json else result.text)
+    return _told(json.dumps(result.facts, indent=2) if options.json else result.text)
+
+
+def _told(text: str) -> int:
+    """Print, and end quietly when the reader has gone, as `head` does."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

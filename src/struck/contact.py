@@ -97,4 +97,4 @@ def _unit(vector: Array) -> Array:
 
 
 def _text(point: Array) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in point) + ") m"
+    return "(" + ", ".join(f"{value:.4g}" for value in np.round(point, 9) + 0.0) + ") m"

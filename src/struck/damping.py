@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from struck.errors import MaterialError
 
 Array = NDArray[np.float64]
+_STEPS, _PRECISION = 200, 1e-14
 
 
 @runtime_checkable
@@ -124,6 +125,28 @@ def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
     """Return the damped frequencies f = sqrt(f0^2 - (d / 2 pi)^2), Hz; 0 where overdamped."""
     squares = np.square(np.asarray(natural, float)) - np.square(np.asarray(decays) / (2 * np.pi))
     return np.sqrt(np.maximum(squares, 0.0))
+
+
+def natural_at(frequency: float, damping: Damping) -> float:
+    """Return the natural frequency that rings at `frequency`, Hz.
+
+    Raises
+    ------
+    MaterialError
+        When no mode of this damping rings there.
+    """
+    if not (np.isfinite(frequency) and frequency > 0):
+        raise MaterialError(f"a mode cannot be tuned to {frequency} Hz: give more than 0")
+    natural = frequency
+    for _ in range(_STEPS):
+        decay = float(damping.decays(natural))
+        better = float(np.hypot(frequency, decay / (2 * np.pi)))
+        if abs(better - natural) <= _PRECISION * better:
+            return better
+        natural = better
+    raise MaterialError(
+        f"with this damping no mode rings at {frequency:g} Hz: lower the damping, or tune higher"
+    )
 
 
 def _require_at_least_zero(**coefficients: float) -> None:

@@ -17,7 +17,7 @@ from struck.model import ModalModel
 from struck.pictures import overview
 from struck.pictures import save as save_picture
 from struck.progress import Progress, silent
-from struck.render import render
+from struck.rendering import render
 from struck.report import Exhibit, page
 from struck.solids import Tube
 from struck.solids.profiles import bell, bowl, wine_glass

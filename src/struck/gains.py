@@ -15,6 +15,8 @@ from struck.geometry import Surface
 from struck.mesh import Mesh
 
 Array = NDArray[np.float64]
+# Modes closer than this share of their frequency count as turned copies of one another.
+_SHARED = 1e-3
 
 
 class Radiation(Protocol):
@@ -64,7 +66,7 @@ class ShapeGains(Gains):
         The body's surface.
     shapes : array (V, 3, M), float32
         Mass-normalised mode shapes at its vertices, kg^-1/2.
-    outputs : array (M,)
+    outputs : array (M,), complex
         Pressure at 1 m for unit modal velocity.
     centre : array (3,)
         Where the sound seems to come from: the centre of mass, m.
@@ -74,7 +76,7 @@ class ShapeGains(Gains):
 
     surface: Mesh
     shapes: NDArray[np.float32]
-    outputs: Array
+    outputs: NDArray[np.complex128]
     centre: Array
     radiation: Radiation
 
@@ -91,7 +93,8 @@ class ShapeGains(Gains):
         return cls(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
-            outputs=radiation.coefficients(surface, shapes, frequencies, centre),
+            outputs=radiation.coefficients(surface, shapes, frequencies, centre)
+            * quarter_turns(frequencies),
             centre=np.asarray(centre, np.float64),
             radiation=radiation,
         )
@@ -124,13 +127,18 @@ class ShapeGains(Gains):
         """Radius of the smallest ball about `centre` that holds the body, m."""
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
 
-    @cached_property
-    def loudest(self) -> int:
-        """The outward-looking vertex where a push along the normal sounds loudest."""
+    def loudest(self, weights: Array) -> int:
+        """Return the outward-looking vertex where a push along the normal sounds loudest.
+
+        Parameters
+        ----------
+        weights : array (M,)
+            What the square of a mode's gain counts for.
+        """
         normals = self.surface.vertex_normals
         outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
         drive = np.einsum("vd,vdm->vm", normals, self.shapes)
-        return int(np.argmax(np.square(drive * self.outputs).sum(axis=1) * outward))
+        return int(np.argmax(np.square(np.abs(drive * self.outputs)) @ weights * outward))
 
     def at(self, points: Array, directions: Array) -> Array:
         """Return the mode shapes at the nearest surface points along unit `directions`."""
@@ -147,4 +155,31 @@ class ShapeGains(Gains):
                 f"a listener is {distances.min():.3g} m from the body's centre, inside its "
                 f"radius of {self.radius:.3g} m: move the listener farther away"
             )
-        return (self.outputs / distances[:, None, None]).astype(np.complex128)
+        return self.outputs / distances[:, None, None]
+
+
+def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
+    """Return a phase for each mode: i for every second one of those that share a frequency.
+
+    A round body has its modes in pairs, which a solver may turn about the axis at will. An
+    estimate the same in all directions must not depend on that turn: a quarter period apart, the
+    two add to the root of their drives' squares, whichever way they are turned.
+    """
+    phases = np.ones(len(frequencies), np.complex128)
+    for mode in range(1, len(frequencies)):
+        close = frequencies[mode] - frequencies[mode - 1] < _SHARED * frequencies[mode]
+        if close and phases[mode - 1] == 1:
+            phases[mode] = 1j
+    return phases
+
+
+def canonical_signs(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
+    """Return +1 or -1 for each mode (M,), so that any solver's shapes get the same sign.
+
+    The sign is that of the volume displaced, weighted by a function without symmetry.
+    """
+    low, high = surface.bounds
+    place = (surface.centroids - (low + high) / 2) / surface.extent
+    weights = np.exp(place @ np.array([2.0, 1.3, 0.7]))[:, None] * surface.area_vectors
+    moved = shapes[surface.faces].mean(axis=1)
+    return np.where(np.einsum("fd,fdm->m", weights, moved) < 0, -1.0, 1.0)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.contact import Contact, Place, located
-from struck.damping import Damping, ringing
+from struck.damping import Damping, natural_at, ringing
 from struck.elasticity import Stiffness, changed
 from struck.errors import ContactError, MaterialError, OptionError
-from struck.gains import Gains, Radiation, ShapeGains
+from struck.gains import Gains, Radiation, ShapeGains, canonical_signs
 from struck.material import Material
 from struck.mesh import Mesh
 from struck.modes import Modes
@@ -22,7 +22,6 @@ from struck.tables import modes_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_TUNING_STEPS, _IN_TUNE = 60, 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,6 +40,8 @@ class ModalModel:
         Drive over contacts and output over listeners.
     material, mass, centre, inertia, geometry
         None where unknown, as for recordings; kg, m and kg m^2.
+    supported : bool
+        Whether the body is held somewhere, so that it cannot move as a rigid one.
     complete_to : float
         No mode below this frequency is missing, Hz.
     poisson_slopes, errors : array (M,) or None
@@ -62,6 +63,7 @@ class ModalModel:
     centre: Array | None = None
     inertia: Array | None = None
     geometry: Mesh | None = None
+    supported: bool = False
     complete_to: float
     poisson_slopes: Array | None = None
     errors: Array | None = None
@@ -81,35 +83,27 @@ class ModalModel:
     ) -> ModalModel:
         """Make a model of undamped modes.
 
-        Parameters
-        ----------
-        modes : Modes
-        material : Material
-            Its damping gives the decays.
-        radiation : Radiation, optional
-            Radiated power unless given.
-        lowest : float
-            Start of the band, Hz; modes below are dropped and counted.
-        places : mapping, optional
-            Contacts by name, m.
+        The material's damping gives the decays, `radiation` the outputs (radiated power unless
+        given); modes below `lowest` Hz are dropped and counted; `places` are contacts by name, m.
         """
         radiation = radiation or by_name("power")
         kept = np.flatnonzero(modes.frequencies >= lowest)
         below = len(modes.frequencies) - len(kept)
         dropped = (f"{below} modes lie below {lowest:g} Hz",) if below else ()
         natural = modes.frequencies[kept]
+        shapes = modes.shapes[:, :, kept]
+        shapes = shapes * canonical_signs(modes.surface, shapes)
         model = cls(
             frequencies=natural,
             natural_frequencies=natural,
             decays=np.zeros_like(natural),
-            gains=ShapeGains.radiating(
-                modes.surface, modes.shapes[:, :, kept], natural, modes.centre, radiation
-            ),
+            gains=ShapeGains.radiating(modes.surface, shapes, natural, modes.centre, radiation),
             material=material,
             mass=modes.mass,
             centre=modes.centre,
             inertia=modes.inertia,
             geometry=modes.surface,
+            supported=modes.supported,
             complete_to=modes.complete_to,
             poisson_slopes=modes.poisson_slopes[kept],
             errors=modes.errors[kept],
@@ -136,10 +130,11 @@ class ModalModel:
         radiation: Radiation | None = None,
         places: Mapping[str, Array] | None = None,
         method: str = "modes of another program",
+        up: str = "z",
     ) -> ModalModel:
         """Make a model of modes that another program computed: `Modes.given`, then `of`."""
         modes = Modes.given(
-            Mesh(points=np.asarray(points), faces=np.asarray(faces)),
+            Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up),
             np.asarray(frequencies, float),
             np.asarray(shapes, float),
             mass=mass,
@@ -177,8 +172,12 @@ class ModalModel:
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
             raise ContactError("this model has no surface to touch: give gains by its coordinates")
-        loudest = self.geometry.points[self.gains.loudest] if at is None else None
-        point = loudest if at is None else located(self.geometry, self.places, at)
+        if at is None:
+            # What a mode gives off until it has died away goes with 1 / decay.
+            lasting = 1 / np.maximum(self.decays, 1e-3 * self.natural_frequencies)
+            point = self.geometry.points[self.gains.loudest(lasting)]
+        else:
+            point = located(self.geometry, self.places, at)
         return Contact.on(self.gains.locator, self.geometry, point, direction)
 
     def damped(self, damping: Damping) -> ModalModel:
@@ -219,19 +218,13 @@ class ModalModel:
 
         Raises
         ------
-        OptionError
-            When no body of this damping can ring that low.
+        MaterialError
+            When the damping is unknown, or none of its modes can ring that low.
         """
-        if not (np.isfinite(lowest) and lowest > 0):
-            raise OptionError(f"lowest is {lowest}: a frequency must exceed 0 Hz")
-        model = self
-        for _ in range(_TUNING_STEPS):
-            model = model.scaled(float(model.frequencies[0]) / lowest)
-            if abs(model.frequencies[0] / lowest - 1) < _IN_TUNE:
-                return model
-        raise OptionError(
-            f"with this damping no size of the body rings at {lowest:g} Hz: lower the damping"
-        )
+        if self.material is None:
+            raise MaterialError("this model's material, and so its damping, is unknown")
+        natural = natural_at(lowest, self.material.damping)
+        return self.scaled(float(self.natural_frequencies[0]) / natural)
 
     def made_of(self, material: Material | str) -> ModalModel:
         """Return the same body of another isotropic material.

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from struck.gains import Gains
+from struck.geometry import Surface
 from struck.material import Material
 from struck.mesh import Mesh
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _COLOURS = "RdBu_r"  # diverges from white, and the colour-blind can read it
 MOST_FACES = 20_000
@@ -27,7 +28,7 @@ MOST_FACES = 20_000
 _FEWEST_FACES = 3_000
 _EXAGGERATION = 0.06
 _ELEVATION = np.deg2rad(24)
-_SHARP = np.cos(np.deg2rad(35))
+_SHARP = np.cos(np.deg2rad(40))
 _CLAY = np.array([0.80, 0.81, 0.83])
 _LIGHT = np.array([-0.42, 0.58, 0.70])
 _OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
@@ -70,8 +71,8 @@ class Painter:
     ----------
     surface : Mesh
         What is drawn.
-    vertices : array (V,)
-        Which vertices of the body these are.
+    sources : sparse matrix (V, all vertices of the body)
+        Weights that make values at its vertices of values at the body's.
     view : array (3, 3)
         Unit vectors to the right, upward and toward the eye.
     remark : str
@@ -79,20 +80,19 @@ class Painter:
     """
 
     surface: Mesh
-    vertices: Index
+    sources: sparse.csr_array
     view: Array
     remark: str = ""
 
     @classmethod
     def of(cls, surface: Mesh) -> Painter:
         """Look at a surface from above its longer side."""
-        vertices, drawn = np.arange(len(surface.points)), surface
-        remark = ""
-        if len(surface.faces) > MOST_FACES:
-            vertices, drawn = _thinned(surface)
+        drawn = _thinned(surface) if len(surface.faces) > MOST_FACES else surface
+        sources, remark = sparse.eye_array(len(surface.points), format="csr"), ""
         if len(drawn.faces) < len(surface.faces):
             remark = f"\ndrawn with {len(drawn.faces):,} of {len(surface.faces):,} faces"
-        return cls(surface=drawn, vertices=vertices, view=_view(surface), remark=remark)
+            sources = _interpolation(surface, drawn.points)
+        return cls(surface=drawn, sources=sources, view=_view(surface), remark=remark)
 
     @property
     def aspect(self) -> float:
@@ -113,7 +113,7 @@ class Painter:
         if shape is None:
             self._draw(axes, self.surface, None)
             return
-        moves = shape[self.vertices]
+        moves = self.sources @ shape
         moves = moves / max(np.linalg.norm(moves, axis=1).max(), np.finfo(float).tiny)
         normals = _corner_normals(self.surface)
         outward = np.einsum("fcd,fcd->fc", moves[self.surface.faces], normals)
@@ -205,16 +205,24 @@ def _view(surface: Mesh) -> Array:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def _thinned(surface: Mesh) -> tuple[Index, Mesh]:
-    """Collapse short edges; return for each vertex that is left one of those it stands for."""
+def _thinned(surface: Mesh) -> Mesh:
+    """Collapse short edges until few enough faces are left."""
     import igl
 
     points, faces = np.asfortranarray(surface.points), np.asfortranarray(surface.faces)
-    _, left, _, kept = igl.decimate(points, faces, MOST_FACES)
-    vertices, fewer = np.asarray(kept, np.int64), np.asarray(left, np.int64)
+    moved, left, _, _ = igl.decimate(points, faces, MOST_FACES)
+    fewer = np.asarray(left, np.int64)
     if not len(fewer):  # a surface that is no manifold is drawn whole
-        return np.arange(len(surface.points)), surface
-    return vertices, Mesh(points=surface.points[vertices], faces=fewer, up=surface.up)
+        return surface
+    return Mesh(points=np.asarray(moved, np.float64), faces=fewer, up=surface.up)
+
+
+def _interpolation(surface: Mesh, points: Array) -> sparse.csr_array:
+    """Return weights (K, V) of the vertices around the nearest places of `points` (K, 3)."""
+    faces, weights = Surface(surface).barycentric(points)
+    rows = np.repeat(np.arange(len(points)), 3)
+    entries = (weights.ravel(), (rows, surface.faces[faces].ravel()))
+    return sparse.csr_array(entries, shape=(len(points), len(surface.points)))
 
 
 def _corners(surface: Mesh, values: Array) -> Array:
@@ -227,11 +235,20 @@ def _corners(surface: Mesh, values: Array) -> Array:
 
 
 def _corner_normals(surface: Mesh) -> Array:
-    """Return the normals at the corners of all faces (F, 3, 3), smooth but for sharp edges."""
-    smooth = surface.vertex_normals[surface.faces]
-    flat = np.broadcast_to(surface.face_normals[:, None], smooth.shape)
-    alike = np.einsum("fcd,fcd->fc", smooth, flat) > _SHARP
-    return np.where(alike[:, :, None], smooth, flat)
+    """Return unit normals at the corners of all faces (F, 3, 3), smooth but for sharp edges.
+
+    A corner takes the mean of the faces around its vertex that turn little from its own.
+    """
+    corners, normals = surface.faces.ravel(), surface.face_normals
+    owners = np.repeat(np.arange(len(surface.faces)), 3)
+    shape = (len(surface.points), len(surface.faces))
+    around = sparse.csr_array((np.ones(len(corners)), (corners, owners)), shape=shape)[corners]
+    mine = np.repeat(owners, np.diff(around.indptr))
+    alike = np.einsum("kd,kd->k", normals[mine], normals[around.indices]) > _SHARP
+    shares = surface.area_vectors[around.indices] * alike[:, None]
+    means = np.add.reduceat(shares, around.indptr[:-1])
+    lengths = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
+    return (means / lengths).reshape(-1, 3, 3)
 
 
 def _quartered(corners: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 _INK, _FAINT, _LINE = "#222222", "#6b6b6b", "#20558a"
 _RANGE = 90.0
+_SHORTEST = 0.1
 _ENDINGS = (".png", ".pdf", ".svg")
 _TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 _HEARING = 2e-5
@@ -180,7 +182,8 @@ def _draw_spectrum(axes: Axes, sound: Sound) -> None:
         )  # fmt: skip
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", xscale="log")
     _label_frequencies(axes.xaxis)
-    axes.set_xlim(_lowest_shown(frequencies[peaks]), sound.sample_rate / 2)
+    highest = sound.sample_rate / 2
+    axes.set_xlim(_lowest_shown(frequencies[peaks], highest), highest)
     axes.set_ylim(-_RANGE, 8)
     axes.set_title(_heading(sound), fontsize=10, color=_INK)
     _lighten(axes)
@@ -193,7 +196,8 @@ def _draw_ringing(axes: Axes, model: Body) -> None:
     axes.set(xlabel="frequency (Hz)", ylabel="time to fall by 60 dB (s)")
     axes.set(xscale="log", yscale="log")
     _label_frequencies(axes.xaxis)
-    axes.set_xlim(_lowest_shown(frequencies), max(20000, 1.2 * frequencies.max(initial=0)))
+    highest = max(20000.0, 1.2 * frequencies.max(initial=0))
+    axes.set_xlim(_lowest_shown(frequencies, highest), highest)
     axes.set_ylim(min(0.1, times.min(initial=1) / 2), max(1, times.max(initial=1) * 2))
     axes.yaxis.set_major_formatter("{x:g}")
     count = len(model.frequencies)
@@ -202,9 +206,11 @@ def _draw_ringing(axes: Axes, model: Body) -> None:
 
 
 def _levels(sound: Sound) -> tuple[Array, Array]:
-    """Return frequencies from 20 Hz, and levels of all channels together."""
-    frequencies, values = sound.spectrum()
-    heard = frequencies >= min(20.0, frequencies[-1])
+    """Return audible frequencies, and levels of all channels together."""
+    lacking = max(0, round(_SHORTEST * sound.sample_rate) - sound.samples.shape[1])
+    longer = replace(sound, samples=np.pad(sound.samples, ((0, 0), (0, lacking))))
+    frequencies, values = longer.spectrum()
+    heard = frequencies >= min(20.0, frequencies[-1] / 2)
     return frequencies[heard], _decibels(np.square(values[:, heard]).sum(axis=0))
 
 
@@ -213,8 +219,10 @@ def _decibels(power: Array) -> Array:
     return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
 
 
-def _lowest_shown(frequencies: Array) -> float:
-    return max(20.0, 0.5 * frequencies.min(initial=np.inf)) if len(frequencies) else 20.0
+def _lowest_shown(frequencies: Array, highest: float) -> float:
+    """Return where an axis up to `highest` begins so that all `frequencies` have room."""
+    lowest = max(20.0, 0.5 * frequencies.min()) if len(frequencies) else 20.0
+    return min(lowest, highest / 2)
 
 
 def _peaks(frequencies: Array, levels: Array, most: int = 8) -> list[int]:
@@ -237,7 +245,7 @@ def _levels_in_time(sound: Sound) -> tuple[Array, Array, Array]:
     times, linear, amplitudes = sound.spectrogram(window=window, step=step)
     levels = _decibels(np.square(amplitudes).sum(axis=0))
     heard, spectrum_levels = _levels(sound)
-    lowest = min(_lowest_shown(heard[_peaks(heard, spectrum_levels)]), linear[-1] / 2)
+    lowest = _lowest_shown(heard[_peaks(heard, spectrum_levels)], linear[-1])
     frequencies = np.geomspace(lowest, linear[-1], 400)
     rows = np.stack([np.interp(frequencies, linear, column) for column in levels.T], axis=1)
     return times, frequencies, rows

@@ -36,7 +36,13 @@ def time_in_contact(*, mass: float, radius: float, modulus: float, speed: float)
     depth = (15 * mass * speed**2 / (16 * modulus * np.sqrt(radius))) ** 0.4
     longest = 10 * depth / speed
     done = solve_ivp(
-        motion, (0, longest), [0, speed], events=apart, rtol=1e-11, atol=1e-16, max_step=longest / 50
+        motion,
+        (0, longest),
+        [0, speed],
+        events=apart,
+        rtol=1e-11,
+        atol=1e-16,
+        max_step=longest / 50,
     )
     return float(done.t_events[0][0])
 
@@ -130,7 +136,7 @@ def test_strikers_are_possible_and_say_where_they_come_from(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name, density", [("steel", 7850), ("brass", 8480), ("glass", 2500), ("plastic", 1190)]
+    ("name", "density"), [("steel", 7850), ("brass", 8480), ("glass", 2500), ("plastic", 1190)]
 )
 def test_strikers_that_are_balls_weigh_what_balls_weigh(name: str, density: float) -> None:
     ball = Striker.named(name)
@@ -142,9 +148,7 @@ def test_softer_strikers_touch_for_longer() -> None:
     for name in ("fingertip", "felt", "rubber", "wood", "plastic", "steel"):
         head = Striker.named(name)
         modulus = contact_modulus(head, STEEL)
-        times.append(
-            contact_time(mass=head.mass, radius=head.radius, modulus=modulus, speed=0.5)
-        )
+        times.append(contact_time(mass=head.mass, radius=head.radius, modulus=modulus, speed=0.5))
     assert times == sorted(times, reverse=True)
     assert 5e-3 < times[0] < 20e-3
     assert 20e-6 < times[-1] < 200e-6

@@ -17,9 +17,23 @@ HIT = SimpleNamespace(
     point=np.array([0.5, 0.0, 0.0]), direction=np.array([0.0, 0.0, -1.0]), distance=0.0
 )
 ROD = SimpleNamespace(
-    mass=1.0, centre=np.zeros(3), inertia=np.diag([1e-6, 1 / 12, 1 / 12]), material=STEEL
+    mass=1.0,
+    centre=np.zeros(3),
+    inertia=np.diag([1e-6, 1 / 12, 1 / 12]),
+    material=STEEL,
+    supported=False,
 )
-RECORDING = SimpleNamespace(mass=None, centre=None, inertia=None, material=None)
+RECORDING = SimpleNamespace(mass=None, centre=None, inertia=None, material=None, supported=False)
+HELD = SimpleNamespace(**{**vars(ROD), "supported": True})
+
+
+def test_a_body_that_is_held_does_not_give_way() -> None:
+    free, held = (
+        Strike(striker="steel", speed=1.0).resolved(body, HIT).impulse for body in (ROD, HELD)
+    )
+    striker = Striker.named("steel")
+    assert held == pytest.approx(striker.mass * (1 + striker.restitution))
+    assert free < held
 
 
 def test_an_impulse_alone_acts_in_no_time() -> None:
@@ -64,9 +78,12 @@ def test_a_recording_counts_as_heavy_and_hard() -> None:
     alone = head.youngs_modulus / (1 - head.poisson_ratio**2)
     expected = 2.8683 * (head.mass**2 / (head.radius * alone**2)) ** 0.2
     assert push.duration == pytest.approx(expected, rel=1e-4)
-    assert push.duration < Strike(striker="steel", speed=1.0).resolved(
-        SimpleNamespace(**{**vars(RECORDING), "material": STEEL}), HIT
-    ).duration
+    assert (
+        push.duration
+        < Strike(striker="steel", speed=1.0)
+        .resolved(SimpleNamespace(**{**vars(RECORDING), "material": STEEL}), HIT)
+        .duration
+    )
 
 
 def test_a_bare_strike_is_wood_at_half_a_metre_a_second() -> None:
@@ -81,7 +98,7 @@ def test_places_and_directions_become_plain_numbers() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments, message",
+    ("arguments", "message"),
     [
         ({"impulse": 0.02, "speed": 1.0, "striker": "wood"}, r"0\.02 N s and speed is 1\.0"),
         ({"speed": 1.0}, "add a striker"),

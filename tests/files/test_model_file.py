@@ -50,7 +50,7 @@ def model(seed: int = 0, modes: int = 7) -> ModalModel:
         gains=ShapeGains(
             surface=surface,
             shapes=rng.standard_normal((len(surface.points), 3, modes), np.float32),
-            outputs=rng.random(modes),
+            outputs=rng.random(modes) + 1j * rng.random(modes),
             centre=rng.random(3),
             radiation=by_name("power"),
         ),
@@ -272,7 +272,7 @@ def complaints(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list
         target = root["$defs"][schema["$ref"].removeprefix("#/$defs/")]
         return complaints(value, target, root)
     types = {"object": dict, "array": list, "string": str, "number": (int, float)}
-    types["null"] = type(None)
+    types |= {"null": type(None), "boolean": bool}
     kinds = [schema["type"]] if isinstance(schema.get("type"), str) else schema.get("type", [])
     objects, arrays = isinstance(value, dict), isinstance(value, list)
     number = isinstance(value, int | float)

@@ -8,11 +8,10 @@ from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, h1vp
 
 from struck.air import AIR
-from struck.errors import MeshError, OptionError
 from struck.mesh import Mesh
 from struck.radiation import by_name
 from struck.radiation.skin import Skin, normal_velocities
-from struck.radiation.spherical import sphere_efficiency, split_by_order
+from struck.radiation.spherical import sphere_efficiency
 
 Array = NDArray[np.float64]
 CENTRE = np.zeros(3)
@@ -87,26 +86,6 @@ def frequency_at(ka: ArrayLike, radius: float) -> Array:
     return np.asarray(ka) * AIR.sound_speed / (2 * np.pi * radius)
 
 
-def test_air_is_a_gas() -> None:
-    laplace = np.sqrt(1.4 * 101325 / AIR.density)
-    assert AIR.sound_speed == pytest.approx(laplace, rel=1e-3)
-
-
-def test_efficiency_of_a_sphere_is_the_published_one() -> None:
-    computed = sphere_efficiency(np.arange(3)[:, None], KA)
-    np.testing.assert_allclose(computed, EFFICIENCIES, rtol=1e-6)
-
-
-def test_efficiency_holds_from_tiny_to_huge() -> None:
-    orders = np.concatenate([[0, 1, 1.5, 12, 13.7], np.linspace(20, 250, 47)])
-    sizes = np.geomspace(1e-3, 100, 61)
-    computed = sphere_efficiency(orders[:, None], sizes)
-    assert np.all((computed >= 0) & (computed < 10))
-    np.testing.assert_allclose(computed[:5, -1], 1, atol=0.02)  # the surface as a plane
-    np.testing.assert_allclose(computed[0], sizes**2 / (1 + sizes**2), rtol=1e-9)
-    assert computed[-1, 0] == 0  # below the smallest number, yet a number
-
-
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_sphere_radiates_as_theory_says(order: int) -> None:
     mesh = ball()
@@ -165,38 +144,6 @@ def test_moving_a_body_changes_nothing() -> None:
     moved = Mesh(points=mesh.points + centre, faces=mesh.faces)
     there = power(moved, radial(mesh, 2), 1000, centre)
     np.testing.assert_allclose(there, power(mesh, radial(mesh, 2), 1000), rtol=1e-9)
-
-
-@pytest.mark.parametrize("count", [8, 100, 500])
-def test_orders_and_rest_make_the_whole(count: int) -> None:
-    generator = np.random.default_rng(count)
-    directions, velocities = generator.normal(size=(count, 3)), generator.normal(size=(count, 5))
-    directions[: count // 2, 2] *= 20  # mostly along one axis, as on a tube
-    weights = generator.dirichlet(np.ones(count))
-    shares, rest = split_by_order(directions, weights, velocities)
-    whole = weights @ velocities**2
-    np.testing.assert_allclose(shares.sum(axis=0) + weights @ rest**2, whole, rtol=1e-9)
-    assert np.all(shares.sum(axis=0) > 0.1 * whole)
-
-
-def test_orders_explain_directions_and_nothing_else() -> None:
-    # Six directions, many faces in each: all that depends on direction is a mean in each of them,
-    # and six functions of the orders 0 to 2 (1; x, y, z; two of second order) make any of those.
-    generator = np.random.default_rng(9)
-    axes = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 40, axis=0)
-    velocities = generator.normal(size=(240, 3))
-    means = velocities.reshape(6, 40, 3).mean(axis=1)
-    shares, _ = split_by_order(axes, np.full(240, 1 / 240), velocities)
-    np.testing.assert_allclose(shares.sum(axis=0), np.mean(means**2, axis=0), rtol=1e-9)
-    np.testing.assert_allclose(shares[3:], 0, atol=1e-12)
-
-
-def test_velocity_falls_into_its_own_order() -> None:
-    mesh = ball(1.0)
-    velocities = np.stack([eval_legendre(n, mesh.centroids[:, 2]) for n in range(13)], axis=1)
-    weights = mesh.areas / mesh.areas.sum()
-    powers, _ = split_by_order(mesh.centroids, weights, velocities)
-    np.testing.assert_allclose(np.diag(powers / (weights @ velocities**2)), 1, atol=0.005)
 
 
 # A chime of O'Brien et al. 2002, Table 2, and the first bending modes of a free bar.
@@ -325,14 +272,11 @@ def test_similar_bodies_are_in_proportion(name: str, exponent: float) -> None:
 
 
 @pytest.mark.parametrize("frequency", [50.0, 5000.0])
-def test_coupling_of_2002_is_displacement_times_frequency_over_the_surface(
-    frequency: float,
-) -> None:
+def test_coupling_of_2002_is_displacement_times_frequency(frequency: float) -> None:
     mesh = ball(0.1)
     expected = frequency * 4 * np.pi * 0.1**2 / (2 * np.pi * frequency)
-    computed = by_name("obrien2002").coefficients(
-        mesh, radial(mesh, 0), np.array([frequency]), CENTRE
-    )
+    estimate = by_name("obrien2002")
+    computed = estimate.coefficients(mesh, radial(mesh, 0), np.array([frequency]), CENTRE)
     np.testing.assert_allclose(computed, expected, rtol=0.005)
 
 
@@ -353,34 +297,3 @@ def test_mode_that_does_not_move_along_the_normals_is_silent() -> None:
     turning = np.cross([0.0, 0.0, 1.0], mesh.points)[:, :, None]
     assert power(mesh, turning, 1000)[0] < 1e-3 * power(mesh, radial(mesh, 0) * 0.1, 1000)[0]
     assert power(mesh, np.zeros_like(turning), 1000)[0] == 0
-
-
-def test_only_the_power_is_calibrated() -> None:
-    assert by_name("power").calibrated
-    assert not by_name("obrien2002").calibrated
-
-
-def test_unknown_name_lists_the_known() -> None:
-    with pytest.raises(OptionError, match=r"'horn'.*'power' or 'obrien2002'"):
-        by_name("horn")
-
-
-@pytest.mark.parametrize("name", ["power", "obrien2002"])
-@pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan])
-def test_frequencies_must_be_positive(name: str, frequency: float) -> None:
-    mesh = ball(subdivisions=1)
-    with pytest.raises(OptionError, match="leave rigid motions out"):
-        by_name(name).coefficients(mesh, radial(mesh, 0), np.array([frequency]), CENTRE)
-
-
-def test_shapes_must_belong_to_the_surface() -> None:
-    mesh = ball(subdivisions=1)
-    with pytest.raises(OptionError, match=r"not \(42, 3, 2\)"):
-        by_name("power").coefficients(mesh, radial(mesh, 0), np.array([1.0, 2.0]), CENTRE)
-
-
-def test_normals_must_point_outward() -> None:
-    mesh = ball(subdivisions=1)
-    inverted = Mesh(points=mesh.points, faces=mesh.faces[:, ::-1])
-    with pytest.raises(MeshError, match="flip the normals"):
-        power(inverted, radial(mesh, 0), 1000)

@@ -105,7 +105,8 @@ class Strike:
     def resolved(self, model: ModalModel, contact: Contact) -> Push:
         """Return the push that a model receives at a contact.
 
-        A model without mass (as from recordings) counts as heavy, one without material as hard.
+        A model without mass (as from recordings), or held somewhere, counts as heavy, one without
+        material as hard.
         """
         if self.impulse is not None and (self.striker is None or self.duration is not None):
             return Push(impulse=self.impulse, duration=self.duration or 0.0)
@@ -120,7 +121,7 @@ class Strike:
 
 
 def _mass_in_contact(striker: Striker, model: ModalModel, contact: Contact) -> float:
-    if model.mass is None or model.centre is None or model.inertia is None:
+    if model.supported or model.mass is None or model.centre is None or model.inertia is None:
         return striker.mass
     body = effective_mass(
         mass=model.mass,

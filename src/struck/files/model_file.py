@@ -35,7 +35,7 @@ _LAYOUT: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "vertices": ("float64", ("V", 3)),
     "faces": ("uint32", ("F", 3)),
     "shapes": ("float32", ("V", 3, "M")),
-    "outputs": ("float64", ("M",)),
+    "outputs": ("float64", ("M", 2)),  # real and imaginary parts
     "poisson_slopes": ("float64", ("M",)),
     "errors": ("float64", ("M",)),
 }
@@ -114,7 +114,7 @@ def _tensors(model: ModalModel) -> dict[str, NDArray[Any]]:
         "vertices": gains.surface.points,
         "faces": gains.surface.faces.astype(np.uint32),
         "shapes": gains.shapes,
-        "outputs": gains.outputs,
+        "outputs": np.stack([gains.outputs.real, gains.outputs.imag], axis=1),
         "poisson_slopes": model.poisson_slopes,
         "errors": model.errors,
     }
@@ -154,6 +154,7 @@ def _description(model: ModalModel) -> dict[str, Any]:
         "centre": _numbers(model.centre),
         "inertia": _numbers(model.inertia),
         "geometry": None if model.geometry is None else "surface",
+        "supported": model.supported,
         "up": gains.surface.up,
         "gains": {
             "kind": "ShapeGains",
@@ -187,7 +188,7 @@ def _radiation_name(radiation: Radiation) -> str:
 
 def _require_layout(tensors: Mapping[str, NDArray[Any]]) -> None:
     """Refuse tensors whose types, shapes or values the format does not allow."""
-    sizes: dict[str | int, int] = {3: 3}
+    sizes: dict[str | int, int] = {2: 2, 3: 3}
     for name, (dtype, letters) in _LAYOUT.items():
         if name not in tensors:
             if name not in _OPTIONAL:
@@ -225,6 +226,7 @@ def _model(text: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Moda
         centre=_array(text["centre"], (3,)),
         inertia=_array(text["inertia"], (3, 3)),
         geometry=surface if text["geometry"] == "surface" else None,
+        supported=bool(text["supported"]),
         complete_to=float(text["complete_to"]),
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
@@ -242,7 +244,7 @@ def _gains(
     return ShapeGains(
         surface=surface,
         shapes=tensors["shapes"],
-        outputs=tensors["outputs"],
+        outputs=np.ascontiguousarray(tensors["outputs"]).view(np.complex128)[:, 0],
         centre=_vector(text["centre"]),
         radiation=by_name(text["radiation"]),
     )

@@ -37,7 +37,7 @@ class Counts:
     @property
     def rings(self) -> int:
         """Elements between core and edge of a disc on the axis."""
-        return max(1, round(self.around / 20))
+        return max(1, round(self.around / 24))
 
 
 def volume(contour: Contour) -> float:
@@ -236,8 +236,8 @@ class Goblet:
     def patches(self, counts: Counts) -> list[Patch]:
         """Return patches of bowl, foot and stem, elements about as long in all three."""
         (below, above), step = self._joints, self.bowl.wall.length / counts.along
-        lengths = self.foot.wall.length, self._length()
-        along = [max(3, round(length / step)) for length in lengths]
+        lengths = self.foot.wall.length, self._length() / 2  # a slender stem bends in long waves
+        along = [max(4, round(length / step)) for length in lengths]
         on_foot = Counts(around=counts.around, along=along[0], through=counts.through)
         stem = Patch(
             at=self._inside_stem(),

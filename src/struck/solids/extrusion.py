@@ -100,7 +100,7 @@ class Extrusion:
         Parameters
         ----------
         accuracy : str
-            "preview", "standard" or "fine", of about 300, 2,500 and 12,000 nodes where the
+            "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes where the
             outline has few corners; counts given as `elements` go first.
 
         Raises

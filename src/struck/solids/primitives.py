@@ -182,7 +182,7 @@ class Block:
         Parameters
         ----------
         accuracy : str
-            "preview", "standard" or "fine", of about 300, 2,500 and 12,000 nodes; counts given
+            "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes; counts given
             as `elements` go first.
 
         Raises

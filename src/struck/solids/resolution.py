@@ -52,38 +52,68 @@ def require_round(around: int) -> None:
         )
 
 
+_SLENDER = 20  # radii: longer tubes bend below the frequencies at which their section does
 _TUBE_AROUND = (8, 16, 24)
-_TUBE_ALONG = (20, 48, 96)  # of a tube as slender as a chime, 40 radii long
+_TUBE_ALONG = (20, 48, 96)  # of a tube 40 radii long
 _TUBE_THROUGH = (2, 3, 4)  # of a tube whose wall fills it almost
 _ROD = ((8, 1), (12, 1), (16, 2))  # around, and between core and side
 
 
 def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
     """Return elements around, along and through a tube."""
-    step = level(accuracy)
-    around = _TUBE_AROUND[step]
-    shortest = math.pi * radius / around  # half an element's arc
-    slender = _TUBE_ALONG[step] * max(1.0, math.sqrt(length / radius / 40))
-    along = max(2, round(min(slender, length / shortest)))
     if wall == radius:
-        return _ROD[step][0], along, _ROD[step][1]
-    return around, along, math.ceil(_TUBE_THROUGH[step] * wall / radius)
+        return solid_counts(length, radius, accuracy)
+    if length < _SLENDER * radius:
+        return shell_counts(length, radius, wall, accuracy)
+    step = level(accuracy)
+    along = round(_TUBE_ALONG[step] * max(1.0, math.sqrt(length / radius / 40)))
+    return _TUBE_AROUND[step], along, math.ceil(_TUBE_THROUGH[step] * wall / radius)
 
 
-_NODES = (300, 2_500, 12_000)
+def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along, and between core and side of a solid of revolution."""
+    around, rings = _ROD[level(accuracy)]
+    arc = 2 * math.pi * radius / around
+    return around, max(around // 4, math.ceil(length / arc)), rings
+
+
+_SHELL_AROUND = (20, 32, 48)
+_SHELL_ALONG = (14, 24, 40)  # at least
+
+
+def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along the mid-line and through the wall of a body of revolution."""
+    step = level(accuracy)
+    around = _SHELL_AROUND[step]
+    arc = 2 * math.pi * radius / around
+    along = max(_SHELL_ALONG[step], math.ceil(length / arc))
+    return around, along, math.ceil(wall * along / length / 2)
+
+
+_NODES = (600, 2_500, 12_000)
 
 
 def block_counts(size: tuple[float, float, float], accuracy: str) -> tuple[int, int, int]:
     """Return the elements along x, y and z: edges near equal, as many as the nodes allow."""
     budget = _NODES[level(accuracy)]
-    edge, counts = max(size), (1, 1, 1)
-    while _block_nodes(finer := _cuts(size, edge)) <= budget:
+    least = _least_cuts(size)
+    edge, counts = max(size), least
+    while _block_nodes(finer := _cuts(size, edge, least)) <= budget:
         edge, counts = edge / 1.05, finer
     return counts
 
 
-def _cuts(size: tuple[float, float, float], edge: float) -> tuple[int, int, int]:
-    x, y, z = (max(1, round(side / edge)) for side in size)
+def _least_cuts(size: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Return what torsion takes: two elements across a bar's section, one through a strip's."""
+    thin, middle, _ = sorted(size)
+    x, y, z = (2 if side > middle / 2 or side > thin else 1 for side in size)
+    return x, y, z
+
+
+def _cuts(
+    size: tuple[float, float, float], edge: float, least: tuple[int, int, int]
+) -> tuple[int, int, int]:
+    x, y, z = (max(low, round(side / edge)) for side, low in zip(size, least, strict=True))
     return x, y, z
 
 
@@ -106,23 +136,3 @@ def extrusion_edge(area: float, height: float, accuracy: str) -> float:
 def _extrusion_nodes(area: float, height: float, edge: float) -> float:
     layers = max(1, round(height / edge))
     return (area / edge**2) * (3 * (layers + 1) + layers)
-
-
-_SHELL_AROUND = (20, 32, 48)
-_SHELL_ALONG = (14, 24, 40)  # at least
-
-
-def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
-    """Return elements around, along the mid-line and through the wall of a body of revolution."""
-    step = level(accuracy)
-    around = _SHELL_AROUND[step]
-    arc = 2 * math.pi * radius / around
-    along = max(_SHELL_ALONG[step], math.ceil(length / arc))
-    return around, along, max(1, round(wall * along / length))
-
-
-def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
-    """Return elements around, along, and between core and side of a solid of revolution."""
-    around, rings = _ROD[level(accuracy)]
-    arc = 2 * math.pi * radius / around
-    return around, max(around // 4, math.ceil(length / arc)), rings

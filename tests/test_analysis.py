@@ -1,0 +1,145 @@
+"""From bodies of every kind to models."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import trimesh
+
+import struck
+from struck import Mesh, Strike
+from struck.errors import MeshError, OptionError
+from struck.solids import Block, Tube
+
+BAND = (20.0, 12_000.0)
+BAR = Block(size=(0.2, 0.03, 0.01), elements=(12, 2, 1))
+
+
+@pytest.fixture(scope="module")
+def bar() -> struck.ModalModel:
+    return struck.analyze(BAR, "steel", band=BAND)
+
+
+def test_a_volume_file_gives_the_modes_of_its_elements(
+    tmp_path: Path, bar: struck.ModalModel
+) -> None:
+    mesh = BAR.volume_mesh()
+    path = tmp_path / "bar.vtk"
+    meshio.write(path, meshio.Mesh(mesh.nodes, [("hexahedron20", mesh.elements)]))
+    read = struck.analyze(path, "steel", band=BAND)
+    assert read.frequencies == pytest.approx(bar.frequencies, rel=1e-9)
+    assert read.provenance.details["file"] == "bar.vtk"
+
+
+def test_linear_volume_files_are_made_quadratic(tmp_path: Path, bar: struck.ModalModel) -> None:
+    mesh = BAR.volume_mesh()
+    path = tmp_path / "bar.vtk"
+    meshio.write(path, meshio.Mesh(mesh.nodes, [("hexahedron", mesh.corners)]))
+    read = struck.analyze(path, "steel", band=BAND)
+    assert read.frequencies == pytest.approx(bar.frequencies, rel=1e-9)
+
+
+def test_a_surface_in_memory_equals_its_file(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.125, 0.09375, 0.0625))  # exact in the single precision of PLY
+    box.export(tmp_path / "box.ply")
+    band = (20.0, 40_000.0)
+    file = struck.analyze(tmp_path / "box.ply", "glass", accuracy="preview", band=band)
+    surface = Mesh(points=box.vertices, faces=box.faces)
+    memory = struck.analyze(surface, "glass", accuracy="preview", band=band)
+    assert file.frequencies == pytest.approx(memory.frequencies, rel=1e-9)
+
+
+def test_units_and_size_scale_frequencies(tmp_path: Path) -> None:
+    trimesh.creation.box((100, 80, 50)).export(tmp_path / "box.off")
+    band = (20.0, 40_000.0)
+    metric = struck.analyze(
+        tmp_path / "box.off", "glass", units="mm", accuracy="preview", band=band
+    )
+    half = struck.analyze(tmp_path / "box.off", "glass", size=0.2, accuracy="preview", band=band)
+    count = len(metric.frequencies)
+    assert half.frequencies[:count] == pytest.approx(metric.frequencies / 2, rel=1e-6)
+    assert half.mass == pytest.approx(8 * metric.mass, rel=1e-9)
+
+
+def test_a_support_raises_no_rigid_modes_and_lowers_the_first(bar: struck.ModalModel) -> None:
+    end = ((-0.2, -1, -1), (-0.0999, 1, 1))
+    held = struck.analyze(BAR, "steel", band=BAND, fixed=end)
+    by_rule = struck.analyze(BAR, "steel", band=BAND, fixed=lambda p: p[:, 0] < -0.0999)
+    assert held.frequencies == pytest.approx(by_rule.frequencies, rel=1e-12)
+    # Euler-Bernoulli: a clamped-free bar's first mode over a free bar's, (1.8751 / 4.7300)^2.
+    ratio = held.frequencies[0] / bar.frequencies[0]
+    assert ratio == pytest.approx((1.875104 / 4.730041) ** 2, rel=0.02)
+
+
+def test_modes_below_the_band_are_dropped_and_counted(bar: struck.ModalModel) -> None:
+    lowest = float(bar.frequencies[0])
+    higher = struck.analyze(BAR, "steel", band=(lowest + 1, BAND[1]))
+    assert len(higher.frequencies) == len(bar.frequencies) - 1
+    assert any("1 modes lie below" in loss for loss in higher.provenance.dropped)
+
+
+def test_the_papers_elements_are_stiffer() -> None:
+    mesh = Tube(length=0.505, radius=0.0125, wall=0.001)
+    ours = struck.analyze(mesh, "aluminium", accuracy="preview", band=(20, 3000))
+    theirs = struck.analyze(
+        mesh, "aluminium", accuracy="preview", band=(20, 30_000), method="obrien2002"
+    )
+    assert theirs.frequencies[0] > 1.05 * ours.frequencies[0]
+    assert "O'Brien" in theirs.cite()
+    assert "O'Brien" not in ours.cite()
+
+
+def test_what_is_cited_is_what_was_used(bar: struck.ModalModel) -> None:
+    solid = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    stuffed = struck.analyze(
+        Mesh(points=solid.vertices, faces=solid.faces),
+        "glass",
+        accuracy="preview",
+        band=(20, 35_000),
+    )
+    assert "Isosurface stuffing" in stuffed.cite()
+    assert "Isosurface stuffing" not in bar.cite()
+    assert "block Lanczos" in stuffed.cite()
+    by_paper = struck.analyze(BAR, "steel", band=BAND, radiation="obrien2002")
+    assert "O'Brien" in by_paper.cite()
+    assert not by_paper.calibrated
+
+
+def test_both_factorisations_give_the_same_model() -> None:
+    block = Block(size=(0.2, 0.05, 0.01), elements=(16, 6, 2))
+    models = [struck.analyze(block, "brass", band=BAND, backend=b) for b in ("rslab", "superlu")]
+    assert models[0].frequencies == pytest.approx(models[1].frequencies, rel=1e-9)
+
+
+def test_options_that_do_not_apply_are_refused(tmp_path: Path) -> None:
+    for options in ({"size": 1.0}, {"units": "mm"}, {"wall": 0.01}):
+        with pytest.raises(OptionError):
+            struck.analyze(BAR, "steel", **options)
+    with pytest.raises(MeshError, match="is no body"):
+        struck.analyze(3, "steel")
+
+
+def test_progress_tells_every_stage() -> None:
+    told: list[str] = []
+    struck.analyze(BAR, "steel", band=BAND, progress=lambda stage, _share: told.append(stage))
+    assert [stage for i, stage in enumerate(told) if stage not in told[:i]][:3] == [
+        "mesh",
+        "assemble",
+        "count",
+    ]
+    assert told[-1] == "radiation"
+
+
+def test_a_strike_in_the_same_place_sounds_the_same_on_a_finer_mesh() -> None:
+    sounds = [
+        struck.render(
+            struck.analyze(
+                Block(size=(0.2, 0.03, 0.01), elements=counts), "steel", band=(20, 4000)
+            ),
+            Strike(at=(0.1, 0.01, 0.005), impulse=0.01),
+            seconds=0.02,
+        ).samples
+        for counts in ((12, 2, 1), (20, 3, 2))
+    ]
+    assert np.abs(sounds[0] - sounds[1]).max() < 0.03 * np.abs(sounds[1]).max()

@@ -1,0 +1,210 @@
+"""The shell: the way from a mesh file to a sound, and one line for whatever is wrong."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.io import wavfile
+
+from struck.cli import main
+
+CUBE = trimesh.creation.box((0.1, 0.12, 0.15))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def _exported(mesh: trimesh.Trimesh, name: str = "body.stl") -> str:
+    mesh.export(name)
+    return name
+
+
+def _analyze(*arguments: str) -> int:
+    return main(["analyze", *arguments, "--accuracy", "preview"])
+
+
+def test_a_mesh_file_becomes_a_sound_and_a_picture(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _exported(CUBE)
+    assert _analyze("body.stl", "--material", "steel", "--band", "20,30000", "-o", "b.struck") == 0
+    strike = ["--strike", "top", "--striker", "steel", "--seconds", "0.5"]
+    assert main(["render", "b.struck", *strike, "-o", "b.wav"]) == 0
+    assert main(["show", "b.struck", "-o", "b.png"]) == 0
+    assert main(["info", "b.struck"]) == 0
+    text = capsys.readouterr().out
+    assert "steel" in text
+    assert "none missing up to 30000 Hz" in text
+    rate, samples = wavfile.read("b.wav")
+    assert (rate, len(samples)) == (48000, 24000)
+    assert np.abs(samples).max() == pytest.approx(10 ** (-1 / 20), rel=1e-6)
+    assert (folder / "b.png").stat().st_size > 10_000
+
+
+def test_json_tells_the_same_as_the_model_file(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tube = "tube:length=0.5,radius=0.0125,wall=0.001"
+    assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck", "--json") == 0
+    analyzed = json.loads(capsys.readouterr().out)
+    assert main(["info", "tube.struck", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert analyzed["frequencies"] == told["frequencies"]
+    assert analyzed["output"] == "tube.struck"
+    assert told["complete_to"] == 20_000
+
+
+def test_strikes_at_times_and_points_add_up(folder: Path) -> None:
+    tube = "tube:length=0.5,radius=0.0125,wall=0.001"
+    assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck") == 0
+    common = ["--impulse", "0.01", "--seconds", "0.3", "--level", "absolute"]
+    for name, strikes in (
+        ("both", ["--strike", "end", "--strike", "0.0125,0,0@0.1"]),
+        ("first", ["--strike", "end"]),
+        ("second", ["--strike", "0.0125,0,0@0.1"]),
+    ):
+        assert main(["render", "tube.struck", *strikes, *common, "-o", f"{name}.wav"]) == 0
+    both, first, second = (wavfile.read(f"{n}.wav")[1] for n in ("both", "first", "second"))
+    assert np.abs(both - first - second).max() < 1e-6 * np.abs(both).max()
+
+
+def test_tune_tells_the_length(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chime = "tube:length=0.5,radius=0.0125,wall=0.001"
+    wanted = ["--vary", "length", "--lowest", "600", "--accuracy", "preview", "--json"]
+    assert main(["tune", chime, "--material", "aluminium", *wanted]) == 0
+    length = json.loads(capsys.readouterr().out)["length"]
+    tuned = f"tube:length={length!r},radius=0.0125,wall=0.001"
+    assert _analyze(tuned, "--material", "aluminium", "-o", "t.struck", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["frequencies"][0] == pytest.approx(600, abs=0.01)
+
+
+def test_materials_are_listed_with_their_sources(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["materials", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert len(listed) >= 25
+    assert all(entry["source"] for entry in listed.values())
+
+
+def _holed() -> trimesh.Trimesh:
+    mesh = CUBE.copy()
+    mesh.faces = mesh.faces[:-1]
+    return mesh
+
+
+def _plane() -> trimesh.Trimesh:
+    return trimesh.Trimesh(vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], faces=[(0, 1, 2)])
+
+
+def _inside_out() -> trimesh.Trimesh:
+    return trimesh.Trimesh(CUBE.vertices, CUBE.faces[:, ::-1], process=False)
+
+
+def _two() -> trimesh.Trimesh:
+    other = CUBE.copy()
+    other.apply_translation((1, 0, 0))
+    return trimesh.util.concatenate([CUBE, other])
+
+
+def _nan_file(name: str) -> None:
+    Path(name).write_text("v 0 0 0\nv 1 0 nan\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "arguments", "words"),
+    [
+        (_holed, [], ["open edge", "hole"]),
+        (_plane, [], ["flat"]),
+        (_inside_out, [], ["inside out", "flip"]),
+        (_two, [], ["part="]),
+        (lambda: CUBE, ["--wall", "0.2"], ["wall of 0.2 m", "thinner wall"]),
+        (lambda: CUBE, ["--wall", "-1"], ["wall is -1"]),
+        (lambda: CUBE, ["--band", "20,200"], ["no mode lies below 200 Hz", "lowest is at"]),
+        (lambda: CUBE, ["--band", "200,20"], ["band", "lower first"]),
+        (lambda: CUBE, ["--units", "parsec"], ["parsec", "mm"]),
+        (lambda: CUBE, ["--size", "-2"], ["size", "-2"]),
+        (lambda: CUBE, ["--fixed", "5,5,5,6,6,6"], ["fixed=", "reaches from"]),
+        (lambda: CUBE, ["--method", "magic"], ["magic", "obrien2002"]),
+        (lambda: CUBE, ["--radiation", "magic"], ["magic", "power"]),
+        (lambda: CUBE, ["-o", "missing/b.struck"], ["no folder missing"]),
+    ],
+)
+def test_bad_bodies_are_refused_in_one_line(
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    mesh: object,
+    arguments: list[str],
+    words: list[str],
+) -> None:
+    _exported(mesh())
+    _refused(["body.stl", "--material", "steel", *arguments], words, capsys)
+    assert [path.name for path in folder.iterdir()] == ["body.stl"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ["empty"]),
+        (b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0", ["body.stl"]),
+        (bytes(range(256)) * 4, ["body.stl"]),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], content: bytes, words: list[str]
+) -> None:
+    Path("body.stl").write_bytes(content)
+    _refused(["body.stl", "--material", "steel"], words, capsys)
+    assert [path.name for path in folder.iterdir()] == ["body.stl"]
+
+
+def test_points_that_are_not_finite_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _nan_file("body.obj")
+    _refused(["body.obj", "--material", "steel"], ["body.obj"], capsys)
+
+
+def test_unknown_names_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _exported(CUBE)
+    _refused(["body.stl", "--material", "steal"], ["steal", "did you mean", "steel"], capsys)
+    _refused(["nowhere.stl", "--material", "steel"], ["nowhere.stl"], capsys)
+    _refused(["tube:length=1", "--material", "steel"], ["radius=..."], capsys)
+
+
+def test_bad_strikes_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tube = "tube:length=0.5,radius=0.0125,wall=0.001"
+    assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck") == 0
+    capsys.readouterr()
+    for arguments, words in (
+        (["--strike", "rim"], ["rim", "middle"]),
+        (["--strike", "0.1,0,0"], ["off the body", "nearest point"]),
+        (["--strike", "end", "--striker", "jelly"], ["jelly", "wood"]),
+        (["--listener", "0,0,0"], ["inside"]),
+        (["-o", "missing/t.wav"], ["no folder missing"]),
+    ):
+        assert main(["render", "tube.struck", *arguments]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert all(word in error for word in words), error
+    assert sorted(path.name for path in folder.iterdir()) == ["tube.struck"]
+
+
+def _refused(arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert _analyze(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("struck: ")
+    assert captured.err.count("\n") == 1
+    assert all(word in captured.err for word in words), captured.err
+
+
+def test_every_command_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("analyze", "info", "show", "render", "tune", "materials", "demo"):
+        with pytest.raises(SystemExit) as stop:
+            main([command, "--help"])
+        assert stop.value.code == 0
+        assert f"example:\n  struck {command}" in capsys.readouterr().out
