@@ -59,11 +59,24 @@ def test_half_sine_from_the_first_sample_with_an_onset_between_samples() -> None
     expected = np.zeros(60)
     for sample in range(6, 60):
         time = sample / RATE - pulse.onset
-        answers = [convolved(pole, time, pulse.duration) for pole in poles]
-        expected[sample] = (gains @ answers).imag
+        answers = np.array([convolved(pole, time, pulse.duration) for pole in poles])
+        phase = np.pi * time / pulse.duration
+        force = np.pi / (2 * pulse.duration) * np.sin(phase) * (phase < np.pi)
+        expected[sample] = (gains @ (answers + force / poles)).imag
     assert not found[:6].any()
     assert found[6] != 0
     np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max(), rtol=0)
+
+
+def test_a_body_that_merely_follows_a_slow_push_is_silent() -> None:
+    """Its inertia, not its bending, is heard: (push frequency / mode's)^2 of the static bending."""
+    frequency, duration = 1000.0, 0.1
+    pulse = Pulse(gains=np.array([1.0 + 0j]), onset=0.0, duration=duration)
+    found = ring_down(
+        np.array([frequency]), np.array([2000.0]), [pulse], sample_rate=RATE, length=4000
+    )
+    bending = np.pi / (2 * duration) / (2 * np.pi * frequency)
+    assert np.abs(found[500:]).max() < 0.01 * bending
 
 
 def test_ideal_impulses_ring_as_direct_exponentials() -> None:

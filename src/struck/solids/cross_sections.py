@@ -242,7 +242,7 @@ class Goblet:
         stem = Patch(
             at=self._inside_stem(),
             along=_WHOLE,
-            across=divided(_WHOLE, along[1]),
+            across=divided(self._side().knots, along[1]),
             rings=counts.rings,
         )
         return [*self.bowl.patches(counts, above), *self.foot.patches(on_foot, below), stem]

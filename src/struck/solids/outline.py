@@ -108,16 +108,24 @@ def check_loops(loops: Loops) -> None:
         On fewer than three corners, repeated corners, edges that meet, holes outside.
     """
     for name, loop in zip(_names(loops), loops, strict=True):
-        if len(loop) < 3:
-            raise MeshError(f"{name} has {len(loop)} corners: give at least 3")
-        steps = np.linalg.norm(loop - np.roll(loop, -1, axis=0), axis=1)
-        if steps.min() <= 1e-9 * np.ptp(loop, axis=0).max():
-            raise MeshError(f"{name} repeats corner {_place(loop[np.argmin(steps)])}: give it once")
-        place = crossing(loop)
-        if place is not None:
-            raise MeshError(f"{name} crosses itself near {_place(place)}: untangle its corners")
+        _check_loop(name, loop)
     for i, name in enumerate(_names(loops)[1:], start=1):
         _check_hole(name, loops[i], loops[:1], loops[1:i])
+
+
+def _check_loop(name: str, loop: Array) -> None:
+    if len(loop) < 3:
+        raise MeshError(f"{name} has {len(loop)} corners: give at least 3")
+    back, ahead = np.roll(loop, 1, axis=0) - loop, np.roll(loop, -1, axis=0) - loop
+    steps = np.linalg.norm(ahead, axis=1)
+    if steps.min() <= 1e-9 * np.ptp(loop, axis=0).max():
+        raise MeshError(f"{name} repeats corner {_place(loop[np.argmin(steps)])}: give it once")
+    folded = (_turn(np.zeros(2), back, ahead) == 0) & (np.sum(back * ahead, axis=1) > 0)
+    if folded.any():
+        raise MeshError(f"{name} folds back at {_place(loop[np.argmax(folded)])}: leave that out")
+    place = crossing(loop)
+    if place is not None:
+        raise MeshError(f"{name} crosses itself near {_place(place)}: untangle its corners")
 
 
 def _check_hole(name: str, hole: Array, outline: Loops, others: Loops) -> None:

@@ -84,12 +84,12 @@ _GLASS = np.array(
         (0.84, 1.000, 1.0),
     ]
 )
-_FOOT = np.array([(0.0, 0.016, 4.5), (0.5, 0.013, 3.0), (0.9, 0.006, 1.8)])
+_FOOT = np.array([(0.0, 4.5), (0.5, 3.0), (0.9, 1.8)])  # flat below
 _STEM = (0.24, 0.12, 0.10, 0.12, 0.22)  # radii over the bowl's
 
 
 def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.001) -> Revolution:
-    """Return a wine glass: a bowl on a solid stem and foot, standing near z = 0.
+    """Return a wine glass: a bowl on a solid stem and foot, standing on z = 0.
 
     Parameters
     ----------
@@ -109,10 +109,10 @@ def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.00
     """
     _require(height=height, radius=radius, wall=wall)
     r, z, thickness = (_GLASS * (radius, height, wall)).T
-    foot_r, foot_z, foot_thickness = (_FOOT * (radius, height, wall)).T
+    foot_r, foot_thickness = (_FOOT * (radius, wall)).T
     stem = Stem(
         radii=[share * radius for share in _STEM],
-        foot=np.stack([foot_r, foot_z], axis=1).tolist(),
+        foot=np.stack([foot_r, foot_thickness / 2], axis=1).tolist(),
         foot_wall=foot_thickness.tolist(),
     )
     profile = np.stack([r, z], axis=1).tolist()

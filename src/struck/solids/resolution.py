@@ -74,11 +74,12 @@ def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int,
     """Return elements around, along, and between core and side of a solid of revolution."""
     around, rings = _ROD[level(accuracy)]
     arc = 2 * math.pi * radius / around
-    return around, max(around // 4, math.ceil(length / arc)), rings
+    return around, max(around // 2, math.ceil(length / arc)), rings
 
 
 _SHELL_AROUND = (20, 32, 48)
-_SHELL_ALONG = (14, 24, 40)  # at least
+_SHELL_ALONG = (14, 24, 40)  # at least, unless the wall is thick
+_SHELL_EDGES = (1, 2, 4)  # at most so many elements along a stretch as long as the wall is thick
 
 
 def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
@@ -86,7 +87,8 @@ def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tu
     step = level(accuracy)
     around = _SHELL_AROUND[step]
     arc = 2 * math.pi * radius / around
-    along = max(_SHELL_ALONG[step], math.ceil(length / arc))
+    thick = math.ceil(_SHELL_EDGES[step] * length / wall)
+    along = max(min(_SHELL_ALONG[step], thick), math.ceil(length / arc))
     return around, along, math.ceil(wall * along / length / 2)
 
 

@@ -175,8 +175,12 @@ class Revolution:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         radius = float(points[:, 0].max())
         if self.wall is None:
-            return solid_counts(length, radius, accuracy)
-        return shell_counts(length, radius, float(np.max(self.wall)), accuracy)
+            around, along, through = solid_counts(length, radius, accuracy)
+        else:
+            wall = float(np.max(self.wall))
+            around, along, through = shell_counts(length, radius, wall, accuracy)
+        # A profile given in detail is followed, one given in excess is not.
+        return around, max(along, min(len(points) - 1, 2 * along)), through
 
 
 def _profile(name: str, values: Pairs) -> Pairs:

@@ -5,6 +5,10 @@ Im[g exp(s t)]. A half-sine push of duration T and unit area gives, with w = pi 
 
     c(t) = (w / 2) * integral from 0 to t of sin(w u) exp(s (t - u)) du    while it lasts,
     c(T) exp(s (t - T))                                                    afterwards.
+
+What radiates is motion, not bending: a body that merely follows a slow push is silent. So what is
+heard is Im[g c'(t) / s], with c' = s c + F under the force F. Once the push is over that is
+Im[g c(t)], as before.
 """
 
 from __future__ import annotations
@@ -110,6 +114,11 @@ def pushed(poles: Complex, elapsed: Array | float, duration: float) -> Complex:
     return turn / -4 * elapsed * (rising - falling)
 
 
+def half_sine(elapsed: Array, duration: float) -> Array:
+    """Return the force of a push of unit area at times since it began, 1/s."""
+    return np.pi / (2 * duration) * np.sin(np.pi * elapsed / duration)
+
+
 def released(poles: Complex, duration: float) -> Complex:
     """Return c(T): the state in which a half-sine push of unit area leaves the modes (M,)."""
     return pushed(poles, duration, duration) if duration else np.ones_like(poles)
@@ -135,7 +144,8 @@ def _add_pushes(
         for some in _blocks(first, last, max(1, _VALUES_AT_ONCE // len(poles))):
             elapsed = np.arange(some.start, some.stop) / sample_rate - pulse.onset
             states = pushed(poles, elapsed[:, None], pulse.duration)
-            samples[some] += (states @ pulse.gains[modes]).imag
+            moving = states + half_sine(elapsed, pulse.duration)[:, None] / poles
+            samples[some] += (moving @ pulse.gains[modes]).imag
 
 
 def _blocks(first: int, last: int, size: int) -> Iterator[slice]:
