@@ -13,7 +13,7 @@ from struck.cli import main
 CUBE = trimesh.creation.box((0.1, 0.12, 0.15))
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -46,9 +46,7 @@ def test_a_mesh_file_becomes_a_sound_and_a_picture(
     assert (folder / "b.png").stat().st_size > 10_000
 
 
-def test_json_tells_the_same_as_the_model_file(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str]) -> None:
     tube = "tube:length=0.5,radius=0.0125,wall=0.001"
     assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck", "--json") == 0
     analyzed = json.loads(capsys.readouterr().out)
@@ -59,7 +57,7 @@ def test_json_tells_the_same_as_the_model_file(
     assert told["complete_to"] == 20_000
 
 
-def test_strikes_at_times_and_points_add_up(folder: Path) -> None:
+def test_strikes_at_times_and_points_add_up() -> None:
     tube = "tube:length=0.5,radius=0.0125,wall=0.001"
     assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck") == 0
     common = ["--impulse", "0.01", "--seconds", "0.3", "--level", "absolute"]
@@ -73,7 +71,7 @@ def test_strikes_at_times_and_points_add_up(folder: Path) -> None:
     assert np.abs(both - first - second).max() < 1e-6 * np.abs(both).max()
 
 
-def test_tune_tells_the_length(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tune_tells_the_length(capsys: pytest.CaptureFixture[str]) -> None:
     chime = "tube:length=0.5,radius=0.0125,wall=0.001"
     wanted = ["--vary", "length", "--lowest", "600", "--accuracy", "preview", "--json"]
     assert main(["tune", chime, "--material", "aluminium", *wanted]) == 0
@@ -161,14 +159,12 @@ def test_damaged_files_are_refused_in_one_line(
     assert [path.name for path in folder.iterdir()] == ["body.stl"]
 
 
-def test_points_that_are_not_finite_are_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_points_that_are_not_finite_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     _nan_file("body.obj")
     _refused(["body.obj", "--material", "steel"], ["body.obj"], capsys)
 
 
-def test_unknown_names_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_names_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     _exported(CUBE)
     _refused(["body.stl", "--material", "steal"], ["steal", "did you mean", "steel"], capsys)
     _refused(["nowhere.stl", "--material", "steel"], ["nowhere.stl"], capsys)

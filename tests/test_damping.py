@@ -125,7 +125,7 @@ def test_negative_and_endless_coefficients_are_refused(value: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "frequencies, rates, reason",
+    ("frequencies", "rates", "reason"),
     [
         ((100.0, 200.0), (1.0,), "2 frequencies and 1 decay rates"),
         ((), (), "at least one"),

@@ -120,7 +120,7 @@ def test_cremer_heckl_constants_are_those_of_an_isotropic_solid(name: str) -> No
     assert material.shear_modulus == pytest.approx(shear, rel=0.03)
 
 
-@pytest.mark.parametrize("name, printed", [("zinc", 13.1e9), ("tin", 4.4e9)])
+@pytest.mark.parametrize(("name", "printed"), [("zinc", 13.1e9), ("tin", 4.4e9)])
 def test_two_moduli_of_cremer_heckl_are_ten_times_too_low(name: str, printed: float) -> None:
     usual = Material.named(name).youngs_modulus
     assert 7 < usual / printed < 13
@@ -162,7 +162,7 @@ def reuss_shear(compliance: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    "wrong, right",
+    ("wrong", "right"),
     [("steal", "steel"), ("Aluminuim", "aluminium"), ("porcelan", "porcelain"), ("glas", "glass")],
 )
 def test_unknown_name_offers_the_nearest(wrong: str, right: str) -> None:
@@ -197,7 +197,9 @@ def test_density_and_modulus_must_be_positive_and_finite(value: float) -> None:
         Material(density=1000, youngs_modulus=value, poisson_ratio=0.3)
 
 
-@pytest.mark.parametrize("first, shear", [(1e9, 0.0), (-1e9, 1e9), (1e9, -1e9), (math.nan, 1e9)])
+@pytest.mark.parametrize(
+    ("first", "shear"), [(1e9, 0.0), (-1e9, 1e9), (1e9, -1e9), (math.nan, 1e9)]
+)
 def test_lame_constants_of_no_solid_are_refused(first: float, shear: float) -> None:
     with pytest.raises(MaterialError, match="Lame's constants of custom"):
         Material.from_lame(

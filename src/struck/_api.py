@@ -67,7 +67,7 @@ def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figur
 
 
 def tune(
-    body: Solid,
+    body: Solid | str,
     material: Material | str,
     *,
     vary: str,
@@ -80,6 +80,7 @@ def tune(
     Parameters
     ----------
     body : a solid of struck.solids
+        A file has no dimensions to vary.
     material : Material or str
     vary : str
         Name of the dimension, such as "length".
@@ -102,7 +103,7 @@ def tune(
     >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
     0.511
     """
-    if not hasattr(body, "volume_mesh"):
+    if not isinstance(body, Solid):
         raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
     chosen = Material.named(material) if isinstance(material, str) else material
     return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)

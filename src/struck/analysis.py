@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -52,6 +52,22 @@ class Solid(Protocol):
 
 
 Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOptions:
+    """What only a file needs to be told: see `analyze`."""
+
+    units: str | None = None
+    size: float | None = None
+    part: str | None = None
+    up: str | None = None
+
+    def refuse(self, reason: str, *taken: str) -> None:
+        """Raise OptionError where an option was given that is not among those `taken`."""
+        for field in fields(self):
+            if getattr(self, field.name) is not None and field.name not in taken:
+                raise OptionError(f"{field.name}= does not apply here: {reason}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -132,21 +148,16 @@ def analyze(
     output = by_name(radiation)
     solver = _solver(method, backend)
     progress("mesh", 0.0)
-    file = {"units": units, "size": size, "part": part, "up": up}
+    file = FileOptions(units=units, size=size, part=part, up=up)
     source = _loaded(body, file)
     body_filled = _filled(source, wall, accuracy)
-    mesh = body_filled.mesh if method == "quadratic" else linear_tetrahedra(body_filled.mesh)
-    modes = vibration_modes(
-        mesh.promoted() if method == "quadratic" else mesh,
-        chosen,
-        highest,
-        fixed=_held(fixed, mesh.promoted() if method == "quadratic" else mesh),
-        solver=solver,
-        progress=progress,
-    )
+    given = body_filled.mesh
+    mesh = given.promoted() if method == "quadratic" else linear_tetrahedra(given)
+    held = _held(fixed, mesh)
+    modes = vibration_modes(mesh, chosen, highest, fixed=held, solver=solver, progress=progress)
     progress("radiation", 0.0)
     modes = replace(modes, provenance=_merged(body_filled.provenance, modes, body, method))
-    places = places_of(modes.surface) | dict(body_filled.places)
+    places = {**places_of(modes.surface), **body_filled.places}
     return ModalModel.of(modes, chosen, radiation=output, lowest=lowest, places=places)
 
 
@@ -162,29 +173,21 @@ def _solver(method: str, backend: str) -> Solver:
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 
-def _loaded(body: Source, file: Mapping[str, object]) -> Mesh | VolumeMesh | Solid:
-    """Return the body itself; only files take units, size, part and up."""
+def _loaded(body: Source, file: FileOptions) -> Mesh | VolumeMesh | Solid:
+    """Return the body itself; only files take the options of files."""
     if isinstance(body, str | os.PathLike):
         if Path(body).suffix.lower() in SUFFIXES:
-            rest = [name for name in ("size", "part", "up") if file[name] is not None]
-            _refuse(rest, "elements of another program take units= only")
-            return load_volume(body, units=file["units"])
-        return load_mesh(body, **file)
+            file.refuse("elements of another program take units= only", "units")
+            return load_volume(body, units=file.units)
+        return load_mesh(body, units=file.units, size=file.size, part=file.part, up=file.up)
     if isinstance(body, Mesh):
-        _refuse(
-            [n for n, value in file.items() if value is not None], "a Mesh is in metres already"
-        )
+        file.refuse("a Mesh is in metres already")
         require_closed(body)
         return body
     if isinstance(body, VolumeMesh | Solid):
-        _refuse([n for n, value in file.items() if value is not None], "this body has its own size")
+        file.refuse("this body has its own size")
         return body
     raise MeshError(f"{type(body).__name__} is no body: give a path, a Mesh or a solid")
-
-
-def _refuse(names: list[str], reason: str) -> None:
-    if names:
-        raise OptionError(f"{names[0]}= does not apply here: {reason}")
 
 
 def _filled(source: Mesh | VolumeMesh | Solid, wall: float | None, accuracy: str) -> Filled:
@@ -247,12 +250,13 @@ def _held(fixed: Fixed | None, mesh: VolumeMesh) -> NDArray[np.bool_] | None:
 def _merged(start: Provenance, modes: Modes, body: Source, method: str) -> Provenance:
     """Join how the elements and the modes were made, with versions and the input's hash."""
     paper = ("obrien2002",) if method != "quadratic" else ()
-    return replace(start, method=f"{start.method}, {modes.provenance.method}").extended(
-        references=(*paper, *modes.provenance.references),
-        **modes.provenance.details,
-        versions={name: version(name) for name in ("struck", "numpy", "scipy", "rslab", "libigl")},
-        **_input(body),
+    versions = {name: version(name) for name in ("struck", "numpy", "scipy", "rslab", "libigl")}
+    joined = replace(
+        start,
+        method=f"{start.method}, {modes.provenance.method}",
+        details={**start.details, **modes.provenance.details, **_input(body), "versions": versions},
     )
+    return joined.extended(references=(*paper, *modes.provenance.references))
 
 
 def _input(body: Source) -> dict[str, object]:

@@ -40,7 +40,8 @@ def body_named(text: str) -> str | Solid:
         return text
     solid = _SOLIDS[kind]
     names = [field.name for field in fields(solid) if field.name != "elements"]
-    given = dict(part.partition("=")[::2] for part in rest.split(","))
+    pairs = [part.partition("=") for part in rest.split(",")]
+    given = {name: value for name, _, value in pairs}
     if set(given) != set(names):
         example = ",".join(f"{name}=..." for name in names)
         raise OptionError(f"{text!r} does not say what a {kind} needs: give {kind}:{example}")

@@ -22,7 +22,7 @@ class Mesh:
     faces : array (F, 3)
         Vertex indices, counter-clockwise seen from outside.
     up : str
-        The axis that points up, ``"x"``, ``"y"`` or ``"z"``: it names the places "top" and "bottom".
+        The axis that points up, ``"x"``, ``"y"`` or ``"z"``: it says where "top" and "bottom" are.
 
     Raises
     ------

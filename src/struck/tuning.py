@@ -6,6 +6,7 @@ The chimes of O'Brien et al. 2002 (Table 2, "adjusted") were tuned so by their l
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -56,14 +57,15 @@ def tuned(
     """
     if not (np.isfinite(lowest) and lowest > 0):
         raise OptionError(f"lowest is {lowest}: a frequency must exceed 0 Hz")
-    points = [_measured(body, material, _dimension(body, vary), vary, accuracy)]
+    start = _dimension(body, vary)
+    points = [_measured(body, material, start, vary, accuracy)]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
     guess = points[0][0] * (points[0][1] / lowest) ** 0.5
     for step in range(_STEPS):
         progress("tune", step / _STEPS)
         points.append(_measured(body, material, guess, vary, accuracy))
         if abs(points[-1][1] / lowest - 1) < _IN_TUNE:
-            return replace(body, **{vary: guess})
+            return _with(body, vary, guess)
         guess = _next(points[-2:], lowest)
     raise OptionError(
         f"{vary} cannot bring the lowest mode to {lowest:g} Hz: after {_STEPS} steps it rings at "
@@ -79,11 +81,16 @@ def _dimension(body: Solid, vary: str) -> float:
     return float(getattr(body, vary))
 
 
+def _with(body: Solid, vary: str, value: float) -> Solid:
+    """Return a copy with another dimension; `_dimension` has seen that it is a dataclass."""
+    return replace(cast("Any", body), **{vary: value})
+
+
 def _measured(
     body: Solid, material: Material, value: float, vary: str, accuracy: str
 ) -> tuple[float, float]:
     """Return the dimension with the lowest ringing frequency it gives."""
-    mesh = replace(body, **{vary: value}).volume_mesh(accuracy)
+    mesh = _with(body, vary, value).volume_mesh(accuracy)
     natural = lowest_frequency(mesh, material)
     return value, float(ringing(natural, material.damping.decays(natural)))
 

@@ -88,78 +88,74 @@ def block_lanczos(
     SolverError
         When the search space is exhausted first.
     """
+    progress(0.0)
     width = _block_width(count)
-    basis = _Basis(len(known), known.shape[1] + 2 * count + 8 * width)
-    if known.shape[1]:
-        basis.append(*_orthonormal(known, mass @ known))
+    basis = _Basis(len(known), known.shape[1] + 5 * count + 10 * width)
+    basis.append(_orthonormal(known, mass @ known)[0])
     start = np.random.default_rng(0).standard_normal((len(known), width))
-    block = basis.append(*_orthonormal(*_cleaned(start, basis, mass)))
+    basis.remove_from(start, mass)
+    block, weighted = _orthonormal(start, mass @ start)
     projected = _Tridiagonal()
+    previous, coupling = block[:, :0], np.zeros((block.shape[1], 0))
     while True:
-        step = solve(basis.weighted(block))
-        projected.diagonal.append(basis.remove(step, block))
-        fresh, weighted = _orthonormal(step, mass @ step)
-        projected.coupling.append(weighted.T @ step)
-        if projected.size >= count:
+        basis.append(block)
+        step = solve(weighted) - previous @ coupling.T
+        diagonal = weighted.T @ step
+        step -= block @ diagonal
+        # Rounding lets the earlier blocks back in.
+        basis.remove_from(step, mass)
+        previous = block
+        block, weighted = _orthonormal(step, mass @ step)
+        coupling = weighted.T @ step
+        projected.append(diagonal, coupling)
+        exhausted = not block.shape[1] or projected.size >= len(known) - known.shape[1]
+        if projected.size >= 1.5 * count or exhausted:
             found, inverted, rotation = projected.solved(precision)
             progress(min(found / count, 1.0))
             if found >= count:
-                return _ritz(basis, known.shape[1], inverted[:count], rotation[:, :count], shift)
-        if projected.size >= len(known) - known.shape[1] or not fresh.shape[1]:
+                vectors = basis.combined(known.shape[1], rotation[:, :count])
+                return Eigenpairs(values=shift + 1 / inverted[:count], vectors=vectors)
+        if exhausted:
             raise SolverError(
                 f"only {projected.size} of {count} modes exist on this mesh: lower the band's end"
             )
-        block = basis.append(fresh, weighted)
 
 
 def _block_width(count: int) -> int:
-    return 4 if count <= 12 else 8 if count <= 64 else 16
+    # Factors are solved eight right-hand sides at a time: fewer cost as much.
+    return 8 if count <= 64 else 16
 
 
 class _Basis:
-    """M-orthonormal columns Q with M Q beside them, grown in place."""
+    """M-orthonormal vectors, one a row, grown in place."""
 
-    def __init__(self, rows: int, columns: int) -> None:
-        self._vectors = np.empty((rows, columns), order="F")
-        self._weighted = np.empty((rows, columns), order="F")
+    def __init__(self, length: int, capacity: int) -> None:
+        self._rows = np.empty((capacity, length))
         self._used = 0
 
-    def append(self, vectors: Array, weighted: Array) -> slice:
-        """Add columns and return where they stand."""
-        chosen = slice(self._used, self._used + vectors.shape[1])
-        if chosen.stop > self._vectors.shape[1]:
-            self._grow(chosen.stop)
-        self._vectors[:, chosen], self._weighted[:, chosen] = vectors, weighted
-        self._used = chosen.stop
-        return chosen
+    @property
+    def vectors(self) -> Array:
+        """The vectors so far (k, n)."""
+        return self._rows[: self._used]
 
-    def weighted(self, chosen: slice) -> Array:
-        """Return M Q of some columns."""
-        return self._weighted[:, chosen]
+    def append(self, block: Array) -> None:
+        """Add the columns of a block (n, b)."""
+        stop = self._used + block.shape[1]
+        if stop > len(self._rows):
+            rows = np.empty((max(stop, 3 * len(self._rows) // 2), self._rows.shape[1]))
+            rows[: self._used] = self.vectors
+            self._rows = rows
+        self._rows[self._used : stop] = block.T
+        self._used = stop
 
-    def remove(self, block: Array, latest: slice) -> Array:
-        """Make `block` orthogonal to all columns, in place; return its part along `latest`.
-
-        Twice is enough (Parlett 1998, section 6.9).
-        """
-        along = np.zeros((latest.stop - latest.start, block.shape[1]))
-        for _ in range(2):
-            parts = self._weighted[:, : self._used].T @ block
-            block -= self._vectors[:, : self._used] @ parts
-            along += parts[latest]
-        return (along + along.T) / 2 if along.shape[0] == along.shape[1] else along
+    def remove_from(self, block: Array, mass: Mass) -> None:
+        """Make a block (n, b) M-orthogonal to all vectors, in place."""
+        parts = (mass @ block).T @ self.vectors.T
+        block -= (parts @ self.vectors).T
 
     def combined(self, first: int, weights: Array) -> Array:
-        """Return combinations of the columns from `first` on."""
-        return self._vectors[:, first : first + len(weights)] @ weights
-
-    def _grow(self, least: int) -> None:
-        columns = max(least, int(1.5 * self._vectors.shape[1]))
-        for name in ("_vectors", "_weighted"):
-            old = getattr(self, name)
-            new = np.empty((len(old), columns), order="F")
-            new[:, : self._used] = old[:, : self._used]
-            setattr(self, name, new)
+        """Return combinations (n, m) of the vectors from `first` on."""
+        return self.vectors[first : first + len(weights)].T @ weights
 
 
 class _Tridiagonal:
@@ -172,6 +168,10 @@ class _Tridiagonal:
     @property
     def size(self) -> int:
         return sum(len(block) for block in self.diagonal)
+
+    def append(self, diagonal: Array, coupling: Array) -> None:
+        self.diagonal.append((diagonal + diagonal.T) / 2)
+        self.coupling.append(coupling)
 
     def solved(self, precision: float) -> tuple[int, Array, Array]:
         """Return how many pairs have converged from the largest on, with all of them."""
@@ -195,11 +195,6 @@ class _Tridiagonal:
         return matrix
 
 
-def _cleaned(block: Array, basis: _Basis, mass: Mass) -> tuple[Array, Array]:
-    basis.remove(block, slice(0, 0))
-    return block, mass @ block
-
-
 def _orthonormal(block: Array, weighted: Array) -> tuple[Array, Array]:
     """M-orthonormalise a block by the eigenvectors of its Gram matrix; drop dependent columns."""
     gram = block.T @ weighted
@@ -207,7 +202,3 @@ def _orthonormal(block: Array, weighted: Array) -> tuple[Array, Array]:
     kept = squares > squares[-1] * 1e-14 * len(squares)
     scale = turn[:, kept] / np.sqrt(squares[kept])
     return block @ scale, weighted @ scale
-
-
-def _ritz(basis: _Basis, first: int, inverted: Array, rotation: Array, shift: float) -> Eigenpairs:
-    return Eigenpairs(values=shift + 1 / inverted, vectors=basis.combined(first, rotation))

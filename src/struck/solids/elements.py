@@ -63,7 +63,8 @@ class Element:
 
     @cached_property
     def _coefficients(self) -> Array:
-        return np.linalg.inv(_monomials(self.nodes, self.exponents))
+        inverse: Array = np.linalg.inv(_monomials(self.nodes, self.exponents))
+        return inverse
 
     def values(self, points: Array) -> Array:
         """Return the shape functions at reference `points` (q, 3): (q, n)."""
@@ -111,7 +112,7 @@ def _hexahedron_rule(count: int) -> Quadrature:
     points, weights = _gauss(count, 0.0, 1.0)
     return Quadrature(
         points=np.array(list(product(points, repeat=3))),
-        weights=np.array([np.prod(w) for w in product(weights, repeat=3)]),
+        weights=np.array([float(np.prod(w)) for w in product(weights, repeat=3)]),
     )
 
 

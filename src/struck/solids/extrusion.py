@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from struck.solids.hexahedra import divided, stacked
 from struck.solids.outline import (
     Loops,
+    Pairs,
     as_points,
     check_loops,
     contains,
@@ -49,9 +50,9 @@ class Extrusion:
         On outlines without an inside.
     """
 
-    outline: Sequence[Sequence[float]]
+    outline: Pairs
     height: float
-    holes: Sequence[Sequence[Sequence[float]]] = ()
+    holes: Sequence[Pairs] = ()
     elements: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:

@@ -6,8 +6,9 @@ section 3.3), which is what proves that no mode is missing.
 
 from __future__ import annotations
 
+import importlib
 import os
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sparse
@@ -34,13 +35,8 @@ class Factor(Protocol):
 class RslabFactor:
     """L D L^T with Bunch-Kaufman pivots, supernodal (rslab)."""
 
-    def __init__(self, lower: sparse.csc_matrix) -> None:
-        import rslab
-
-        try:
-            self._factor = rslab.ldlt(lower, threads=thread_count())
-        except RuntimeError as error:
-            raise SolverError(_singular(str(error))) from error
+    def __init__(self, factor: Any) -> None:
+        self._factor = factor
 
     @property
     def negative(self) -> int:
@@ -81,14 +77,55 @@ class SuperluFactor:
         return self._factor.solve(np.asfortranarray(right))
 
 
-def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
-    """Factorise a symmetric matrix given by its lower triangle.
+class Factoriser:
+    """Factorises symmetric matrices of one pattern of entries; rslab orders them only once.
 
     Parameters
     ----------
-    lower : csc_matrix (n, n)
     backend : str
         "rslab", "superlu", or "auto": rslab where it imports.
+
+    Raises
+    ------
+    OptionError
+        On an unknown backend.
+    """
+
+    def __init__(self, backend: str = "auto") -> None:
+        if backend not in _BACKENDS:
+            raise OptionError(f"backend is {backend!r}: give one of {', '.join(_BACKENDS)}")
+        self._backend = _found() if backend == "auto" else backend
+        self._analysis: Any = None
+
+    def __call__(self, lower: sparse.csc_matrix) -> Factor:
+        """Factorise a matrix given by its lower triangle; SolverError when it is singular."""
+        return SuperluFactor(lower) if self._backend == "superlu" else self._by_rslab(lower)
+
+    def _by_rslab(self, lower: sparse.csc_matrix) -> RslabFactor:
+        import rslab
+
+        threads = thread_count()
+        if self._analysis is None:
+            self._analysis = rslab.analyze(lower, path="ldlt", threads=threads)
+        try:
+            return RslabFactor(self._analysis.factor(lower, threads=threads))
+        except RuntimeError as error:
+            raise SolverError(_singular(str(error))) from error
+
+
+_BACKENDS = ("auto", "rslab", "superlu")
+
+
+def _found() -> str:
+    try:
+        importlib.import_module("rslab")
+    except ImportError:
+        return "superlu"
+    return "rslab"
+
+
+def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
+    """Factorise one symmetric matrix given by its lower triangle (n, n).
 
     Raises
     ------
@@ -97,19 +134,7 @@ def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
     OptionError
         On an unknown backend.
     """
-    if backend not in _BACKENDS:
-        raise OptionError(f"backend is {backend!r}: give 'auto' or one of {sorted(_BACKENDS)}")
-    return _BACKENDS[backend](lower)
-
-
-def _automatic(lower: sparse.csc_matrix) -> Factor:
-    try:
-        return RslabFactor(lower)
-    except ImportError:
-        return SuperluFactor(lower)
-
-
-_BACKENDS = {"auto": _automatic, "rslab": RslabFactor, "superlu": SuperluFactor}
+    return Factoriser(backend)(lower)
 
 
 def thread_count() -> int:

@@ -55,7 +55,7 @@ _NODES_SOLID, _NODES_WALL = 18, 26
 _MOST = 90_000
 _LARGEST_VOLUME_ERROR = 0.01
 _LARGEST_SPACING_OF_WALL = 0.75
-_FINER = (1.0, 0.75, 0.55)
+_FINER = (0.75, 0.55)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,13 +167,17 @@ def _wedges(body: Body, wall: float, goal: Accuracy) -> Filling:
     """Fill the wall with one layer; where it folds over, try again finer."""
     # A lattice plane is cut into two triangles a cell at the least.
     spacing = float(np.sqrt(2.0 * body.mesh.areas.sum() / goal.triangles))
+    filling = _layer(body, wall, spacing)
     for share in _FINER:
-        mesh, short = layered(body, wall, share * spacing)
-        volume = _material_volume(body, share * spacing)
-        filling = _judged(mesh, "wedges", share * spacing, volume, short)
         if not _complaint(filling):
             break
+        filling = _layer(body, wall, share * spacing)
     return filling
+
+
+def _layer(body: Body, wall: float, spacing: float) -> Filling:
+    mesh, short = layered(body, wall, spacing)
+    return _judged(mesh, "wedges", spacing, _material_volume(body, spacing), short)
 
 
 def _judged(mesh: VolumeMesh, path: str, spacing: float, volume: float, short: int) -> Filling:
@@ -208,7 +212,6 @@ def piece_count(mesh: VolumeMesh) -> int:
         same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
         neighbours.append(np.stack([owners[order][:-1][same], owners[order][1:][same]]))
     first, second = np.hstack(neighbours)
-    graph = sparse.coo_matrix(
-        (np.ones(len(first)), (first, second)), shape=(len(mesh.elements),) * 2
-    )
+    count = len(mesh.elements)
+    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return int(sparse.csgraph.connected_components(graph, directed=False)[0])

@@ -11,11 +11,12 @@ from struck.errors import MeshError, OptionError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Pairs = Sequence[Sequence[float]] | Array
 Loops = tuple[Array, ...]
 Ends = tuple[Array, Array]
 
 
-def as_points(name: str, values: Sequence[Sequence[float]]) -> tuple[tuple[float, float], ...]:
+def as_points(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
     """Return pairs of floats.
 
     Raises

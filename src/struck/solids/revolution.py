@@ -20,7 +20,7 @@ from struck.solids.meridian import (
     straight_curve,
     straight_wall,
 )
-from struck.solids.outline import as_points
+from struck.solids.outline import Pairs, as_points
 from struck.solids.resolution import (
     require_counts,
     require_length,
@@ -31,8 +31,7 @@ from struck.solids.resolution import (
 from struck.solids.volume import VolumeMesh
 
 Array = NDArray[np.float64]
-Pairs = Sequence[Sequence[float]]
-Thickness = float | Sequence[float]
+Thickness = float | Sequence[float] | Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +56,7 @@ class Stem:
         On a foot that does not start on the axis.
     """
 
-    radii: Sequence[float]
+    radii: Sequence[float] | Array
     foot: Pairs
     foot_wall: Thickness
 
@@ -183,7 +182,7 @@ class Revolution:
         return around, max(along, min(len(points) - 1, 2 * along)), through
 
 
-def _profile(name: str, values: Pairs) -> Pairs:
+def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
     points = as_points(name, values)
     if len(points) < 2:
         raise OptionError(f"{name} has {len(points)} points: give at least 2")
