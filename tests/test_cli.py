@@ -167,6 +167,9 @@ def test_points_that_are_not_finite_are_refused(capsys: pytest.CaptureFixture[st
 def test_unknown_names_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     _exported(CUBE)
     _refused(["body.stl", "--material", "steal"], ["steal", "did you mean", "steel"], capsys)
+    rubber = "density=1100,youngs_modulus=1e7,poisson_ratio=0.5"
+    _refused(["body.stl", "--material", rubber], ["0.5", "at most at 0.495"], capsys)
+    _refused(["body.stl", "--material", "density=1100"], ["youngs_modulus=..."], capsys)
     _refused(["nowhere.stl", "--material", "steel"], ["nowhere.stl"], capsys)
     _refused(["tube:length=1", "--material", "steel"], ["radius=..."], capsys)
 

@@ -8,8 +8,10 @@ from dataclasses import fields
 from pathlib import Path
 
 from struck.analysis import Solid
-from struck.errors import FileFormatError, OptionError
+from struck.damping import InternalFriction
+from struck.errors import FileFormatError, MaterialError, OptionError
 from struck.excitation.strike import Strike
+from struck.material import Material
 from struck.solids import Block, Tube
 
 _SOLIDS: dict[str, type] = {"tube": Tube, "block": Block}
@@ -50,6 +52,32 @@ def body_named(text: str) -> str | Solid:
     except ValueError:
         raise OptionError(f"{text!r} holds no numbers: give metres, as 0.5") from None
     return solid(**values)
+
+
+def material_named(text: str, damping: str = "own") -> Material:
+    """Return a material by name, or by "density=...,youngs_modulus=...,poisson_ratio=...".
+
+    A `loss_tangent` may stand with them.
+
+    Raises
+    ------
+    MaterialError
+        When the name is unknown, a constant is missing or no number, or no solid has them.
+    """
+    if "=" not in text:
+        return Material.named(text, damping)
+    given = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
+    wanted = ("density", "youngs_modulus", "poisson_ratio")
+    if not set(wanted) <= set(given) <= {*wanted, "loss_tangent"}:
+        raise MaterialError(
+            f"{text!r} is no material: give {'=...,'.join(wanted)}=... and, if known, loss_tangent="
+        )
+    try:
+        values = {name: float(value) for name, value in given.items()}
+    except ValueError:
+        raise MaterialError(f"{text!r} holds no numbers: give SI units, as 7.2e10") from None
+    friction = InternalFriction(loss_tangent=values.pop("loss_tangent", 0.0))
+    return Material(damping=friction, **values)
 
 
 def _dimension(text: str) -> float | tuple[float, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from struck import _api
-from struck.arguments import body_named, numbers, strike, writable
+from struck.arguments import body_named, material_named, numbers, strike, writable
 from struck.errors import StruckError
 from struck.material import materials
 from struck.model import ModalModel
@@ -21,6 +21,7 @@ from struck.tables import HEADINGS, aligned, modes_rows
 BAD_INPUT = 2
 INTERRUPTED = 130
 _LISTED = 20
+_MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -96,7 +97,7 @@ def _analyze(commands: argparse._SubParsersAction) -> None:
         "bell.stl --material bronze --units mm -o bell.struck",
     )
     parser.add_argument("body", help="mesh file, or tube:length=0.5,radius=0.0125,wall=0.001")
-    parser.add_argument("--material", required=True, help="name; see 'struck materials'")
+    parser.add_argument("--material", required=True, help=_MATERIAL)
     parser.add_argument("--damping", default="own", help="own (default) or heard")
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
@@ -115,10 +116,10 @@ def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Res
     body = body_named(options.body)
     output = writable(options.output or f"{Path(options.body.partition(':')[0]).stem}.struck")
     fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
-    same = ("units", "size", "wall", "part", "up", "accuracy", "damping", "radiation", "method")
+    same = ("units", "size", "wall", "part", "up", "accuracy", "radiation", "method")
     model = _api.analyze(
         body,
-        options.material,
+        material_named(options.material, options.damping),
         **{name: getattr(options, name) for name in same},
         fixed=fixed,
         band=options.band,
@@ -209,7 +210,7 @@ def _tune(commands: argparse._SubParsersAction) -> None:
         "--lowest 587.33",
     )
     parser.add_argument("body", help="tube:length=0.5,radius=0.0125,wall=0.001")
-    parser.add_argument("--material", required=True)
+    parser.add_argument("--material", required=True, help=_MATERIAL)
     parser.add_argument("--vary", required=True, help="name of the dimension")
     parser.add_argument("--lowest", type=float, required=True, help="Hz")
     parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
@@ -218,7 +219,7 @@ def _tune(commands: argparse._SubParsersAction) -> None:
 def _run_tune(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     body = _api.tune(
         body_named(options.body),
-        options.material,
+        material_named(options.material),
         vary=options.vary,
         lowest=options.lowest,
         accuracy=options.accuracy,

@@ -77,7 +77,7 @@ def _first_order(
     least, greatest = _extreme_factors(old, new, lightness)
     stretch = new.youngs_modulus / old.youngs_modulus * lightness
     compliance = np.clip(1 - 2 * slopes * step, stretch / greatest**2, stretch / least**2)
-    carried = np.zeros_like(slopes) if modes.errors is None else modes.errors
+    carried = np.zeros_like(slopes) if modes.errors is None else np.nan_to_num(modes.errors)
     return Stiffness(
         frequencies=modes.frequencies * np.sqrt(stretch / compliance),
         poisson_slopes=slopes / compliance,

@@ -243,7 +243,8 @@ class ModalModel:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
         before = self._stiffness(self.natural_frequencies, self.complete_to)
         after = changed(before, self.material, wanted)
-        return self._remade(after, wanted, density=wanted.density / self.material.density)
+        model = self._remade(after, wanted, density=wanted.density / self.material.density)
+        return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
 
     def cite(self) -> str:
         """Return the papers behind this model, one a line."""
