@@ -26,9 +26,7 @@ def torsional(n: int, highest: float, *, bore: float = 0.0) -> list[float]:
     return _roots(rows, highest)
 
 
-def spheroidal(
-    n: int, poisson_ratio: float, highest: float, *, bore: float = 0.0
-) -> list[float]:
+def spheroidal(n: int, poisson_ratio: float, highest: float, *, bore: float = 0.0) -> list[float]:
     """Return the roots omega R / c_s below `highest` for n of at least 1."""
     slowness = np.sqrt((1 - 2 * poisson_ratio) / (2 - 2 * poisson_ratio))
 

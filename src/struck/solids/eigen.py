@@ -109,7 +109,7 @@ def block_lanczos(
         coupling = weighted.T @ step
         projected.append(diagonal, coupling)
         exhausted = not block.shape[1] or projected.size >= len(known) - known.shape[1]
-        if projected.size >= 1.5 * count or exhausted:
+        if projected.size >= 2 * count or exhausted:
             found, inverted, rotation = projected.solved(precision)
             progress(min(found / count, 1.0))
             if found >= count:
@@ -123,7 +123,7 @@ def block_lanczos(
 
 def _block_width(count: int) -> int:
     # Factors are solved eight right-hand sides at a time: fewer cost as much.
-    return 8 if count <= 64 else 16
+    return 8 if count <= 128 else 16
 
 
 class _Basis:

@@ -17,6 +17,7 @@ from struck.solids.outline import (
     check_loops,
     contains,
     distance_to_edges,
+    edges_of,
     signed_area,
 )
 from struck.solids.quadrilaterals import quadrilaterals
@@ -130,8 +131,8 @@ def _deep_inside(loops: Loops) -> Array:
     low, high = loops[0].min(axis=0), loops[0].max(axis=0)
     shares = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
     points = low + shares * (high - low)
-    points = points[contains(loops, points)]
-    depths = distance_to_edges(loops, points)
+    points = points[contains(edges_of(loops), points)]
+    depths = distance_to_edges(edges_of(loops), points)
     # Among equally deep points the one nearest the middle: a long plate's middle, not its end.
     deep = points[depths > 0.98 * depths.max()]
     return deep[np.argmin(np.linalg.norm(deep - (low + high) / 2, axis=1))]
@@ -151,6 +152,6 @@ def _near_corner(loops: Loops) -> Array:
     arms = np.stack([loop[corner - 1], loop[(corner + 1) % len(loop)]]) - loop[corner]
     inward = (arms / np.linalg.norm(arms, axis=1)[:, None]).sum(axis=0)
     step = 0.01 * extent.max() * inward / np.linalg.norm(inward)
-    while not contains(loops, (loop[corner] + step)[None])[0]:
+    while not contains(edges_of(loops), (loop[corner] + step)[None])[0]:
         step = step / 2
     return loop[corner] + step

@@ -67,10 +67,10 @@ def signed_area(polygon: Array) -> float:
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
 
 
-def contains(loops: Loops, points: Array) -> NDArray[np.bool_]:
-    """Tell which points (K, 2) lie inside an odd number of loops."""
+def contains(edges: Ends, points: Array) -> NDArray[np.bool_]:
+    """Tell which points (K, 2) lie inside an odd number of loops, given by all their edges."""
     inside = np.zeros(len(points), bool)
-    for a, b in zip(*_edges(loops), strict=True):
+    for a, b in zip(*edges, strict=True):
         spans = (a[1] <= points[:, 1]) != (b[1] <= points[:, 1])
         if spans.any():
             at = a[0] + (points[spans, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
@@ -82,14 +82,15 @@ def _ends(polygon: Array) -> Ends:
     return polygon, np.roll(polygon, -1, axis=0)
 
 
-def _edges(loops: Loops) -> Ends:
+def edges_of(loops: Loops) -> Ends:
+    """Return where the edges of all loops start and end."""
     return np.vstack(loops), np.vstack([np.roll(loop, -1, axis=0) for loop in loops])
 
 
-def distance_to_edges(loops: Loops, points: Array) -> Array:
-    """Return the distances of points (K, 2) to the nearest edge of the loops (K,)."""
+def distance_to_edges(edges: Ends, points: Array) -> Array:
+    """Return the distances of points (K, 2) to the nearest edge (K,)."""
     nearest = np.full(len(points), np.inf)
-    for a, b in zip(*_edges(loops), strict=True):
+    for a, b in zip(*edges, strict=True):
         share = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
     return nearest
@@ -136,10 +137,10 @@ def _check_hole(name: str, hole: Array, outline: Loops, others: Loops) -> None:
             place = _meeting(_ends(hole), np.full(len(loop), edge), _ends(loop), every)
             if place is not None:
                 raise MeshError(f"{name} touches another edge near {_place(place)}: move it away")
-    if not contains(outline, hole[:1])[0]:
+    if not contains(edges_of(outline), hole[:1])[0]:
         raise MeshError(f"{name} lies outside the outline: move it inside")
     for other in others:
-        if contains((other,), hole[:1])[0] or contains((hole,), other[:1])[0]:
+        if contains(_ends(other), hole[:1])[0] or contains(_ends(hole), other[:1])[0]:
             raise MeshError(f"{name} overlaps another hole: give one hole for both")
 
 

@@ -60,7 +60,7 @@ class Tube:
     --------
     >>> chime = Tube(length=0.505, radius=0.0125, wall=0.001)
     >>> chime.volume_mesh("preview").nodes.shape
-    (1160, 3)
+    (1320, 3)
     """
 
     length: float

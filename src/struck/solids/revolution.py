@@ -229,7 +229,7 @@ def _shell(profile: Pairs, thickness: Thickness, *, smooth: bool) -> Shell:
 def _spindle(points: Array, *, smooth: bool) -> Spindle:
     side = (smooth_curve if smooth else straight_curve)(points)
     r, z = side.sampled(0.0, float(side.knots[-1])).T
-    if r.min() <= 0 or np.diff(z).min() <= 0:
+    if r.min() <= 1e-6 * r.max() or np.diff(z).min() <= 0:
         raise MeshError(
             "the side of a solid must rise in z and keep r > 0 all along (its ends are flat): "
             "list it from bottom to top off the axis, use smooth=False, or give a wall"

@@ -7,14 +7,14 @@ rounds instead of one point at a time).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from struck.errors import MeshError
-from struck.solids.outline import Loops, contains, distance_to_edges
+from struck.solids.outline import Ends, Loops, contains, distance_to_edges, edges_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,10 +30,22 @@ class Boundary:
         Point indices.
     middles : array (S, 2)
         Where the outline itself runs between the ends: a corner, or the middle of a straight edge.
+    sharp : array
+        Indices of points at corners under 60 degrees.
     """
 
     ends: Index
     middles: Array
+    sharp: Index
+
+    @property
+    def at_sharp_corner(self) -> NDArray[np.bool_]:
+        """Which edges end at a sharp corner (S,)."""
+        return np.any(np.isin(self.ends, self.sharp), axis=1)
+
+    def edges(self, points: Array) -> Ends:
+        """Return where the edges start and end (S, 2), (S, 2)."""
+        return points[self.ends[:, 0]], points[self.ends[:, 1]]
 
     def split(self, chosen: NDArray[np.bool_], points: Array) -> Boundary:
         """Return the boundary with chosen edges cut at their middles, to be put after `points`."""
@@ -41,13 +53,14 @@ class Boundary:
         a, b = self.ends[chosen].T
         halves = [np.stack([a, number], axis=1), np.stack([number, b], axis=1)]
         tips = [(points[a] + self.middles[chosen]) / 2, (self.middles[chosen] + points[b]) / 2]
-        return Boundary(
+        return replace(
+            self,
             ends=np.vstack([self.ends[~chosen], *halves]),
             middles=np.vstack([self.middles[~chosen], *tips]),
         )
 
 
-_ROUNDS = 80
+_ROUNDS = 60
 _POOR = np.radians(25.0)  # smallest angle; Ruppert's rounds end for 20.7 degrees, mostly for 30
 
 
@@ -62,16 +75,16 @@ def triangulated(loops: Loops, size: float) -> tuple[Array, Index, Boundary]:
     points, boundary = _resampled(loops, size)
     points = np.vstack([points, _lattice_inside(loops, size)])
     for _ in range(_ROUNDS):
-        triangles = _inside(points, loops)
+        triangles = _inside(points, boundary)
         split, added = ~_present(boundary, triangles), np.zeros((0, 2))
         if not split.any():
-            split, added = _repairs(points, triangles, boundary, loops, size)
+            split, added = _repairs(points, triangles, boundary, size)
         if not (split.any() or len(added)):
             break
         middles = boundary.middles[split]
         boundary = boundary.split(split, points)
         points = np.vstack([points, middles, added])
-    triangles = _inside(points, loops)
+    triangles = _inside(points, boundary)
     if not _present(boundary, triangles).all():
         raise MeshError(
             "the outline has edges too close together or corners too sharp to mesh: "
@@ -86,46 +99,70 @@ def _present(boundary: Boundary, triangles: Index) -> NDArray[np.bool_]:
 
 def _resampled(loops: Loops, size: float) -> tuple[Array, Boundary]:
     """Walk the loops in edges of at most `size`, over short edges of a smooth bend in pairs."""
-    points, ends, middles, start = [], [], [], 0
+    points, ends, middles, sharp, start = [], [], [], [], 0
     for loop in loops:
-        kept, between = _strides(loop, size)
+        kept, between, pointed = _strides(loop, size)
         number = start + np.arange(len(kept))
         points.append(kept)
         middles.append(between)
+        sharp.append(number[pointed])
         ends.append(np.stack([number, np.roll(number, -1)], axis=1))
         start += len(number)
-    return np.vstack(points), Boundary(ends=np.vstack(ends), middles=np.vstack(middles))
+    joined = Boundary(ends=np.vstack(ends), middles=np.vstack(middles), sharp=np.concatenate(sharp))
+    return np.vstack(points), joined
 
 
-def _strides(loop: Array, size: float) -> tuple[Array, Array]:
-    """Return the points where the strides along a loop begin, and where each one is half done."""
-    steps = np.roll(loop, -1, axis=0) - loop
-    first = int(np.argmax(_bends(steps)))
-    loop, steps = np.roll(loop, -first, axis=0), np.roll(steps, -first, axis=0)
-    together = _strides_of_two(steps, size)
-    starts, halves, edge = [], [], 0
+_SHARP = np.radians(120.0)  # of turn, so 60 degrees of corner
+
+
+def _strides(loop: Array, size: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return where the strides along a loop begin, where each is half done, and sharp beginnings.
+
+    The first strides from a sharp corner are equally long along both its edges: then neither
+    edge calls for cuts of the other, again and again towards the corner.
+    """
+    loop = np.roll(loop, -int(np.argmax(_bends(_steps(loop)))), axis=0)
+    steps = _steps(loop)
+    lengths, sharp = np.linalg.norm(steps, axis=1), _bends(steps) > _SHARP
+    equal = sharp * np.minimum(np.minimum(lengths, np.roll(lengths, 1)) / 3, size)
+    together = _strides_of_two(steps, sharp, size)
+    stops, halves, pointed, edge = [], [], [], 0
     while edge < len(loop):
         if together[edge]:
-            starts.append(loop[edge : edge + 1])
-            halves.append(loop[edge + 1 : edge + 2])
+            at, half = loop[edge : edge + 1], loop[edge + 1 : edge + 2]
         else:
-            count = int(np.ceil(np.linalg.norm(steps[edge]) / size - 1e-9))
-            shares = np.arange(count)[:, None] / count
-            starts.append(loop[edge] + shares * steps[edge])
-            halves.append(loop[edge] + (shares + 0.5 / count) * steps[edge])
+            share = _stops(lengths[edge], equal[edge], equal[edge + 1 - len(loop)], size)
+            share = share[:, None] / lengths[edge]
+            at = loop[edge] + share[:-1] * steps[edge]
+            half = loop[edge] + (share[:-1] + share[1:]) / 2 * steps[edge]
+        stops.append(at)
+        halves.append(half)
+        pointed.append(sharp[edge] & (np.arange(len(at)) == 0))
         edge += 2 if together[edge] else 1
-    return np.vstack(starts), np.vstack(halves)
+    return np.vstack(stops), np.vstack(halves), np.concatenate(pointed)
+
+
+def _steps(loop: Array) -> Array:
+    return np.roll(loop, -1, axis=0) - loop
+
+
+def _stops(length: float, first: float, last: float, size: float) -> Array:
+    """Return distances from 0 to `length` in steps of `size` at most, first and last step given."""
+    inner = length - first - last
+    even = np.linspace(first, first + inner, int(np.ceil(inner / size - 1e-9)) + 1)
+    return np.concatenate([[0.0] if first else [], even, [length] if last else []])
 
 
 _BEND = 0.5  # rad; the corner in the middle of a stride leaves its quadrilaterals convex
 
 
-def _strides_of_two(steps: Array, size: float) -> NDArray[np.bool_]:
-    """Tell where an edge and the next one are short, alike and nearly in line."""
+def _strides_of_two(steps: Array, sharp: NDArray[np.bool_], size: float) -> NDArray[np.bool_]:
+    """Tell where an edge and the next one are short, alike, nearly in line, off sharp corners."""
     lengths = np.linalg.norm(steps, axis=1)
     following = np.roll(lengths, -1)
     alike = np.maximum(lengths, following) < 2 * np.minimum(lengths, following)
     fitting = (lengths + following <= size) & alike & (np.roll(_bends(steps), -1) < _BEND)
+    fitting &= ~(sharp | np.roll(sharp, -2))
     fitting[-1] = False
     return fitting
 
@@ -139,7 +176,7 @@ def _bends(steps: Array) -> Array:
 
 def _lattice_inside(loops: Loops, size: float) -> Array:
     """Return the points of a square lattice along the outline's longest edge, off the boundary."""
-    steps = np.roll(loops[0], -1, axis=0) - loops[0]
+    steps = _steps(loops[0])
     lengths = np.linalg.norm(steps, axis=1)
     x, y = steps[np.argmax((lengths / lengths.max()).round(9))]
     turn = np.array([[x, -y], [y, x]]) / np.hypot(x, y)
@@ -148,18 +185,18 @@ def _lattice_inside(loops: Loops, size: float) -> Array:
     counts = np.ceil((high - low) / size - 1e-9).astype(int)
     axes = [np.linspace(a, b, n + 1)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) @ turn.T
-    points = points[contains(loops, points)]
-    return points[distance_to_edges(loops, points) > 0.6 * size]
+    points = points[contains(edges_of(loops), points)]
+    return points[distance_to_edges(edges_of(loops), points) > 0.6 * size]
 
 
-def _inside(points: Array, loops: Loops) -> Index:
+def _inside(points: Array, boundary: Boundary) -> Index:
     triangles = Delaunay(points).simplices.astype(np.int64)
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     triangles[area < 0] = triangles[area < 0][:, ::-1]
     longest = np.max([np.sum(side**2, axis=1) for side in (b - a, c - b, a - c)], axis=0)
     flat = np.abs(area) < 1e-9 * longest
-    return triangles[~flat & contains(loops, (a + b + c) / 3)]
+    return triangles[~flat & contains(boundary.edges(points), (a + b + c) / 3)]
 
 
 def sides(cells: Index) -> Index:
@@ -174,7 +211,7 @@ def keys(edges: Index) -> Index:
 
 
 def _repairs(
-    points: Array, triangles: Index, boundary: Boundary, loops: Loops, size: float
+    points: Array, triangles: Index, boundary: Boundary, size: float
 ) -> tuple[NDArray[np.bool_], Array]:
     """Return which boundary edges to split and which points to add for better triangles."""
     angles = inner_angles(points[triangles])
@@ -183,11 +220,12 @@ def _repairs(
     poor = ((angles.min(axis=1) < _POOR) & ~at_corner) | (radii > size)
     order = np.flatnonzero(poor)[np.argsort(-radii[poor])]
     centres, radii = centres[order], radii[order]
-    a, b = points[boundary.ends[:, 0]], points[boundary.ends[:, 1]]
+    a, b = boundary.edges(points)
     gap = np.linalg.norm(centres[:, None] - (a + b) / 2, axis=2)
     encroached = gap < np.linalg.norm(b - a, axis=1) / 2 * (1 - 1e-9)
-    free = ~encroached.any(axis=1) & contains(loops, centres)
-    return encroached.any(axis=0), _apart(centres[free], 0.7 * radii[free])
+    free = ~encroached.any(axis=1) & contains((a, b), centres)
+    split = encroached.any(axis=0) & ~boundary.at_sharp_corner
+    return split, _apart(centres[free], 0.7 * radii[free])
 
 
 def inner_angles(corners: Array) -> Array:

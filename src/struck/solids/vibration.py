@@ -88,7 +88,17 @@ def vibration_modes(
     pairs, residual = _eigenpairs(system, motions, highest, solver, progress)
     vectors = np.zeros((len(mesh.nodes), 3, len(pairs.values)))
     vectors[movable] = pairs.vectors.reshape(-1, 3, len(pairs.values))
-    return _as_modes(mesh, material, whole, pairs.values, vectors, highest, residual, solver)
+    provenance = _provenance(mesh, system, pairs, residual, solver)
+    return _as_modes(
+        mesh,
+        material,
+        whole,
+        pairs.values,
+        vectors,
+        highest,
+        provenance,
+        supported=not movable.all(),
+    )
 
 
 def _eigenpairs(
@@ -142,20 +152,12 @@ def _as_modes(
     values: Array,
     vectors: Array,
     highest: float,
-    residual: float,
-    solver: Solver,
+    provenance: Provenance,
+    *,
+    supported: bool,
 ) -> Modes:
     surface, numbers = mesh.surface()
     mass, centre, inertia = mass_properties(system, mesh.nodes)
-    small = system.unknowns <= solver.dense_limit
-    lumped = "lumped" if solver.lumped else "consistent"
-    details = {
-        "elements": f"{len(mesh.elements)} {mesh.kind}",
-        "nodes": len(mesh.nodes),
-        "unknowns": system.unknowns,
-        "largest_residual": residual,
-        "sturm_count": len(values),
-    }
     return Modes(
         frequencies=np.sqrt(values) / (2 * np.pi),
         surface=surface,
@@ -166,16 +168,26 @@ def _as_modes(
         complete_to=highest,
         poisson_slopes=poisson_slopes(mesh, material, values, vectors),
         errors=np.full(len(values), np.nan),
-        supported=system.unknowns != len(vectors) * 3,
-        provenance=Provenance(
-            method=f"finite elements ({mesh.kind}, {lumped} mass)",
-            references=(
-                "zienkiewicz2013",
-                "anderson1999" if small else "grimes1994",
-                "parlett1998",
-            ),
-            details=details,
-        ),
+        supported=supported,
+        provenance=provenance,
+    )
+
+
+def _provenance(
+    mesh: VolumeMesh, system: System, pairs: Eigenpairs, residual: float, solver: Solver
+) -> Provenance:
+    small = system.unknowns <= solver.dense_limit
+    lumped = "lumped" if solver.lumped else "consistent"
+    return Provenance(
+        method=f"finite elements ({mesh.kind}, {lumped} mass)",
+        references=("zienkiewicz2013", "anderson1999" if small else "grimes1994", "parlett1998"),
+        details={
+            "elements": f"{len(mesh.elements)} {mesh.kind}",
+            "nodes": len(mesh.nodes),
+            "unknowns": system.unknowns,
+            "largest_residual": residual,
+            "sturm_count": len(pairs.values),
+        },
     )
 
 
