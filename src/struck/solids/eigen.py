@@ -91,10 +91,7 @@ def block_lanczos(
     progress(0.0)
     width = _block_width(count)
     basis = _Basis(len(known), known.shape[1] + 5 * count + 10 * width)
-    basis.append(_orthonormal(known, mass @ known)[0])
-    start = np.random.default_rng(0).standard_normal((len(known), width))
-    basis.remove_from(start, mass)
-    block, weighted = _orthonormal(start, mass @ start)
+    block, weighted = _started(basis, mass, known, width)
     projected = _Tridiagonal()
     previous, coupling = block[:, :0], np.zeros((block.shape[1], 0))
     while True:
@@ -109,7 +106,7 @@ def block_lanczos(
         coupling = weighted.T @ step
         projected.append(diagonal, coupling)
         exhausted = not block.shape[1] or projected.size >= len(known) - known.shape[1]
-        if projected.size >= 2 * count or exhausted:
+        if exhausted or projected.size >= 2 * count:
             found, inverted, rotation = projected.solved(precision)
             progress(min(found / count, 1.0))
             if found >= count:
@@ -119,6 +116,15 @@ def block_lanczos(
             raise SolverError(
                 f"only {projected.size} of {count} modes exist on this mesh: lower the band's end"
             )
+
+
+def _started(basis: _Basis, mass: Mass, known: Array, width: int) -> tuple[Array, Array]:
+    """Put what is known into the basis; return a random block beside it and M times it."""
+    if known.shape[1]:
+        basis.append(_orthonormal(known, mass @ known)[0])
+    start = np.random.default_rng(0).standard_normal((len(known), width))
+    basis.remove_from(start, mass)
+    return _orthonormal(start, mass @ start)
 
 
 def _block_width(count: int) -> int:

@@ -1,0 +1,127 @@
+"""From surfaces to elements: closed, face-connected, of the right volume, none folded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from struck import Mesh
+from struck.bird import bird
+from struck.closed import is_closed, require_closed
+from struck.errors import MeshError, OptionError
+from struck.solids import VolumeMesh
+from struck.solids.curving import flatness
+from struck.solids.distance import Body
+from struck.solids.meshing import filled, piece_count
+from struck.solids.volume import unique_rows
+from tests.physics.bodies import ball, box, grid
+
+BODIES = {
+    "ball": (ball(0.05, 4), None),
+    "box": (box(0.1, 0.07, 0.05), None),
+    "hollow box": (box(0.1, 0.08, 0.06), 0.01),
+    "hollow ball": (ball(0.05, 4), 0.008),
+    "thin ball": (ball(0.05, 4), 0.001),
+    "hollow bird": (bird(), 0.006),
+}
+
+
+@pytest.fixture(scope="module", params=list(BODIES))
+def case(request: pytest.FixtureRequest) -> tuple[Body, VolumeMesh]:
+    mesh, wall = BODIES[request.param]
+    body = Body(mesh=mesh, wall=wall)
+    return body, filled(body, "preview").mesh
+
+
+def test_the_surface_is_closed_and_two_sided(case: tuple[Body, VolumeMesh]) -> None:
+    body, mesh = case
+    surface, _ = mesh.surface()
+    assert is_closed(surface)
+    require_closed(surface)
+    # Its triangles are chords of the elements' curved sides.
+    assert surface.volume == pytest.approx(mesh.volume(), rel=6e-3)
+    assert (body.wall is None) == (surface.volume > 0.9 * body.mesh.volume)
+
+
+def test_elements_hang_together_by_faces_and_none_folds(case: tuple[Body, VolumeMesh]) -> None:
+    _, mesh = case
+    assert piece_count(mesh) == 1
+    assert flatness(mesh).min() > 0
+
+
+def test_boundary_nodes_lie_on_the_surface(case: tuple[Body, VolumeMesh]) -> None:
+    body, mesh = case
+    surface, _ = mesh.surface()
+    away = np.abs(body.depth(surface.points))
+    assert np.mean(away > 1e-9) < 0.02  # some stay short lest elements fold over
+
+
+def test_volume_is_that_of_a_million_darts() -> None:
+    body = Body(mesh=BODIES["hollow bird"][0], wall=0.006)
+    random = np.random.default_rng(1)
+    low, high = body.mesh.bounds
+    hits = body.depth(random.uniform(low, high, (400_000, 3))) < 0
+    share, error = hits.mean(), hits.std() / np.sqrt(len(hits))
+    volume = filled(body, "preview").mesh.volume() / np.prod(high - low)
+    assert abs(volume - share) < 4 * error + 0.005 * share
+
+
+def test_a_box_keeps_its_edges() -> None:
+    mesh = filled(Body(mesh=box(0.1, 0.07, 0.05)), "preview").mesh
+    assert mesh.volume() == pytest.approx(0.1 * 0.07 * 0.05, rel=1e-12)
+
+
+def test_tetrahedra_are_of_good_shape() -> None:
+    mesh = Body(mesh=ball(0.05, 4), wall=0.008).stuffed(0.006)
+    corners = mesh.nodes[mesh.elements]
+    normals = [
+        np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
+        for a, b, c in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+    ]
+    unit = [n / np.linalg.norm(n, axis=1, keepdims=True) for n in normals]
+    cosines = [-(unit[i] * unit[j]).sum(axis=1) for i in range(4) for j in range(i)]
+    angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    assert angles.min() > 10
+    assert angles.max() < 160
+
+
+def test_a_thin_wall_gets_wedges_and_a_thick_one_tetrahedra() -> None:
+    thin, thick = (filled(Body(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.008))
+    assert (thin.path, thick.path) == ("wedges", "stuffing")
+    assert thick.spacing <= 0.75 * 0.008
+
+
+def test_pieces_that_share_an_edge_count_apart() -> None:
+    first = grid("hex8", (1, 1, 1))
+    nodes = np.vstack([first.nodes, first.nodes + (1.0, 1.0, 0.0)])
+    elements = np.vstack([first.elements, first.elements + 8])
+    assert piece_count(VolumeMesh(nodes=nodes, elements=elements, kind="hex8")) == 2
+    assert piece_count(grid("wedge6", (2, 2, 2))) == 1
+
+
+def test_a_wall_thicker_than_the_body_is_refused() -> None:
+    with pytest.raises(MeshError, match="a wall of 0.06 m leaves no cavity"):
+        filled(Body(mesh=ball(0.05, 3), wall=0.06), "preview")
+
+
+def test_parts_too_thin_for_the_lattice_are_refused() -> None:
+    outer = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    inner = trimesh.creation.icosphere(subdivisions=4, radius=0.0496)
+    inner.invert()
+    both = trimesh.util.concatenate([outer, inner])
+    with pytest.raises(MeshError, match="need more than"):
+        filled(Body(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
+
+
+def test_an_unknown_accuracy_is_refused() -> None:
+    with pytest.raises(OptionError, match="preview, standard, fine"):
+        filled(Body(mesh=ball(0.05, 3)), "superb")
+
+
+def test_unique_rows_are_numpys() -> None:
+    rows = np.random.default_rng(0).integers(0, 9, (200, 2))
+    found, inverse = unique_rows(rows)
+    expected, numbers = np.unique(rows, axis=0, return_inverse=True)
+    assert np.array_equal(found, expected)
+    assert np.array_equal(inverse, numbers.ravel())
