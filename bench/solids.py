@@ -25,20 +25,21 @@ from typing import Any
 # Before NumPy is imported: one thread each.
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", RAYON_NUM_THREADS="1")
 
-import calculix  # noqa: E402
-import numpy as np  # noqa: E402
-import scipy.sparse as sparse  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-from scipy.sparse.linalg import LinearOperator, eigsh  # noqa: E402
-from struck import Material  # noqa: E402
-from struck.bird import bird  # noqa: E402
-from struck.solids import VolumeMesh  # noqa: E402
-from struck.solids.assembly import System, assemble  # noqa: E402
-from struck.solids.distance import Body  # noqa: E402
-from struck.solids.eigen import Mass, block_lanczos, rigid_motions  # noqa: E402
-from struck.solids.factor import factorise  # noqa: E402
-from struck.solids.meshing import filled  # noqa: E402
-from struck.solids.vibration import vibration_modes  # noqa: E402
+import calculix
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from struck import Material
+from struck.bird import bird
+from struck.solids import VolumeMesh
+from struck.solids.assembly import System, assemble
+from struck.solids.distance import Body
+from struck.solids.eigen import Mass, block_lanczos, rigid_motions
+from struck.solids.factor import factorise
+from struck.solids.meshing import filled
+from struck.solids.vibration import vibration_modes
 
 Array = NDArray[np.float64]
 WALL, BAND, COUNT = 0.0063, 47e3, 50
@@ -74,6 +75,7 @@ class Stopwatch:
         self._current, self._begun = "", _spent()
 
     def __call__(self, stage: str, _fraction: float = 0.0) -> None:
+        """Begin a stage."""
         now, before = _spent(), self.stages.get(self._current, Cost(processor=0, wall=0, memory=0))
         self.stages[self._current] = Cost(
             processor=before.processor + now.processor - self._begun.processor,
@@ -220,10 +222,10 @@ def rounds(pool: ProcessPoolExecutor, path: Path, count: int) -> dict[str, list[
         print(f"{calculix.MISSING}\n")
         del runs[CALCULIX]
     for turn in range(count):
-        for name in runs:
+        for name, done in runs.items():
             if name != SUPERLU or turn == 0:
-                runs[name].append(pool.submit(contend, name, path).result())
-                cost = runs[name][-1].cost
+                done.append(pool.submit(contend, name, path).result())
+                cost = done[-1].cost
                 print(f"  round {turn + 1}, {name}: {cost.wall:.1f} s", file=sys.stderr, flush=True)
     return runs
 
@@ -274,7 +276,8 @@ def show_targets(runs: dict[str, list[Run]]) -> None:
             if name in runs:
                 ratio = statistics.median(ratios(runs, name, ours))
                 verdict = "met" if ratio >= TARGET else "MISSED"
-                print(f"at least {TARGET:g} times faster than {name} ({ours}): {ratio:.1f}, {verdict}")
+                claim = f"at least {TARGET:g} times faster than {name} ({ours})"
+                print(f"{claim}: {ratio:.1f}, {verdict}")
 
 
 def main() -> None:
@@ -282,7 +285,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3, help="turns of each contender (3)")
     arguments = parser.parse_args()
-    versions = (f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "scipy", "rslab"))
+    names = ("numpy", "scipy", "rslab")
+    versions = (f"{name} {importlib.metadata.version(name)}" for name in names)
     print(f"Python {platform.python_version()}, {', '.join(versions)}; one thread each")
     context = multiprocessing.get_context("spawn")
     with (

@@ -76,8 +76,12 @@ def material_named(text: str, damping: str = "own") -> Material:
         values = {name: float(value) for name, value in given.items()}
     except ValueError:
         raise MaterialError(f"{text!r} holds no numbers: give SI units, as 7.2e10") from None
-    friction = InternalFriction(loss_tangent=values.pop("loss_tangent", 0.0))
-    return Material(damping=friction, **values)
+    return Material(
+        density=values["density"],
+        youngs_modulus=values["youngs_modulus"],
+        poisson_ratio=values["poisson_ratio"],
+        damping=InternalFriction(loss_tangent=values.get("loss_tangent", 0.0)),
+    )
 
 
 def _dimension(text: str) -> float | tuple[float, ...]:

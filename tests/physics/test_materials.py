@@ -77,7 +77,7 @@ def test_the_reported_end_of_the_band_is_true(name: str) -> None:
 
 
 def test_frequencies_of_a_pure_state_are_exact() -> None:
-    """Torsion goes with sqrt(G), stretching of a slender bar with sqrt(E), at any Poisson's ratio."""
+    """Torsion goes with sqrt(G), stretching of a bar with sqrt(E), at any Poisson's ratio."""
     tube, highest = BODIES["tube"]
     made, fresh = both("tube", GLASS)
     speed = np.sqrt(GLASS.shear_modulus / GLASS.density)

@@ -43,8 +43,6 @@ def test_free_circular_plate() -> None:
     modes = vibration_modes(disc.volume_mesh(), STEEL, 90.0)
     found = parameter(modes.frequencies, 0.5, 0.003)
     expected = [
-        value
-        for value, diameters in reference.CIRCULAR_PLATE
-        for _ in range(2 if diameters else 1)
+        value for value, diameters in reference.CIRCULAR_PLATE for _ in range(2 if diameters else 1)
     ]
     assert found[: len(expected)] == pytest.approx(expected, rel=3e-3)

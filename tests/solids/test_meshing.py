@@ -94,14 +94,14 @@ def test_a_thin_wall_gets_wedges_and_a_thick_one_tetrahedra() -> None:
 
 def test_pieces_that_share_an_edge_count_apart() -> None:
     first = grid("hex8", (1, 1, 1))
-    nodes = np.vstack([first.nodes, first.nodes + (1.0, 1.0, 0.0)])
+    nodes = np.vstack([first.nodes, first.nodes + np.array([1.0, 1.0, 0.0])])
     elements = np.vstack([first.elements, first.elements + 8])
     assert piece_count(VolumeMesh(nodes=nodes, elements=elements, kind="hex8")) == 2
     assert piece_count(grid("wedge6", (2, 2, 2))) == 1
 
 
 def test_a_wall_thicker_than_the_body_is_refused() -> None:
-    with pytest.raises(MeshError, match="a wall of 0.06 m leaves no cavity"):
+    with pytest.raises(MeshError, match=r"a wall of 0\.06 m leaves no cavity"):
         filled(Body(mesh=ball(0.05, 3), wall=0.06), "preview")
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy import sparse
 
 from struck.errors import MeshError
 from struck.material import Material
@@ -111,7 +111,7 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
         where = place[chosen].ravel()
         for a, b, part in _components(products, lower, upper, turned[chosen], material):
             np.add.at(stiffness[a, b], where, part.ravel())
-        parts = _masses(mesh, chosen, material, lumped)[:, lower, upper]
+        parts = _masses(mesh, chosen, material, lumped=lumped)[:, lower, upper]
         np.add.at(mass, where, parts.ravel())
     columns, rows = np.divmod(pairs, len(mesh.nodes))
     counts = np.bincount(columns, minlength=len(mesh.nodes))
@@ -179,14 +179,14 @@ def _components(
             yield a, b, material.first_lame * straight + material.shear_modulus * crossed
 
 
-def _masses(mesh: VolumeMesh, chosen: Index, material: Material, lumped: bool) -> Array:
+def _masses(mesh: VolumeMesh, chosen: Index, material: Material, *, lumped: bool) -> Array:
     rule = mesh.element.mass_rule
     weights = material.density * np.linalg.det(mesh.jacobians(rule.points, chosen)) * rule.weights
     if lumped:
         return weights.sum(axis=1)[:, None, None] * np.eye(4) / 4
     values = mesh.element.values(rule.points)
     products = values[:, :, None] * values[:, None, :]
-    return np.tensordot(weights, products, axes=1)
+    return np.asarray(np.tensordot(weights, products, axes=1), np.float64)
 
 
 def _node_pairs(first: Index, second: Index, nodes: int) -> tuple[Index, Index]:

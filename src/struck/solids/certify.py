@@ -9,12 +9,12 @@ from scipy import sparse
 from struck.errors import MeshError, SolverError
 from struck.solids.assembly import System
 from struck.solids.eigen import Eigenpairs
-from struck.solids.factor import factorise
+from struck.solids.factor import Factoriser
 
 Array = NDArray[np.float64]
 
 
-def counted_below(system: System, highest: float, rigid: int, backend: str) -> int:
+def counted_below(system: System, highest: float, rigid: int, factorise: Factoriser) -> int:
     """Count the elastic eigenvalues up to `highest` by Sturm's count (Parlett 1998, section 3.3).
 
     Raises
@@ -24,7 +24,7 @@ def counted_below(system: System, highest: float, rigid: int, backend: str) -> i
     """
     for nudge in (0.0, 1e-6, -1e-6):
         try:
-            return factorise(system.shifted(highest * (1 + nudge)), backend).negative - rigid
+            return factorise(system.shifted(highest * (1 + nudge))).negative - rigid
         except SolverError as error:
             last = error
     raise last

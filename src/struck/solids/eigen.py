@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy import sparse
 
 from struck.errors import SolverError
 
@@ -44,8 +44,8 @@ def rigid_motions(points: Array) -> Array:
     x, y, z = (points - points.mean(axis=0)).T
     zero = np.zeros_like(x)
     turns = [(zero, -z, y), (z, zero, -x), (-y, x, zero)]
-    shifts = [np.broadcast_to(row, (len(x), 3)).T for row in np.eye(3)]
-    return np.stack([np.stack(m, axis=1).ravel() for m in (*shifts, *turns)], axis=1)
+    shifts = [tuple(zero + step for step in row) for row in np.eye(3)]
+    return np.stack([np.stack(motion, axis=1).ravel() for motion in (*shifts, *turns)], axis=1)
 
 
 def dense(stiffness: Array, mass: Array, highest: float, skipped: int) -> Eigenpairs:

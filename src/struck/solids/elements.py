@@ -63,8 +63,7 @@ class Element:
 
     @cached_property
     def _coefficients(self) -> Array:
-        inverse: Array = np.linalg.inv(_monomials(self.nodes, self.exponents))
-        return inverse
+        return np.asarray(np.linalg.inv(_monomials(self.nodes, self.exponents)), np.float64)
 
     def values(self, points: Array) -> Array:
         """Return the shape functions at reference `points` (q, 3): (q, n)."""

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy import sparse
 
 from struck.errors import OptionError, SolverError
+
+if TYPE_CHECKING:
+    from rslab import Ldlt
 
 Array = NDArray[np.float64]
 
@@ -35,7 +38,7 @@ class Factor(Protocol):
 class RslabFactor:
     """L D L^T with Bunch-Kaufman pivots, supernodal (rslab)."""
 
-    def __init__(self, factor: Any) -> None:
+    def __init__(self, factor: Ldlt) -> None:
         self._factor = factor
 
     @property

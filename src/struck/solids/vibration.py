@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,15 +10,15 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.material import Material
 from struck.modes import Modes
+from struck.progress import Progress, silent
 from struck.provenance import Provenance
 from struck.solids.assembly import System, assemble, gradients
 from struck.solids.certify import certify, counted_below
 from struck.solids.eigen import Eigenpairs, Mass, block_lanczos, dense, rigid_motions
-from struck.solids.factor import factorise
+from struck.solids.factor import Factoriser
 from struck.solids.volume import VolumeMesh
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 DENSE_LIMIT = 1200
 
 
@@ -49,7 +48,7 @@ def vibration_modes(
     *,
     fixed: NDArray[np.bool_] | None = None,
     solver: Solver | None = None,
-    progress: Progress = lambda _stage, _fraction: None,
+    progress: Progress = silent,
 ) -> Modes:
     """Compute all modes of a body up to `highest`.
 
@@ -107,12 +106,13 @@ def _eigenpairs(
     """Return the certified pairs up to `highest` and their largest residual."""
     bound, rigid = (2 * np.pi * highest) ** 2, motions.shape[1]
     progress("count", 0.0)
-    counted = counted_below(system, bound, rigid, solver.backend)
+    factorise = Factoriser(solver.backend)
+    counted = counted_below(system, bound, rigid, factorise)
     if system.unknowns <= solver.dense_limit:
         stiffness, mass = _full(system)
         pairs = dense(stiffness, mass, bound, rigid)
     else:
-        pairs = _sparse_pairs(system, motions, bound, max(counted, 1), solver, progress)
+        pairs = _sparse_pairs(system, motions, bound, max(counted, 1), factorise, progress)
     if not counted:
         lowest = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
         raise OptionError(
@@ -124,11 +124,16 @@ def _eigenpairs(
 
 
 def _sparse_pairs(
-    system: System, motions: Array, bound: float, count: int, solver: Solver, progress: Progress
+    system: System,
+    motions: Array,
+    bound: float,
+    count: int,
+    factorise: Factoriser,
+    progress: Progress,
 ) -> Eigenpairs:
     progress("factor", 0.0)
     shift = -bound / 400
-    factor = factorise(system.shifted(shift), solver.backend)
+    factor = factorise(system.shifted(shift))
     return block_lanczos(
         factor.solve,
         Mass(system.mass_matrix()),
@@ -142,7 +147,8 @@ def _sparse_pairs(
 def _full(system: System) -> tuple[Array, Array]:
     lower = system.shifted(0.0).toarray()
     stiffness = lower + np.tril(lower, -1).T
-    return stiffness, np.kron(system.mass_matrix().toarray(), np.eye(3))
+    mass = np.kron(system.mass_matrix().toarray(), np.eye(3))
+    return stiffness, np.asarray(mass, np.float64)
 
 
 def _as_modes(
@@ -238,5 +244,5 @@ def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None
     # Any shift below all frequencies will do; this one is the square of a travelling wave's.
     speed = np.sqrt(material.youngs_modulus / material.density)
     bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
-    pairs = _sparse_pairs(system, motions, float(bound), 1, solver, lambda _stage, _share: None)
+    pairs = _sparse_pairs(system, motions, float(bound), 1, Factoriser(solver.backend), silent)
     return float(np.sqrt(pairs.values[0]) / (2 * np.pi))
