@@ -129,7 +129,7 @@ def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
     starts, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
     projection = csr_array((weights, columns, starts), shape=(len(faces), count))
-    return projection @ shapes.reshape(count, shapes.shape[2])
+    return np.asarray(projection @ shapes.reshape(count, shapes.shape[2]))
 
 
 def steepnesses(points: Array, faces: NDArray[np.int64], values: Array) -> Array:
@@ -153,10 +153,10 @@ def steepnesses(points: Array, faces: NDArray[np.int64], values: Array) -> Array
     slopes, areas = _slopes(points[faces])
     starts, shape = np.arange(0, faces.size + 1, 3), (len(faces), len(points))
     shares = csr_array((np.repeat(areas / 3, 3), faces.ravel(), starts), shape=shape)
-    around = np.maximum(shares.sum(axis=0), np.finfo(float).tiny)
-    averages = (shares.T @ values) / around[:, None]
+    around = np.maximum(np.asarray(shares.sum(axis=0)), np.finfo(float).tiny)
+    averages = np.asarray(shares.T @ values) / around[:, None]
     gradients = (csr_array((part.ravel(), faces.ravel(), starts), shape) for part in slopes)
-    energies = sum(areas @ np.square(gradient @ averages) for gradient in gradients)
+    energies = sum(areas @ np.square(np.asarray(gradient @ averages)) for gradient in gradients)
     return energies / np.maximum(around @ np.square(averages), np.finfo(float).tiny)
 
 
