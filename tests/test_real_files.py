@@ -1,0 +1,50 @@
+"""Meshes that other people made, through the shell as a user types it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+
+SPOT = Path(__file__).parents[2] / "shared/data/meshes/spot.obj"
+# A child tells its own peak: RUSAGE_CHILDREN would keep the largest of all children so far.
+RUN = """
+import resource, sys
+from struck.cli import main
+code = main(sys.argv[1:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+raise SystemExit(code)
+"""
+
+
+def run(folder: Path, *arguments: str) -> int:
+    """Run a command in a process of its own and return its peak memory, bytes."""
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *arguments],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return 1024 * int(done.stderr.split()[-1])
+
+
+@pytest.mark.prove
+@pytest.mark.skipif(not SPOT.exists(), reason=f"{SPOT.name} is not beside the checkout")
+def test_a_hollow_ceramic_cow(tmp_path: Path) -> None:
+    command = f"analyze {SPOT} --material ceramic --size 0.15 --wall 0.008 -o spot.struck"
+    memory = run(tmp_path, *command.split())
+    run(tmp_path, *["render", "spot.struck", "--strike", "top", "-o", "spot.wav"])
+    model = struck.load(tmp_path / "spot.struck")
+    sound = struck.Sound.load(tmp_path / "spot.wav")
+    assert memory < 4 * 2**30
+    assert model.complete_to == 20_000
+    assert len(model.frequencies) == model.provenance.details["sturm_count"]
+    assert model.geometry.extent == pytest.approx(0.15, rel=0.01)
+    assert np.isfinite(sound.samples).all()
+    assert sound.peak > 0
