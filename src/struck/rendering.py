@@ -25,7 +25,8 @@ SHORTEST_RING = 0.1
 
 _QUIETEST = 10 ** (-40 / 20)
 _SILENT = np.log(1000)
-_MOVED = 1e-6
+# Contacts moved by less than this share of the body are not worth a note.
+_MOVED = 1e-3
 
 
 def render(
@@ -137,7 +138,9 @@ def _pulses(
         for strike, push, gain in zip(strikes, pushes, gains, strict=True)
     ]
     moved = max(contact.distance for contact in contacts)
-    return pulses, (f"a contact was moved {moved:.2g} m to the surface",) if moved > _MOVED else ()
+    extent = 0.0 if model.geometry is None else model.geometry.extent
+    notable = moved > _MOVED * extent
+    return pulses, (f"a contact was moved {moved:.2g} m to the surface",) if notable else ()
 
 
 def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> Complex:
