@@ -45,7 +45,7 @@ class Accuracy:
 ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
     {
         "preview": Accuracy(nodes=3_000, most=15_000, spacing_of_wall=0.75, triangles=800),
-        "standard": Accuracy(nodes=8_000, most=70_000, spacing_of_wall=0.75, triangles=3_000),
+        "standard": Accuracy(nodes=12_000, most=70_000, spacing_of_wall=0.75, triangles=3_000),
         "fine": Accuracy(nodes=25_000, most=130_000, spacing_of_wall=0.6, triangles=9_000),
     }
 )
