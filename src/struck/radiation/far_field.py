@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from struck.air import AIR, Air
 from struck.errors import OptionError
 from struck.mesh import Mesh
+from struck.radiation.radiator import Radiator
 from struck.radiation.skin import Skin, normal_velocities
-from struck.radiation.spherical import sphere_efficiency
 
 Array = NDArray[np.float64]
+
+_AT_ONCE = 64  # modes, so that memory does not grow with their number
 
 
 class ObrienCoupling:
@@ -60,11 +62,12 @@ class ObrienCoupling:
 
 
 class RadiatedPower:
-    """Pressure from radiated power, with the radiation efficiencies of the equivalent sphere.
+    """Pressure from the power that a mode radiates into free air.
 
-    The outward-looking skin is carried over to a sphere of the same area, where each spherical
-    order radiates with its exact efficiency (Williams 1999, chapter 6; definition of efficiency:
-    Fahy & Gardonio 2007, chapter 3). Exact on a sphere; limits: docs, "Radiation".
+    The pressure on the skin is that of a sphere of the same area, one surface harmonic after the
+    other (the on-surface radiation condition: Antoine, Barucq & Bendali 1999). The power is that
+    which the Kirchhoff-Helmholtz integral sends to all sides (Williams 1999, chapter 8). Exact on
+    a sphere; limits: docs, "Radiation".
 
     Parameters
     ----------
@@ -74,7 +77,7 @@ class RadiatedPower:
 
     name: str = "power"
     calibrated: bool = True
-    references: tuple[str, ...] = ("williams1999", "fahy2007")
+    references: tuple[str, ...] = ("williams1999", "fahy2007", "antoine1999")
 
     def __init__(self, *, air: Air = AIR) -> None:
         self.air = air
@@ -105,15 +108,18 @@ class RadiatedPower:
         OptionError
             When the arrays do not belong together or a frequency is not positive.
         MeshError
-            When no face looks away from the centre.
+            When no piece of the surface encloses a volume.
         """
         _require_modes(surface, shapes, frequencies)
         skin = Skin.of(surface, centre)
-        orders = skin.orders(normal_velocities(surface, shapes))
-        size = 2 * np.pi * frequencies / self.air.sound_speed * skin.radius  # ka
-        radiating = np.sum(sphere_efficiency(orders.numbers, size) * orders.powers, axis=0)
-        # p^2 / (2 rho c) over a sphere of 1 m carries rho c S <sigma v^2> / 2, and S = 4 pi a^2.
-        return self.air.impedance * skin.radius * np.sqrt(radiating)
+        radiator = Radiator.of(skin.mesh, skin.radius)
+        wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
+        squares = np.empty(len(frequencies))
+        for first in range(0, len(frequencies), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            velocities = normal_velocities(surface, shapes[:, :, some])[skin.faces]
+            squares[some] = radiator.mean_squares(velocities, wave_numbers[some])
+        return self.air.impedance * np.sqrt(squares)
 
 
 def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Array) -> None:
