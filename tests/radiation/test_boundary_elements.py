@@ -4,8 +4,8 @@ The numbers were made once by a solver that is no part of this library: direct c
 Helmholtz integral equation, constant triangles, the velocities below at their middles (Burton &
 Miller's equation above ka = 2, where ka is that of the sphere of the same area). It meets the
 closed forms of a sphere's orders 0 to 2 within 0.1 dB (1,280 triangles, ka 0.5 to 5); here, its
-power through the surface and far away agree within 0.6 dB, and 0.4 to 0.5 times as many triangles
-change no number by more than 0.5 dB (not tried with the tube of the chime and the fork).
+power through the surface and far away agree within 0.6 dB, and 0.3 to 0.5 times as many triangles
+change no number by more than 0.6 dB (not tried with the tube of the chime and the fork).
 """
 
 from __future__ import annotations

@@ -188,11 +188,12 @@ def test_wall_of_a_cavity_aside_is_silent() -> None:
     np.testing.assert_allclose(power(body, shapes, 1000), expected, rtol=1e-9)
 
 
-def test_faces_without_area_change_nothing() -> None:
-    mesh, radius = box((0.12, 0.05, 0.03), (12, 6, 4)), 1e-13
+@pytest.mark.parametrize("height", [0, 1e-17, 1e-15, 1e-13])
+def test_faces_without_area_change_nothing(height: float) -> None:
+    mesh = box((0.12, 0.05, 0.03), (24, 12, 8))
     first, second, third = mesh.faces[0]
     middle = mesh.points[[first, second]].mean(axis=0)
-    middle += radius * (mesh.points[third] - middle) / np.linalg.norm(mesh.points[third] - middle)
+    middle += height * (mesh.points[third] - middle) / np.linalg.norm(mesh.points[third] - middle)
     number = len(mesh.points)  # a needle along one edge, and its face cut in two
     cut = [[first, second, number], [number, second, third], [first, number, third]]
     needled = Mesh(points=np.vstack([mesh.points, middle]), faces=np.vstack([mesh.faces[1:], cut]))
@@ -236,12 +237,13 @@ def test_coupling_of_2002_is_displacement_times_frequency(frequency: float) -> N
 @pytest.mark.parametrize("name", ["power", "obrien2002"])
 def test_modes_do_not_depend_on_each_other(name: str) -> None:
     mesh = ball(subdivisions=3)
-    shapes = np.random.default_rng(2).normal(size=(len(mesh.points), 3, 5))
-    frequencies = np.array([200.0, 900.0, 4000.0, 9000.0, 19000.0])
+    shapes = np.random.default_rng(2).normal(size=(len(mesh.points), 3, 70))
+    frequencies = np.linspace(200, 19e3, 70)
     estimate = by_name(name)
     together = estimate.coefficients(mesh, shapes, frequencies, CENTRE)
-    alone = estimate.coefficients(mesh, shapes[:, :, 1:2], frequencies[1:2], CENTRE)
-    np.testing.assert_allclose(alone, together[1:2], rtol=1e-12)
+    for mode in (slice(1, 2), slice(66, 67)):
+        alone = estimate.coefficients(mesh, shapes[:, :, mode], frequencies[mode], CENTRE)
+        np.testing.assert_allclose(alone, together[mode], rtol=1e-12)
     assert estimate.coefficients(mesh, shapes[:, :, :0], frequencies[:0], CENTRE).shape == (0,)
 
 

@@ -14,9 +14,6 @@ from struck.pieces import pieces, submesh
 
 Array = NDArray[np.float64]
 
-# A face of a smaller share of the mean area says nothing but rounding about its neighbours.
-_SLIVER = 1e-9
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Skin:
@@ -45,7 +42,7 @@ class Skin:
         cones = np.einsum("fd,fd->f", surface.centroids - centre, surface.area_vectors)
         labels = pieces(surface)
         exposed = np.bincount(labels, weights=cones)[labels] > 0
-        faces = np.flatnonzero(exposed & (surface.areas > _SLIVER * surface.areas.mean()))
+        faces = np.flatnonzero(exposed & (surface.areas > 0))
         if not len(faces):
             raise MeshError(
                 f"none of the {labels.max() + 1} pieces of the surface encloses a volume: flip "
