@@ -1,4 +1,4 @@
-"""What holds for all tests: one thread a worker, pictures without a screen, repeatable examples."""
+"""What holds for all tests: one thread a worker, no screen, no cache, repeatable examples."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import hypothesis
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Tests of the cache name a folder of their own; nobody's real one is touched.
+os.environ["STRUCK_CACHE"] = "off"
 
 hypothesis.settings.register_profile("struck", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("struck")

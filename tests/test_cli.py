@@ -115,10 +115,11 @@ def _nan_file(name: str) -> None:
 @pytest.mark.parametrize(
     ("mesh", "arguments", "words"),
     [
-        (_holed, [], ["open edge", "hole"]),
-        (_plane, [], ["flat"]),
-        (_inside_out, [], ["inside out", "flip"]),
-        (_two, [], ["part="]),
+        (_holed, ["--no-repair"], ["open edge", "hole"]),
+        (_plane, ["--no-repair"], ["flat"]),
+        (_plane, [], ["open sheet", "wall="]),
+        (_inside_out, ["--no-repair"], ["inside out", "flip"]),
+        (_two, ["--no-repair"], ["part="]),
         (lambda: CUBE, ["--wall", "0.2"], ["wall of 0.2 m", "thinner wall"]),
         (lambda: CUBE, ["--wall", "-1"], ["wall is -1"]),
         (lambda: CUBE, ["--band", "20,200"], ["no mode lies below 200 Hz", "lowest is at"]),

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import struck
+from struck.files.meshes import load_body
 
-SPOT = Path(__file__).parents[2] / "shared/data/meshes/spot.obj"
+MESHES = Path(__file__).parents[2] / "shared/data/meshes"
+SPOT, BUNNY = MESHES / "spot.obj", MESHES / "stanford_bunny.obj"
 # A child tells its own peak: RUSAGE_CHILDREN would keep the largest of all children so far.
 RUN = """
 import resource, sys
@@ -48,3 +51,20 @@ def test_a_hollow_ceramic_cow(tmp_path: Path) -> None:
     assert model.geometry.extent == pytest.approx(0.15, rel=0.01)
     assert np.isfinite(sound.samples).all()
     assert sound.peak > 0
+
+
+@pytest.mark.prove
+@pytest.mark.skipif(not BUNNY.exists(), reason=f"{BUNNY.name} is not beside the checkout")
+def test_a_scan_with_holes_is_mended() -> None:
+    """All five holes are in the base: seen from there, what the open scan encloses is whole."""
+    scan = trimesh.load_mesh(BUNNY)
+    result = load_body(BUNNY, size=0.15)
+    mended = trimesh.Trimesh(result.mesh.points, result.mesh.faces, process=False)
+    assert mended.is_watertight
+    assert mended.is_winding_consistent
+    assert "5 holes in the surface." in result.found
+    assert 0 < len(mended.faces) - len(scan.faces) < 500
+    scan.apply_scale(0.15 / scan.extents.max())
+    base = [scan.centroid[0], scan.bounds[0, 1], scan.centroid[2]]
+    corners = scan.triangles - base
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(mended.volume, rel=0.01)

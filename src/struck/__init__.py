@@ -13,14 +13,18 @@
 (1, 48000)
 """
 
-from struck import errors
-from struck._api import analyze, load, render, save, show, tune
-from struck.damping import Damping, InternalFriction, Measured, Rayleigh
-from struck.excitation.strike import Strike
-from struck.material import Material, materials
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.sound import Sound
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from struck import errors
+    from struck._api import analyze, load, render, save, show, tune
+    from struck.damping import Damping, InternalFriction, Measured, Rayleigh
+    from struck.excitation.strike import Strike
+    from struck.material import Material, materials
+    from struck.mesh import Mesh
+    from struck.model import ModalModel
+    from struck.sound import Sound
 
 __all__ = [
     "Damping",
@@ -41,3 +45,33 @@ __all__ = [
     "show",
     "tune",
 ]
+
+# Where each public name lives: a name is imported when it is first used (PEP 562).
+_HOMES = {
+    "struck._api": ("analyze", "load", "render", "save", "show", "tune"),
+    "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
+    "struck.excitation.strike": ("Strike",),
+    "struck.material": ("Material", "materials"),
+    "struck.mesh": ("Mesh",),
+    "struck.model": ("ModalModel",),
+    "struck.sound": ("Sound",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+# Modules that are reached as attributes without an import of their own.
+_MODULES = {"errors", "solids"}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for."""
+    if name in _MODULES:
+        return import_module(f"struck.{name}")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'struck' has no attribute {name!r}")
+    found = getattr(import_module(_HOME_OF[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the public names, those not yet imported too."""
+    return sorted({*globals(), *__all__, *_MODULES})

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import secrets
+import time
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from struck.errors import FileFormatError
 
+# Host, process and chance: whose a hidden file is, so that those of the dead can be told.
+_PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
+_DAY = 86_400.0
 
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+
+def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     """Write a file so that readers see the old content or the new, never a part.
 
     The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
-    on a failure or an interruption the hidden file is removed and `path` stays as it was. A
-    symbolic link is followed.
+    on a failure or an interruption the hidden file is removed and `path` stays as it was. What a
+    killed process could not remove goes with the next file written there. A symbolic link is
+    followed.
 
     Parameters
     ----------
     path : path
         Where to write; its folder must exist.
-    data : bytes
-        The whole content.
+    *blocks : bytes
+        The whole content, in order.
 
     Raises
     ------
@@ -32,7 +43,8 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     target = Path(os.path.realpath(path))
     try:
         _require_place(target, path)
-        _replace(target, data)
+        sweep(target.parent)
+        _replace(target, blocks)
     except PermissionError as error:
         raise FileFormatError(
             f"{path} cannot be written: {target.parent} allows no new files here; "
@@ -43,6 +55,20 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
             f"{path} cannot be written ({error.strerror or error}): free some space, or give "
             "another name or folder"
         ) from error
+
+
+def sweep(folder: Path) -> int:
+    """Remove the hidden files of processes that were killed while writing, and count them.
+
+    A process of this computer is known to be gone; of another one, or where that cannot be
+    asked, after a day. A folder that cannot be read is left alone.
+    """
+    swept = 0
+    for path in _left_behind(folder):
+        with suppress(OSError):
+            path.unlink()
+            swept += 1
+    return swept
 
 
 def _require_place(target: Path, path: str | os.PathLike[str]) -> None:
@@ -56,19 +82,19 @@ def _require_place(target: Path, path: str | os.PathLike[str]) -> None:
         )
 
 
-def _replace(target: Path, data: bytes) -> None:
-    temporary = target.with_name(f".struck-{secrets.token_hex(8)}.part")
+def _replace(target: Path, blocks: Iterable[bytes]) -> None:
+    temporary = target.with_name(f".struck-{_host()}-{os.getpid()}-{secrets.token_hex(8)}.part")
     try:
-        _write_through(temporary, data)
+        _write_through(temporary, blocks)
         temporary.replace(target)
         _sync_folder(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _write_through(path: Path, data: bytes) -> None:
+def _write_through(path: Path, blocks: Iterable[bytes]) -> None:
     with path.open("xb") as file:
-        file.write(data)
+        file.writelines(blocks)
         file.flush()
         os.fsync(file.fileno())
 
@@ -85,3 +111,41 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def _left_behind(folder: Path) -> Iterator[Path]:
+    try:
+        parts = [(path, _PART.fullmatch(path.name)) for path in folder.iterdir()]
+    except OSError:
+        return
+    for path, part in parts:
+        if part is None:
+            continue
+        host, process = part.groups()
+        if (host == _host() and _is_gone(int(process))) or _age(path) > _DAY:
+            yield path
+
+
+def _host() -> str:
+    return f"{zlib.crc32(platform.node().encode()):08x}"
+
+
+def _is_gone(process: int) -> bool:
+    """Tell whether no process has that number; never on Windows, where asking would end it."""
+    if os.name == "nt":
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
+
+
+def _age(path: Path) -> float:
+    """Return the time since the last write, s; 0 when the file has gone meanwhile."""
+    try:
+        return time.time() - path.stat().st_mtime
+    except OSError:
+        return 0.0

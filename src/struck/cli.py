@@ -6,11 +6,13 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from struck import _api
 from struck.arguments import body_named, material_named, numbers, strike, writable
+from struck.cache_command import declare_cache
+from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
 from struck.material import materials
 from struck.model import ModalModel
@@ -29,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     progress = TerminalProgress()
     try:
-        result = options.run(options, progress)
+        with warnings_in_one_line():
+            result = options.run(options, progress)
     except StruckError as error:
         progress.close()
         print(f"struck: {error}", file=sys.stderr)
@@ -51,45 +54,18 @@ def _told(text: str) -> int:
     return 0
 
 
-class Result:
-    """What a command tells machines (`facts`) and people (`text`)."""
-
-    def __init__(self, text: str, **facts: object) -> None:
-        self.text = text
-        self.facts = facts
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="struck", description="The sounds of physical objects, computed from what they are."
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for declare in (_analyze, _info, _show, _render, _tune, _materials, _demo):
+    for declare in (_analyze, _info, _show, _render, _tune, _materials, declare_cache, _demo):
         declare(commands)
     return parser
 
 
-def _command(
-    commands: argparse._SubParsersAction,
-    run: Callable[[argparse.Namespace, TerminalProgress], Result],
-    name: str,
-    about: str,
-    example: str,
-) -> argparse.ArgumentParser:
-    parser = commands.add_parser(
-        name,
-        help=about,
-        description=about,
-        epilog=f"example:\n  struck {name} {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--json", action="store_true", help="print the result for machines")
-    parser.set_defaults(run=run)
-    return parser
-
-
 def _analyze(commands: argparse._SubParsersAction) -> None:
-    parser = _command(
+    parser = command(
         commands,
         _run_analyze,
         "analyze",
@@ -102,6 +78,7 @@ def _analyze(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
     parser.add_argument("--wall", type=float, help="thickness of a hollow body's wall, m")
+    parser.add_argument("--no-repair", dest="repair", action="store_false", help="refuse instead")
     parser.add_argument("--part", help="which of several bodies in the file")
     parser.add_argument("--up", help="axis that points up: x, y or z")
     parser.add_argument("--fixed", type=numbers(6), help="box x0,y0,z0,x1,y1,z1 that is held, m")
@@ -109,6 +86,12 @@ def _analyze(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--band", type=numbers(2), default=(20.0, 20_000.0), help="low,high in Hz")
     parser.add_argument("--radiation", default="power", help="power (default) or obrien2002")
     parser.add_argument("--method", default="quadratic", help="quadratic (default) or obrien2002")
+    parser.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        help="neither take up nor keep finished work",
+    )
     parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
 
 
@@ -116,7 +99,8 @@ def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Res
     body = body_named(options.body)
     output = writable(options.output or f"{Path(options.body.partition(':')[0]).stem}.struck")
     fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
-    same = ("units", "size", "wall", "part", "up", "accuracy", "radiation", "method")
+    same = ("units", "size", "wall", "repair", "part", "up", "accuracy", "cache")
+    same = (*same, "radiation", "method")
     model = _api.analyze(
         body,
         material_named(options.material, options.damping),
@@ -130,7 +114,7 @@ def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Res
 
 
 def _info(commands: argparse._SubParsersAction) -> None:
-    parser = _command(commands, _run_info, "info", "tell what a model holds", "bell.struck")
+    parser = command(commands, _run_info, "info", "tell what a model holds", "bell.struck")
     parser.add_argument("model")
     parser.add_argument("--modes", type=int, default=_LISTED, help="how many to list")
 
@@ -141,7 +125,7 @@ def _run_info(options: argparse.Namespace, _progress: TerminalProgress) -> Resul
 
 
 def _show(commands: argparse._SubParsersAction) -> None:
-    parser = _command(
+    parser = command(
         commands, _run_show, "show", "draw shape, modes and spectrum", "bell.struck -o bell.png"
     )
     parser.add_argument("model")
@@ -155,7 +139,7 @@ def _run_show(options: argparse.Namespace, _progress: TerminalProgress) -> Resul
 
 
 def _render(commands: argparse._SubParsersAction) -> None:
-    parser = _command(
+    parser = command(
         commands,
         _run_render,
         "render",
@@ -201,7 +185,7 @@ def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Resu
 
 
 def _tune(commands: argparse._SubParsersAction) -> None:
-    parser = _command(
+    parser = command(
         commands,
         _run_tune,
         "tune",
@@ -230,7 +214,7 @@ def _run_tune(options: argparse.Namespace, progress: TerminalProgress) -> Result
 
 
 def _materials(commands: argparse._SubParsersAction) -> None:
-    _command(commands, _run_materials, "materials", "list materials with their sources", "--json")
+    command(commands, _run_materials, "materials", "list materials with their sources", "--json")
 
 
 def _run_materials(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
@@ -250,7 +234,7 @@ def _run_materials(_options: argparse.Namespace, _progress: TerminalProgress) ->
 
 
 def _demo(commands: argparse._SubParsersAction) -> None:
-    parser = _command(
+    parser = command(
         commands, _run_demo, "demo", "make a gallery of sounds and pictures", "--out gallery"
     )
     parser.add_argument("--out", default="gallery", help="folder to make")

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from struck.errors import MeshError
 from struck.mesh import Mesh
-from struck.pieces import Edges, boxes_of, components, edges_of, nesting, pieces
+from struck.pieces import (
+    Edges,
+    boxes_of,
+    components,
+    edges_of,
+    nesting,
+    pieces,
+    turned_faces,
+    volumes_of,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,43 +84,28 @@ def _require_two_faces_an_edge(edges: Edges) -> None:
     if found:
         raise MeshError(
             f"the mesh is not closed: {' and '.join(found)}; close holes and remove inner or "
-            "doubled faces in a mesh editor"
+            "doubled faces in a mesh editor, or leave repair on"
         )
 
 
 def _require_orientation(edges: Edges, face_count: int) -> None:
-    flipped = _flipped(*edges.pairs(), face_count)
-    if flipped is None:
+    turned = turned_faces(edges, face_count)
+    if turned is None:
         raise MeshError(
             "the mesh cannot be oriented (it is one-sided, like a Klein bottle) and so has no "
             "inside: rebuild it as the boundary of a solid"
         )
+    flipped = int(np.count_nonzero(turned))
     if flipped:
         raise MeshError(
             f"the mesh has {_counted(flipped, 'face')} with flipped orientation of "
-            f"{face_count}: make the normals consistent in a mesh editor"
+            f"{face_count}: make the normals consistent in a mesh editor, or "
+            "leave repair on"
         )
 
 
-def _flipped(sides: Index, agree: NDArray[np.bool_], face_count: int) -> int | None:
-    """Return how many faces to flip, the fewest of each piece; None on a one-sided surface.
-
-    Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
-    consistent copies. A two-sided piece falls into two mirrored halves.
-    """
-    second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
-    mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])
-    pairs = [np.c_[sides[:, 0], second], np.c_[sides[:, 0] + face_count, mirrored]]
-    labels = components(np.concatenate(pairs), 2 * face_count).reshape(2, face_count)
-    if np.any(labels[0] == labels[1]):
-        return None
-    kept = np.bincount(labels[0], minlength=labels.max() + 1)
-    turned = np.bincount(labels[1], minlength=labels.max() + 1)
-    return int(np.minimum(kept, turned).sum() // 2)  # both halves count the piece
-
-
 def _require_volume(mesh: Mesh, labels: Index) -> Array:
-    volumes = np.bincount(labels, weights=_cones(mesh, labels)).astype(np.float64)
+    volumes = volumes_of(mesh, labels)
     areas = np.bincount(labels, weights=mesh.areas)
     empty = np.abs(volumes) <= _THINNEST * areas * boxes_of(mesh, labels).extents
     if empty.any():
@@ -122,30 +116,23 @@ def _require_volume(mesh: Mesh, labels: Index) -> Array:
     return volumes
 
 
-def _cones(mesh: Mesh, labels: Index) -> Array:
-    """Return the signed volumes between each face and the middle of its piece, m^3 (F,)."""
-    middles = boxes_of(mesh, labels).middles
-    offsets = mesh.centroids - middles[labels]
-    return np.einsum("ij,ij->i", offsets, mesh.area_vectors) / 3
-
-
 def _require_one_body(depths: Index, volumes: Array) -> None:
     outer = depths % 2 == 0
     if np.count_nonzero(outer) > 1:
         raise MeshError(
             f"the mesh holds {np.count_nonzero(outer)} separate bodies: give one at a time, or "
-            "join them into one surface"
+            "join them into one surface, or leave repair on for the largest"
         )
     if np.any(volumes[outer] < 0):
         raise MeshError(
             f"the mesh is inside out (its volume is {volumes.sum():.3g} m^3): flip all faces so "
-            "that the normals point outward"
+            "that the normals point outward, or leave repair on"
         )
     solid = np.count_nonzero(volumes[~outer] > 0)
     if solid:
         raise MeshError(
             f"{_counted(solid, 'inner shell')} of the mesh with normals outward would be a body "
-            "within the body: flip the faces to make a cavity, or remove them"
+            "within the body: flip the faces to make a cavity, remove them, or leave repair on"
         )
 
 

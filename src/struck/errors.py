@@ -43,3 +43,7 @@ class FileFormatError(StruckError, ValueError):
 
 class MissingDependencyError(StruckError, ImportError):
     """An optional package that is not installed."""
+
+
+class RepairWarning(UserWarning):
+    """A surface was repaired: what was wrong with it, and what was changed."""

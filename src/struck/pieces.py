@@ -77,6 +77,35 @@ def pieces(mesh: Mesh) -> Index:
     return components(sides, len(mesh.faces))
 
 
+def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
+    """Tell which faces to flip, the fewest of each piece (F,); None on a one-sided surface.
+
+    Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
+    consistent copies. A two-sided piece falls into two mirrored halves.
+    """
+    sides, agree = edges.pairs()
+    second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
+    mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])
+    pairs = [np.c_[sides[:, 0], second], np.c_[sides[:, 0] + face_count, mirrored]]
+    kept, turned = components(np.concatenate(pairs), 2 * face_count).reshape(2, face_count)
+    if np.any(kept == turned):
+        return None
+    # A half holds as many faces as they are as its mirror image holds flipped.
+    as_they_are = np.bincount(kept, minlength=max(kept.max(), turned.max()) + 1)
+    ahead, behind = as_they_are[kept], as_they_are[turned]
+    return (ahead < behind) | ((ahead == behind) & (kept > turned))
+
+
+def volumes_of(mesh: Mesh, labels: Index) -> Array:
+    """Return the signed volume that each piece encloses, m^3 (P,).
+
+    Each is summed about its own middle: open pieces give what they enclose from there.
+    """
+    offsets = mesh.centroids - boxes_of(mesh, labels).middles[labels]
+    cones = np.einsum("ij,ij->i", offsets, mesh.area_vectors) / 3
+    return np.bincount(labels, weights=cones).astype(np.float64)
+
+
 def bodies(mesh: Mesh) -> list[Index]:
     """Return the faces of each separate body, cavities with the body around them.
 

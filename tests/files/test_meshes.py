@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from struck.errors import FileFormatError, MeshError, OptionError
-from struck.files.meshes import load_mesh
+from struck.files.meshes import load_body, load_mesh, load_surface
 
 FORMATS = ["obj", "stl", "ply", "off", "glb", "gltf"]
 
@@ -42,7 +42,10 @@ def written(body: trimesh.Trimesh | trimesh.Scene, path: Path) -> Path:
 def refused(path: Path, **options: object) -> str:
     """Return the one line that refuses a file and names it."""
     with pytest.raises((FileFormatError, MeshError)) as caught:
-        load_mesh(path, **options)  # type: ignore[arg-type]
+        load_mesh(path, repair=False, **options)  # type: ignore[arg-type]
+    if caught.type is FileFormatError:
+        with pytest.raises(FileFormatError):
+            load_surface(path, **options)  # type: ignore[arg-type]
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
@@ -257,6 +260,63 @@ def test_solids_of_an_ascii_stl(tmp_path: Path) -> None:
     assert "announces 20 faces and only 8 could be read" in refused(cut)
 
 
+# Repair
+
+
+def test_of_several_bodies_repair_takes_the_largest(tmp_path: Path) -> None:
+    path = written(scene(bell=box(edge=2), clapper=box(at=(5, 0, 0))), tmp_path / "a.glb")
+    assert load_surface(path).volume == pytest.approx(9)
+    result = load_body(path)
+    assert result.mesh.volume == pytest.approx(8)
+    assert result.found == ("2 separate bodies.",)
+    assert "1 other, up to 12 % of its volume, left out: part= gives" in result.changed[0]
+    assert load_body(path, part="clapper").found == ()
+
+
+def test_size_is_that_of_the_body_kept(tmp_path: Path) -> None:
+    path = written(
+        trimesh.util.concatenate([box(), box(at=(9, 0, 0), edge=0.1)]), tmp_path / "a.stl"
+    )
+    result = load_body(path, size=0.2)
+    assert result.mesh.extent == pytest.approx(0.2, rel=1e-12)
+    assert result.volume_after == pytest.approx(0.008)
+    assert result.changed == ("1 crumb removed.",)
+
+
+def test_parts_of_a_dirty_file_by_number(tmp_path: Path) -> None:
+    """A hole in one body, the other in triangles that do not meet exactly."""
+    ball = trimesh.creation.icosphere(3)
+    ball.update_faces(np.arange(len(ball.faces)) != 7)
+    other = trimesh.creation.icosphere(2, radius=2.0)
+    other.apply_translation([9, 0, 0])
+    corners = other.vertices[other.faces].reshape(-1, 3)
+    corners += 1e-6 * np.random.default_rng(0).random(corners.shape)
+    apart = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    path = written(trimesh.util.concatenate([ball, apart]), tmp_path / "a.off")
+    assert load_mesh(path, part="0").extent == pytest.approx(2, rel=1e-3)
+    assert load_mesh(path, part="1").extent == pytest.approx(4, rel=1e-3)
+    with pytest.raises(MeshError, match="no part '2': choose one of '0', '1'"):
+        load_mesh(path, part="2")
+
+
+def test_hole_is_filled_or_refused(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(3)
+    ball.update_faces(np.arange(len(ball.faces)) != 7)
+    path = written(ball, tmp_path / "a.ply")
+    assert load_mesh(path).volume == pytest.approx(trimesh.creation.icosphere(3).volume)
+    assert "1 hole; close holes" in refused(path)
+    assert "or leave repair on" in refused(path)
+
+
+def test_sheet_asks_for_a_wall(tmp_path: Path) -> None:
+    dome = trimesh.creation.icosphere(3)
+    dome.update_faces(dome.triangles_center[:, 2] > 0)
+    path = written(dome, tmp_path / "a.ply")
+    with pytest.raises(MeshError, match=r"a\.ply: the mesh is an open sheet.*give wall="):
+        load_body(path)
+    assert load_body(path, wall=0.01).sheet
+
+
 # Faces without area
 
 
@@ -394,12 +454,12 @@ def test_words_among_numbers_of_an_ascii_stl(tmp_path: Path) -> None:
 def test_huge_counts_in_headers_cost_nothing(tmp_path: Path) -> None:
     binary = trimesh.exchange.ply.export_ply(wedge())
     huge = binary.replace(b"element vertex 6", b"element vertex 99999999999999")
-    assert "cannot be read as PLY" in refused(saved(tmp_path / "a.ply", huge))
+    assert "announces 99999999999999 vertices" in refused(saved(tmp_path / "a.ply", huge))
     facets = bytearray(trimesh.exchange.stl.export_stl(wedge()))
     facets[80:84] = b"\xff\xff\xff\xff"
     refused(saved(tmp_path / "a.stl", bytes(facets)))
     off = f"OFF\n8 99999999999 0\n{CUBE.replace('v ', '')}\n3 0 1 2\n"
-    assert "announces 99999999999 faces" in refused(saved(tmp_path / "a.off", off))
+    assert "announces 99999999999 vertices or faces" in refused(saved(tmp_path / "a.off", off))
 
 
 def gltf_with(change: Callable[[dict], None], path: Path) -> Path:
@@ -426,7 +486,7 @@ BEYOND: dict[str, tuple[Callable[[dict], None], str]] = {
         "it uses sparse, normalised or empty accessors",
     ),
     "huge": (lambda header: header["accessors"][0].update(count=10**12), "cannot be read as GLTF"),
-    "lost": (lambda header: header["buffers"][0].update(uri="no.bin"), "cannot be read as GLTF"),
+    "lost": (lambda header: header["buffers"][0].update(uri="no.bin"), "'no.bin', which it names"),
     "old": (lambda header: header.update(asset={"version": "1.0"}), "cannot be read as GLTF"),
 }
 
@@ -478,7 +538,10 @@ def test_faces_of_one_or_two_vertices_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_two_hundred_damaged_files(tmp_path: Path, kind: str) -> None:
-    """Whatever a flipped byte does, the answer is a closed surface or one of our errors."""
+    """Whatever a flipped byte does, the answer is a closed surface or one of our errors.
+
+    One in ten is repaired.
+    """
     body = trimesh.creation.icosphere(subdivisions=1)
     content = written(body, tmp_path / f"a.{kind}").read_bytes()
     rng = np.random.default_rng(7)
@@ -487,6 +550,6 @@ def test_two_hundred_damaged_files(tmp_path: Path, kind: str) -> None:
         damaged[place] ^= rng.integers(1, 256)
         path = saved(tmp_path / f"b.{kind}", bytes(damaged))
         try:
-            assert load_mesh(path).volume > 0
+            assert load_mesh(path, repair=place % 10 == 0).volume > 0
         except (FileFormatError, MeshError) as error:
             assert str(error).startswith(f"{path}: ")  # noqa: PT017

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import builtins
 import contextlib
 import io
+import sys
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 
-from struck.errors import FileFormatError, MeshError, MissingDependencyError, OptionError
+from struck.errors import MeshError, MissingDependencyError, OptionError
+from struck.files.blocks import read_blocks
+from struck.files.guard import Guard
+from struck.files.limits import Limits
 from struck.files.volumes import load_volume
 
 KINDS = {
@@ -63,8 +66,8 @@ def one(path: Path, kind: str) -> Path:
     return write(path, (kind, np.arange(len(nodes(kind)))[None]), points=nodes(kind))
 
 
-def refused(path: Path, kind: type[Exception] = MeshError) -> str:
-    with pytest.raises(kind) as caught:
+def refused(path: Path) -> str:
+    with pytest.raises(MeshError) as caught:
         load_volume(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
@@ -199,6 +202,12 @@ def test_nodes_that_are_not_finite(tmp_path: Path) -> None:
     assert "not finite" in refused(path)
 
 
+def test_nodes_beyond_arithmetic(tmp_path: Path) -> None:
+    points = nodes("tetra") * 1e120
+    path = write(tmp_path / "a.vtu", ("tetra", np.array([[0, 1, 2, 3]])), points=points)
+    assert "a node is 3e+120 m from the origin" in refused(path)
+
+
 @pytest.mark.parametrize("index", [4, -1])
 def test_index_out_of_range(tmp_path: Path, index: int) -> None:
     path = write(tmp_path / "a.vtk", ("tetra", np.array([[0, 1, 2, index]])), points=nodes("tetra"))
@@ -208,7 +217,7 @@ def test_index_out_of_range(tmp_path: Path, index: int) -> None:
 def test_several_blocks_of_nodes_are_refused(tmp_path: Path) -> None:
     path = one(tmp_path / "a.inp", "tetra")
     path.write_text(path.read_text() * 2)
-    assert "it holds 2 blocks of nodes" in refused(path, FileFormatError)
+    assert "it holds 2 blocks of nodes" in refused(path)
 
 
 @pytest.mark.parametrize("extension", FORMATS)
@@ -219,7 +228,7 @@ def test_truncated_files_are_one_line_and_silent(
     path = one(tmp_path / f"a.{extension}", "tetra10")
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    refused(path, (FileFormatError, MeshError))  # type: ignore[arg-type]
+    refused(path)
     assert capfd.readouterr() == ("", "")
 
 
@@ -230,7 +239,7 @@ def test_binary_junk(
 ) -> None:
     path = tmp_path / f"a.{extension}"
     path.write_bytes(np.random.default_rng(seed).bytes(3000))
-    refused(path, (FileFormatError, MeshError))  # type: ignore[arg-type]
+    refused(path)
     assert capfd.readouterr() == ("", "")
 
 
@@ -241,25 +250,44 @@ def test_reader_that_leaves_the_program(tmp_path: Path, monkeypatch: pytest.Monk
 
     path = one(tmp_path / "a.vtk", "tetra")
     monkeypatch.setattr(meshio.vtk, "read", leave)
-    assert "SystemExit: 1 Error: no luck" in refused(path, FileFormatError)
+    with pytest.raises(MeshError, match="SystemExit: 1 Error: no luck"):
+        read_blocks(path, Limits())
 
 
 def test_missing_file_folder_and_extension(tmp_path: Path) -> None:
-    assert "No such file" in refused(tmp_path / "a.vtk", FileFormatError)
+    assert "No such file" in refused(tmp_path / "a.vtk")
     (tmp_path / "b.inp").mkdir()
-    assert "cannot be opened" in refused(tmp_path / "b.inp", FileFormatError)
-    assert "use one of vtk, vtu, msh, inp" in refused(tmp_path / "a.med", FileFormatError)
+    assert "cannot be opened" in refused(tmp_path / "b.inp")
+    assert "use one of vtk, vtu, msh, inp" in refused(tmp_path / "a.med")
 
 
 def test_without_meshio_the_install_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = one(tmp_path / "a.vtk", "tetra")
-    imported = builtins.__import__
-
-    def absent(name: str, *rest: object) -> object:
-        if name == "meshio":
-            raise ImportError(name)
-        return imported(name, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", absent)
+    monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(MissingDependencyError, match=r'pip install "struck\[volumes\]"'):
-        load_volume(path)
+        read_blocks(path, Limits())
+
+
+def test_errors_of_the_reader_keep_their_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A module named meshio that cannot be imported stands first on the reader's search path."""
+    (tmp_path / "meshio.py").write_text("raise ImportError('absent')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MissingDependencyError, match="pip install"):
+        Guard().blocks(one(tmp_path / "a.vtk", "tetra"))
+
+
+def test_included_files_are_not_followed(tmp_path: Path) -> None:
+    path = one(tmp_path / "a.inp", "tetra")
+    path.write_text("*INCLUDE, INPUT=b.inp\n" + path.read_text())
+    assert "put all into one file" in refused(path)
+
+
+def test_header_of_a_billion_nodes(tmp_path: Path) -> None:
+    path = tmp_path / "a.vtk"
+    path.write_text(
+        "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET UNSTRUCTURED_GRID\n"
+        "POINTS 10000000000 double\n"
+    )
+    refused(path)

@@ -18,6 +18,7 @@ from struck.solids.distance import Body
 from struck.solids.eigen import rigid_motions
 from struck.solids.factor import factorise
 from struck.solids.linear import linear_tetrahedra
+from struck.solids.tetrahedra import cells_in
 from struck.solids.vibration import Solver, vibration_modes
 from tests.physics.bodies import bumpy, custom
 
@@ -35,7 +36,7 @@ def body(seed: int) -> VolumeMesh:
     wall = 0.3 * np.ptp(surface.bounds, axis=0).min() if seed % 3 == 2 else None
     filling = Body(mesh=surface, wall=wall)
     spacing = surface.extent / 4 if wall is None else 0.75 * wall
-    mesh, _ = curved(filling.stuffed(spacing), filling.projected)
+    mesh, _ = curved(cells_in(filling.depths, filling.bounds, spacing), filling.onto)
     return mesh
 
 

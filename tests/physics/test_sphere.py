@@ -91,17 +91,15 @@ WALLS = [(0.008, 0.0005), (0.002, 0.005)]
 
 
 @pytest.mark.parametrize(("wall", "within"), WALLS)
-def test_hollow_sphere_at_preview_is_as_good_as_promised_at_standard(
-    wall: float, within: float
-) -> None:
-    check_hollow_sphere("preview", 5, wall, within)
+def test_hollow_sphere_of_few_triangles_at_standard(wall: float, within: float) -> None:
+    check_hollow_sphere("standard", 5, wall, within)
 
 
 @pytest.mark.prove
-@pytest.mark.parametrize("subdivisions", [5, 6])
+@pytest.mark.parametrize("accuracy", ["standard", "fine"])
 @pytest.mark.parametrize(("wall", "within"), WALLS)
-def test_hollow_sphere_at_standard(wall: float, within: float, subdivisions: int) -> None:
-    check_hollow_sphere("standard", subdivisions, wall, within)
+def test_hollow_sphere(wall: float, within: float, accuracy: str) -> None:
+    check_hollow_sphere(accuracy, 6, wall, within)
 
 
 @pytest.mark.prove

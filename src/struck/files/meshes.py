@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +12,12 @@ from numpy.typing import NDArray
 
 from struck.closed import is_closed, require_closed
 from struck.errors import FileFormatError, MeshError, OptionError
-from struck.files.parse import parse
+from struck.files.guard import read_contents
 from struck.files.parts import Part
 from struck.mesh import Mesh
 from struck.pieces import bodies, submesh
+from struck.solids.repair import Repair, repaired
+from struck.solids.welding import lines, sewn
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -23,8 +27,8 @@ _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
 _LISTED = 12
 # Cubes of lengths must stay within the range of double precision.
 _SMALLEST, _LARGEST = 1e-60, 1e60
-# Below this height over its longest side a triangle is a line but for rounding.
-_THINNEST_FACE = 1e-12
+# What is left out of a body may set its scale: this far off, it is repaired at the right one.
+_NEAR = 0.01
 
 
 def load_mesh(
@@ -34,12 +38,13 @@ def load_mesh(
     size: float | None = None,
     part: str | None = None,
     up: str | None = None,
+    repair: bool = True,
 ) -> Mesh:
     """Load one closed body from a mesh file.
 
     Vertices at the very same place become one (formats repeat them along seams, STL for each
     face), vertices without faces go, and polygons are cut into triangles. Faces without area are
-    left out where the surface stays closed without them. Nothing else is changed.
+    left out where the surface stays closed without them.
 
     Parameters
     ----------
@@ -56,6 +61,9 @@ def load_mesh(
     up : str, optional
         The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
         GLB and glTF, z for STL, PLY and OFF.
+    repair : bool
+        Make of any other surface one that encloses a body: `load_body` tells what that took.
+        Otherwise it is refused, and so are several bodies unless `part` chooses one.
 
     Returns
     -------
@@ -69,18 +77,83 @@ def load_mesh(
     FileFormatError
         When the file cannot be read.
     MeshError
-        When its content is no single closed body; several bodies are listed by name.
+        When its content is no single closed body, and none can be made of it.
+    """
+    if repair:
+        return load_body(path, units=units, size=size, part=part, up=up).mesh
+    path = Path(path)
+    _require_options(units, size, up)
+    with _named(path):
+        contents = read_contents(path)
+        body = _one_body(contents.parts, part)
+        _require_areas(body)
+        require_closed(body)
+    return _in_metres(body, units, size, up or _UP[contents.kind])
+
+
+def load_surface(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+) -> Mesh:
+    """Load a surface as it stands in a mesh file, closed or not: see `load_mesh`.
+
+    Without `part` it holds all bodies of the file.
     """
     path = Path(path)
     _require_options(units, size, up)
+    with _named(path):
+        contents = read_contents(path)
+        surface = _any_surface(contents.parts, part)
+    return _in_metres(surface, units, size, up or _UP[contents.kind])
+
+
+def load_body(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+    wall: float | None = None,
+) -> Repair:
+    """Load one body from a mesh file and repair it: see `load_mesh`.
+
+    Parameters
+    ----------
+    wall : float, optional
+        Thickness that a single-sided sheet shall have, m.
+
+    Returns
+    -------
+    Repair
+        The closed surface, or the sheet, with what was found and changed. Of several bodies it
+        is the largest, unless `part` chooses.
+    """
+    surface = load_surface(path, units=units, size=size, part=part, up=up)
+    with _named(Path(path)):
+        result = repaired(surface, wall=wall)
+        if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
+            # What was left out had set the scale.
+            result = repaired(surface.scaled(size / result.mesh.extent), wall=wall)
+    return result if size is None else result.scaled(size / result.mesh.extent)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the file's name before what is wrong with it."""
     try:
-        body = _one_body(parse(path), part)
-        require_closed(body)
+        yield
     except (FileFormatError, MeshError) as error:
         raise type(error)(f"{path}: {error}") from error
+
+
+def _in_metres(body: Mesh, units: str | None, size: float | None, up: str) -> Mesh:
     factor = size / body.extent if size is not None else UNITS[units or "m"]
-    axis = up or _UP[path.suffix[1:].lower()]
-    return Mesh(points=body.points * factor, faces=body.faces, up=axis)
+    return Mesh(points=body.points * factor, faces=body.faces, up=up)
 
 
 def _require_options(units: str | None, size: float | None, up: str | None) -> None:
@@ -97,13 +170,29 @@ def _require_options(units: str | None, size: float | None, up: str | None) -> N
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
     """Choose the body that `part` names, or the only one there is."""
     surfaces = [_surface(found) for found in parts]
-    found, names = _bodies(parts, surfaces)
-    numbers = [str(number) for number in range(len(found))]
-    if part is None and len(found) == 1:
-        return found[0]
-    if part is None:
-        offer = _listed(names or numbers)
+    whole = _whole(parts, surfaces)
+    found, names = _bodies(parts, surfaces, whole) if is_closed(whole) else ([whole], [])
+    if part is None and len(found) > 1:
+        offer = _listed(names or [str(number) for number in range(len(found))])
         raise MeshError(f"it holds {len(found)} bodies: choose one with part=, of {offer}")
+    return found[0] if part is None else _chosen(part, parts, surfaces, found, names)
+
+
+def _any_surface(parts: list[Part], part: str | None) -> Mesh:
+    """Choose what `part` names, or everything."""
+    surfaces = [_surface(found) for found in parts]
+    whole = _whole(parts, surfaces)
+    if part is None:
+        return whole
+    if not is_closed(whole):
+        whole, _ = sewn(whole)
+    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, whole))
+
+
+def _chosen(
+    part: str, parts: list[Part], surfaces: list[Mesh], found: list[Mesh], names: list[str]
+) -> Mesh:
+    numbers = [str(number) for number in range(len(found))]
     choices = dict(zip(numbers, found, strict=True))
     choices |= {each.name: surface for each, surface in zip(parts, surfaces, strict=True)}
     choices |= dict(zip(names, found, strict=bool(names)))
@@ -113,18 +202,20 @@ def _one_body(parts: list[Part], part: str | None) -> Mesh:
     return choices[part]
 
 
-def _bodies(parts: list[Part], surfaces: list[Mesh]) -> tuple[list[Mesh], list[str]]:
-    """Return the separate bodies and, where each comes from a part of its own, their names.
+def _apart(surfaces: list[Mesh]) -> bool:
+    """Tell whether parts are bodies, even where they touch; else they are patches of one."""
+    return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
 
-    Parts that are closed are bodies even where they touch; open ones are patches of one surface.
-    """
-    apart = len(parts) > 1 and all(is_closed(surface) for surface in surfaces)
-    whole = _joined(surfaces) if apart else _united(parts, surfaces)
-    if not is_closed(whole):
-        return [whole], []
+
+def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
+    return _joined(surfaces) if _apart(surfaces) else _united(parts, surfaces)
+
+
+def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
+    """Return the separate bodies and, where each comes from a part of its own, their names."""
     groups = bodies(whole)
     names: list[str] = []
-    if apart:
+    if _apart(surfaces):
         labels = np.repeat(np.arange(len(parts)), [len(surface.faces) for surface in surfaces])
         outermost = [faces[np.argmin(whole.centroids[faces, 0])] for faces in groups]
         names = [parts[labels[face]].name for face in outermost]
@@ -180,20 +271,20 @@ def _welded(mesh: Mesh) -> Mesh:
 
 def _without_lines(mesh: Mesh) -> Mesh:
     """Leave out faces whose corners lie on a line, where the surface is closed without them."""
-    corners = mesh.points[mesh.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    lines = 2 * mesh.areas <= _THINNEST_FACE * longest**2
-    if not lines.any() or lines.all():
+    flat = lines(mesh)
+    if not flat.any() or flat.all():
         return mesh
-    rest = submesh(mesh, np.flatnonzero(~lines))
-    if is_closed(rest):
-        return rest
-    if is_closed(mesh):
+    rest = submesh(mesh, np.flatnonzero(~flat))
+    return rest if is_closed(rest) else mesh
+
+
+def _require_areas(mesh: Mesh) -> None:
+    flat = lines(mesh)
+    if flat.any() and is_closed(mesh):
         raise MeshError(
-            f"{np.count_nonzero(lines)} of its {len(lines)} faces have no area and hold the "
-            "surface together: remesh it, or merge their vertices"
+            f"{np.count_nonzero(flat)} of its {len(flat)} faces have no area and hold the "
+            "surface together: remesh it, merge their vertices, or leave repair on"
         )
-    return mesh
 
 
 def _listed(names: list[str]) -> str:

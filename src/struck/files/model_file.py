@@ -58,10 +58,9 @@ def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
         When the model holds what version 1 cannot keep, or the file cannot be written.
     """
     try:
-        text = json.dumps(_description(model), allow_nan=False, default=plain)
-        data = pack(_tensors(model), {"format": "struck", "version": str(VERSION), "json": text})
-    except (FileFormatError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: the model cannot be saved: {error}") from error
+        data = to_bytes(model)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
     write_bytes(path, data)
 
 
@@ -81,14 +80,43 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
         When the file is missing, damaged, truncated, no model, or of a newer version.
     """
     try:
-        metadata, tensors = unpack(_read(Path(path)), kind="struck", newest=VERSION)
+        return from_bytes(_read(Path(path)))
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def to_bytes(model: ModalModel) -> bytes:
+    """Return a model as the content of a model file.
+
+    Raises
+    ------
+    FileFormatError
+        When the model holds what version 1 cannot keep.
+    """
+    try:
+        text = json.dumps(_description(model), allow_nan=False, default=plain)
+        return pack(_tensors(model), {"format": "struck", "version": str(VERSION), "json": text})
+    except (FileFormatError, TypeError, ValueError) as error:
+        raise FileFormatError(f"the model cannot be saved: {error}") from error
+
+
+def from_bytes(data: bytes) -> ModalModel:
+    """Return the model that the content of a model file holds.
+
+    Raises
+    ------
+    FileFormatError
+        When it is damaged, truncated, no model, or of a newer version.
+    """
+    try:
+        metadata, tensors = unpack(data, kind="struck", newest=VERSION)
         _require_layout(tensors)
         return _model(json.loads(metadata["json"]), tensors)
     except StruckError as error:
-        raise FileFormatError(f"{path}: {error}") from error
+        raise FileFormatError(str(error)) from error
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FileFormatError(
-            f"{path}: its metadata is not as the format demands ({type(error).__name__}: {error}): "
+            f"its metadata is not as the format demands ({type(error).__name__}: {error}): "
             "write it by docs/reference/model_file.md"
         ) from error
 

@@ -6,16 +6,17 @@ they stand, takes index 0 as 1, and drops lines it cannot read.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError
+from struck.errors import MeshError
 from struck.files.parts import Part
 
 
-def parse_obj(data: bytes) -> list[Part]:
+def parse_obj(data: bytes) -> Iterator[Part]:
     """Read the objects of an OBJ file, or its groups where it has no several objects.
 
     Polygons are cut into fans. Texture, normals, materials, lines, points and free-form curves
@@ -23,7 +24,7 @@ def parse_obj(data: bytes) -> list[Part]:
 
     Raises
     ------
-    FileFormatError
+    MeshError
         On a line that cannot be read, with its number.
     """
     text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
@@ -34,7 +35,7 @@ def parse_obj(data: bytes) -> list[Part]:
             reader.take(words)
         except (ValueError, IndexError) as error:
             shown = line.strip()[:40]
-            raise FileFormatError(f"line {number} ({shown!r}) cannot be read: {error}") from error
+            raise MeshError(f"line {number} ({shown!r}) cannot be read: {error}") from error
     return reader.parts()
 
 
@@ -76,20 +77,22 @@ class _Reader:
         self._objects += [self._object] * len(fan)
         self._groups += [self._group] * len(fan)
 
-    def parts(self) -> list[Part]:
+    def parts(self) -> Iterator[Part]:
         """Return what was read, by object or else by group."""
         points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
         faces = np.array(self._faces, dtype=object).reshape(-1, 3)
         if len(faces) and faces.max() >= len(points):
-            raise FileFormatError(
+            raise MeshError(
                 f"a face names vertex {faces.max() + 1} of {len(points)}: the file is truncated, "
                 "or was edited by hand"
             )
         names = self._objects if len(set(self._objects)) > 1 else self._groups
         numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
         labels = np.array([numbers[name] for name in names], dtype=np.int64)
-        indices = faces.astype(np.int64)
-        return [_part(name, points, indices[labels == numbers[name]]) for name in numbers]
+        indices = faces.astype(np.int64)[np.argsort(labels, kind="stable")]
+        starts = np.cumsum(np.bincount(labels))[:-1] if names else []
+        together = zip(numbers, np.split(indices, starts), strict=bool(names))
+        return (_part(name, points, each) for name, each in together)
 
 
 def _part(name: str, points: NDArray[np.float64], faces: NDArray[np.int64]) -> Part:

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
-import re
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError, MeshError, MissingDependencyError, OptionError
+from struck.errors import MeshError, OptionError
+from struck.files.blocks import READERS, Blocks
+from struck.files.guard import read_volume
 from struck.files.meshes import UNITS
 from struck.solids.elements import ELEMENTS
 from struck.solids.volume import VolumeMesh
 
-if TYPE_CHECKING:
-    import meshio
-
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
-SUFFIXES = frozenset(_READERS)
+SUFFIXES = frozenset(READERS)
 _KINDS = {
     "tetra": "tet4",
     "tetra10": "tet10",
@@ -35,6 +28,8 @@ _KINDS = {
     "wedge": "wedge6",
     "wedge15": "wedge15",
 }
+# Cubes of lengths must stay within the range of double precision.
+_FARTHEST = 1e60
 _SURFACES = ("vertex", "line", "triangle", "quad", "polygon")
 
 
@@ -62,87 +57,26 @@ def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> Vo
         On unknown units.
     MissingDependencyError
         When meshio is not installed.
-    FileFormatError
-        When the file cannot be read.
     MeshError
-        When it holds no volume elements, several kinds of them, inverted ones, or numbers that
-        are not finite.
+        When the file cannot be read, or holds no volume elements, several kinds of them, inverted
+        ones, or numbers that are not finite.
     """
     path = Path(path)
     if units is not None and units not in UNITS:
         raise OptionError(f"units is {units!r}: give one of {', '.join(UNITS)}")
     try:
-        mesh = _one_kind(_read(path), UNITS[units or "m"])
+        mesh = _one_kind(read_volume(path), UNITS[units or "m"])
         _require_upright(mesh)
-    except (FileFormatError, MeshError) as error:
-        raise type(error)(f"{path}: {error}") from error
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
     return mesh
 
 
-def _read(path: Path) -> meshio.Mesh:
-    """Read with meshio, which prints and leaves the program where others raise."""
-    reader = _reader(path)
-    printed = io.StringIO()
-    try:
-        if path.suffix.lower() == ".inp":
-            _require_one_node_block(path)
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            return reader(str(path))
-    except FileFormatError:
-        raise
-    except OSError as error:
-        raise FileFormatError(
-            f"it cannot be opened ({error.strerror or error}): check the name and the permissions"
-        ) from error
-    except (Exception, SystemExit) as error:
-        reason = " ".join(f"{type(error).__name__}: {error} {printed.getvalue()}".split())[:160]
-        raise FileFormatError(
-            f"it cannot be read as {path.suffix[1:]} ({reason}): it is empty, truncated, damaged "
-            "or another format; export it again"
-        ) from error
-
-
-def _require_one_node_block(path: Path) -> None:
-    """Refuse files of several parts: meshio keeps the nodes of the last alone."""
-    text = path.read_text(encoding="utf-8", errors="replace")
-    blocks = len(re.findall(r"^\*NODE\s*(?:,|$)", text, re.IGNORECASE | re.MULTILINE))
-    if blocks > 1:
-        raise FileFormatError(
-            f"it holds {blocks} blocks of nodes (*NODE), and one is read: write one part, with all "
-            "nodes in one block"
-        )
-
-
-def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
-    if path.suffix.lower() not in SUFFIXES:
-        raise FileFormatError(
-            f"its extension {path.suffix!r} names no volume mesh read here: use one of "
-            f"{', '.join(name[1:] for name in _READERS)}"
-        )
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingDependencyError(
-            'volume meshes are read by meshio: pip install "struck[volumes]"'
-        ) from error
-    _complete_meshio()
-    return getattr(meshio, _READERS[path.suffix.lower()]).read
-
-
-def _complete_meshio() -> None:
-    """Say that two elements are solid: meshio 5.3 knows their nodes and yet fails on them."""
-    with contextlib.suppress(ImportError):
-        from meshio._mesh import topological_dimension
-
-        topological_dimension.setdefault("wedge15", 3)
-        topological_dimension.setdefault("pyramid13", 3)
-
-
-def _one_kind(found: meshio.Mesh, metre: float) -> VolumeMesh:
+def _one_kind(found: Blocks, metre: float) -> VolumeMesh:
     """Return the volume elements of a file, which must be of one kind."""
     counts: Counter[str] = Counter()
-    for block in found.cells:
-        counts[block.type] += len(block.data)
+    for kind, cells in found.cells:
+        counts[kind] += len(cells)
     solid = [kind for kind in +counts if not kind.startswith(_SURFACES)]
     inventory = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
     if not solid:
@@ -155,13 +89,15 @@ def _one_kind(found: meshio.Mesh, metre: float) -> VolumeMesh:
             f"its elements are {inventory}, and one kind of volume element is taken, of "
             f"{', '.join(_KINDS)}: mesh it with one kind alone"
         )
-    elements = np.concatenate([block.data for block in found.cells if block.type == solid[0]])
-    return _compact(np.asarray(found.points, float) * metre, elements, _KINDS[solid[0]])
+    elements = np.concatenate([cells for kind, cells in found.cells if kind == solid[0]])
+    return _compact(found.nodes * metre, elements, _KINDS[solid[0]])
 
 
 def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
     """Leave out nodes without elements: they would move for nothing."""
-    elements = elements.astype(np.int64)
+    count = elements.shape[1]
+    if count != len(ELEMENTS[kind].nodes):
+        raise MeshError(f"its {kind} elements have {count} nodes each: export the mesh again")
     if elements.min() < 0 or elements.max() >= len(nodes):
         raise MeshError(
             f"elements name nodes {elements.min()} to {elements.max()} of {len(nodes)}: export the "
@@ -170,6 +106,12 @@ def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
     used, renumbered = np.unique(elements, return_inverse=True)
     if nodes.shape[1] != 3 or not np.isfinite(nodes[used]).all():
         raise MeshError("its nodes are not finite numbers x, y and z: export the mesh again")
+    farthest = np.abs(nodes[used]).max()
+    if farthest > _FARTHEST:
+        raise MeshError(
+            f"a node is {farthest:.3g} m from the origin, and volumes can be computed within "
+            f"{_FARTHEST:g} m alone: export the mesh again"
+        )
     return VolumeMesh(nodes=nodes[used], elements=renumbered.reshape(elements.shape), kind=kind)
 
 

@@ -56,6 +56,11 @@ class System:
         return 3 * self.node_count
 
     @property
+    def entries(self) -> int:
+        """Stored entries of the lower triangle of K."""
+        return 9 * len(self.rows) - 3 * self.node_count
+
+    @property
     def columns(self) -> Index:
         """Column of each node pair (P,)."""
         return np.repeat(np.arange(self.node_count), np.diff(self.starts))

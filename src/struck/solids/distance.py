@@ -1,4 +1,4 @@
-"""Signed distance to a surface, and the body it bounds: solid, or hollow with a wall."""
+"""Signed distance to a surface, and the body it bounds: solid, hollow, or a sheet with a wall."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from struck.geometry import Surface
+from struck.geometry import Surface, barycentric
 from struck.mesh import Mesh
+from struck.pieces import edges_of
+from struck.solids.lattice import Lattice
 from struck.solids.tetrahedra import stuffed
 from struck.solids.volume import VolumeMesh
 
 Array = NDArray[np.float64]
+_INSIDE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,17 +30,26 @@ class Body:
         Closed surface.
     wall : float, optional
         Thickness of the wall, m; without it the body is solid.
-    inset : float
-        Depth by which the boundary of a solid body lies inside the surface, m.
     """
 
     mesh: Mesh
     wall: float | None = None
-    inset: float = 0.0
 
     @cached_property
     def _surface(self) -> Surface:
         return Surface(self.mesh)
+
+    @property
+    def bounds(self) -> Array:
+        """Corners of a box around the body, m (2, 3)."""
+        return self.mesh.bounds
+
+    @cached_property
+    def thickness(self) -> float:
+        """Of the wall, or of a plate with the same volume and surface, m."""
+        whole = self.mesh.volume
+        solid = 2 * whole / float(self.mesh.areas.sum())
+        return solid if self.wall is None else min(self.wall, solid)
 
     def distance(self, points: Array) -> Array:
         """Return the signed distance to the surface, negative inside, m (K,).
@@ -53,29 +66,158 @@ class Body:
         length, _, _ = self._surface.closest(points)
         return np.where(np.atleast_1d(winding) > _INSIDE, -length, length)
 
-    def depth(self, points: Array) -> Array:
-        """Return a 1-Lipschitz function, negative in the material and 0 on its boundary, m (K,)."""
+    def depths(self, points: Array) -> Array:
+        """Return 1-Lipschitz functions, all negative in the material alone, m (K, 1 or 2)."""
         distance = self.distance(points)
-        if self.wall is None:
-            return distance + self.inset
-        return np.abs(distance + self.wall / 2) - self.wall / 2
+        surfaces = [distance] if self.wall is None else [distance, -distance - self.wall]
+        return np.stack(surfaces, axis=1)
+
+    def onto(self, surface: float, points: Array) -> Array:
+        """Return points near one of the bounding surfaces moved onto it the shortest way (K, 3).
+
+        Surface 0 is the given one, surface 1 the inner face of the wall, 0.5 halfway between.
+        """
+        length, _, nearest = self._surface.closest(points)
+        if surface == 0 or self.wall is None:
+            return nearest
+        share = np.divide(surface * self.wall, length, out=np.zeros_like(length), where=length > 0)
+        return nearest + (points - nearest) * share[:, None]
 
     def stuffed(self, spacing: float) -> VolumeMesh:
         """Fill the body with linear tetrahedra on a lattice of `spacing`, m."""
-        return stuffed(self.depth, self.mesh.bounds, spacing, self.mesh.up)
+        return stuffed(self.depths, self.bounds, spacing, self.mesh.up)
 
-    def projected(self, points: Array) -> Array:
-        """Return points near the boundary moved onto it along the shortest way."""
-        if self.wall is None:
-            return self.offset(points, np.full(len(points), self.inset))
-        length, _, _ = self._surface.closest(points)
-        return self.offset(points, np.where(length > self.wall / 2, self.wall, 0.0))
+    def volume(self, spacing: float) -> float:
+        """Return the volume of the material, m^3: a wall's by samples `spacing` m apart."""
+        return self.mesh.volume if self.wall is None else sampled_volume(self, spacing)
 
-    def offset(self, points: Array, depths: Array) -> Array:
-        """Return points inside the surface moved to the given depths below it, m (K, 3)."""
-        length, _, nearest = self._surface.closest(points)
-        share = np.divide(depths, length, out=np.zeros_like(length), where=depths > 0)
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sheet:
+    """A wall around an open surface: half of it on either side, square at the rim.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Surface with a rim, its faces oriented alike.
+    wall : float
+        Thickness, m.
+    """
+
+    mesh: Mesh
+    wall: float
+
+    @property
+    def bounds(self) -> Array:
+        """Corners of a box around the body, m (2, 3)."""
+        return self.mesh.bounds + np.array([[-0.5], [0.5]]) * self.wall
+
+    @property
+    def thickness(self) -> float:
+        """Of the wall, m."""
+        return self.wall
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return Surface(self.mesh)
+
+    @cached_property
+    def _rim(self) -> Rim:
+        return Rim.of(self.mesh)
+
+    def _height(self, points: Array) -> tuple[Array, Array]:
+        """Return the heights above the surface, m (K,), and the nearest points on it."""
+        length, faces, nearest = self._surface.closest(points)
+        weights = barycentric(self.mesh.points[self.mesh.faces[faces]], nearest)
+        # Blended normals: those of single faces jump at edges, and the sides with them.
+        normals = self.mesh.vertex_normals[self.mesh.faces[faces]]
+        above = np.einsum("kc,kcd,kd->k", weights, normals, points - nearest)
+        return np.where(above < 0, -length, length), nearest
+
+    def depths(self, points: Array) -> Array:
+        """Return depths below the upper face, the lower face and the rim, m (K, 3)."""
+        height, nearest = self._height(points)
+        past = self._rim.past(points, nearest)
+        return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
+
+    def onto(self, surface: float, points: Array) -> Array:
+        """Return points moved onto the upper face (0), the lower face (1) or the rim (2).
+
+        Halfway between the faces (0.5) lies the given surface.
+        """
+        height, nearest = self._height(points)
+        if surface == 2:
+            return points - self._rim.way(points, nearest)
+        share = np.divide(
+            (0.5 - surface) * self.wall, height, out=np.zeros_like(height), where=height != 0
+        )
         return nearest + (points - nearest) * share[:, None]
 
+    def volume(self, spacing: float) -> float:
+        """Return the volume of the material, m^3, by samples `spacing` m apart."""
+        return sampled_volume(self, spacing)
 
-_INSIDE = 0.5
+
+class Rim:
+    """The open edges of a surface, with the directions that lead off it."""
+
+    def __init__(self, starts: Array, ends: Array, outward: Array) -> None:
+        self._starts, self._ways = starts, ends - starts
+        self._outward = outward
+        share = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
+        self._tree = KDTree((starts + share * self._ways).reshape(-1, 3))
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Rim:
+        """Return the rim of a surface whose faces are oriented alike."""
+        edges = edges_of(mesh.faces)
+        open_sides = np.flatnonzero(edges.faces_at[edges.owner] == 1)
+        face, side = np.divmod(open_sides, 3)
+        starts = mesh.points[mesh.faces[face, side]]
+        ends = mesh.points[mesh.faces[face, (side + 1) % 3]]
+        outward = np.cross(ends - starts, mesh.face_normals[face])
+        return cls(starts, ends, outward / np.linalg.norm(outward, axis=1, keepdims=True))
+
+    def _nearest(self, on_surface: Array) -> tuple[Array, Array]:
+        """Return the nearest points of the rim and the directions outward there (K, 3)."""
+        _, sample = self._tree.query(on_surface)
+        edge = sample % len(self._starts)
+        start, way = self._starts[edge], self._ways[edge]
+        along = np.einsum("kd,kd->k", on_surface - start, way) / np.einsum("kd,kd->k", way, way)
+        return start + np.clip(along, 0, 1)[:, None] * way, self._outward[edge]
+
+    def past(self, points: Array, on_surface: Array) -> Array:
+        """Return how far points lie past the rim, negative on the surface's side, m (K,)."""
+        nearest, outward = self._nearest(on_surface)
+        return np.einsum("kd,kd->k", points - nearest, outward)
+
+    def way(self, points: Array, on_surface: Array) -> Array:
+        """Return the way from the rim to points past it, m (K, 3)."""
+        nearest, outward = self._nearest(on_surface)
+        return np.einsum("kd,kd->k", points - nearest, outward)[:, None] * outward
+
+
+_SAMPLES = 8
+
+
+def sampled_volume(body: Body | Sheet, spacing: float) -> float:
+    """Return the volume where all depths are negative, m^3, by samples about `spacing` m apart.
+
+    Each surface counts by a step that rises over one cell, so its place is known far better
+    than the spacing; a thin wall, as their difference, takes samples about as close.
+    """
+    area = float(body.mesh.areas.sum())
+    fine = max(min(spacing, _SAMPLES_OF_WALL * body.thickness), np.sqrt(_COST * area / _MOST))
+    lattice = Lattice.over(body.bounds, fine)
+    width = float(np.cbrt(np.prod(lattice.cell)))
+    total = 0.0
+    for depths in lattice.sampled(body.depths):
+        beyond = np.clip(0.5 + depths / width, 0.0, 1.0)
+        # A slab may be thinner than the step, so its two faces add; a rim cuts it across.
+        slab = np.maximum(1.0 - beyond[..., :2].sum(axis=-1), 0.0)
+        total += float((slab * (1.0 - beyond[..., 2:]).prod(axis=-1)).sum())
+    return total * float(np.prod(lattice.cell)) / 2
+
+
+# Spacing over the wall, samples a square of the spacing, and most samples.
+_SAMPLES_OF_WALL, _COST, _MOST = 1.5, 32, 600_000

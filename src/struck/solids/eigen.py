@@ -13,6 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg.blas import dgemm as gemm
 
 from struck.errors import SolverError
 
@@ -64,9 +65,11 @@ def block_lanczos(
     known: Array,
     progress: Callable[[float], None] = lambda _: None,
     *,
+    below: int = 0,
+    least: float = -np.inf,
     precision: float = 1e-7,
 ) -> Eigenpairs:
-    """Return the `count` eigenpairs next above a negative `shift`.
+    """Return the `count` eigenpairs next above a shift and the next `below` it.
 
     Parameters
     ----------
@@ -74,14 +77,20 @@ def block_lanczos(
         Solves (K - shift M) x = b for blocks (n, b).
     mass : Mass
     shift : float
-        Below all wanted eigenvalues.
+        No eigenvalue.
     count : int
     known : array (n, k)
         Directions to stay orthogonal to: the rigid motions, or none.
     progress : callable
         Told the fraction of eigenpairs found.
+    below : int
+        At most what inertia counts below the shift, without the known.
+    least : float
+        Smaller eigenvalues hint at copies of larger ones that have not come up yet: half as many
+        steps again are made to let them, then the smaller are returned.
     precision : float
-        Largest residual of the inverted problem, relative to its eigenvalue.
+        Largest residual, relative to the eigenvalue of the inverted problem and to that of the
+        problem itself.
 
     Raises
     ------
@@ -89,47 +98,102 @@ def block_lanczos(
         When the search space is exhausted first.
     """
     progress(0.0)
-    width = _block_width(count)
-    basis = _Basis(len(known), known.shape[1] + 5 * count + 10 * width)
-    block, weighted = _started(basis, mass, known, width)
-    projected = _Tridiagonal()
+    wanted = _Wanted(shift=shift, below=below, above=count, precision=precision)
+    basis = _Basis(len(known), known.shape[1] + 4 * wanted.count + 12 * _WIDTH)
+    block, weighted = _started(basis, mass, known)
     previous, coupling = block[:, :0], np.zeros((block.shape[1], 0))
+    projected, check, patience = _Tridiagonal(), wanted.count + wanted.count // 2, 0
     while True:
         basis.append(block)
-        step = solve(weighted) - previous @ coupling.T
+        step = _less(solve(weighted), previous, coupling.T)
         diagonal = weighted.T @ step
-        step -= block @ diagonal
         # Rounding lets the earlier blocks back in.
-        basis.remove_from(step, mass)
-        previous = block
-        block, weighted = _orthonormal(step, mass @ step)
-        coupling = weighted.T @ step
+        step, previous = basis.removed(_less(step, block, diagonal), mass), block
+        block, weighted, coupling = _orthonormal(step, mass @ step)
         projected.append(diagonal, coupling)
         exhausted = not block.shape[1] or projected.size >= len(known) - known.shape[1]
-        if exhausted or projected.size >= 2 * count:
-            found, inverted, rotation = projected.solved(precision)
-            progress(min(found / count, 1.0))
-            if found >= count:
-                vectors = basis.combined(known.shape[1], rotation[:, :count])
-                return Eigenpairs(values=shift + 1 / inverted[:count], vectors=vectors)
+        if not exhausted and projected.size < check:
+            continue
+        found = wanted.among(projected)
+        progress(found.share)
+        if found.share == 1:
+            patience = patience or 3 * projected.size // 2
+            if found.values[0] > least or exhausted or projected.size > patience:
+                return found.unfolded(basis, block, known.shape[1])
         if exhausted:
-            raise SolverError(
-                f"only {projected.size} of {count} modes exist on this mesh: lower the band's end"
-            )
+            raise SolverError(_TOO_FEW.format(projected.size, wanted.count))
+        check = projected.size + 1 + _WIDTH * (projected.size // 256)
 
 
-def _started(basis: _Basis, mass: Mass, known: Array, width: int) -> tuple[Array, Array]:
+_TOO_FEW = "only {} of {} modes exist on this mesh: lower the band's end"
+# Factors are solved eight right-hand sides at a time: fewer cost as much, more need more steps.
+_WIDTH = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """Which share of the wanted pairs is there; their values and combinations of the basis."""
+
+    share: float
+    values: Array
+    rotation: Array
+
+    def unfolded(self, basis: _Basis, block: Array, first: int) -> Eigenpairs:
+        """Return the pairs as combinations of the basis from `first` on and the last block."""
+        basis.append(block)
+        return Eigenpairs(values=self.values, vectors=basis.combined(first, self.rotation))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wanted:
+    """So many eigenvalues nearest to a shift on either side."""
+
+    shift: float
+    below: int
+    above: int
+    precision: float
+
+    @property
+    def count(self) -> int:
+        return self.below + self.above
+
+    def among(self, projected: _Tridiagonal) -> _Found:
+        """Choose among the Ritz pairs, the eigenvalues ascending."""
+        inverted, rotation = projected.solved()
+        # Towards the shift from below, inverted eigenvalues fall from 0; above it, from infinity.
+        under = np.arange(min(self.below, projected.size))[::-1]
+        over = np.arange(projected.size)[::-1][: self.above]
+        chosen = np.concatenate([under, over])
+        sides = np.concatenate([-np.ones(len(under)), np.ones(len(over))])
+        inverted, rotation = inverted[chosen], rotation[:, chosen]
+        with np.errstate(divide="ignore"):
+            values = self.shift + 1 / inverted
+        last = projected.coupling[-1]
+        outside = last @ rotation[projected.size - last.shape[1] :]
+        # What is far smaller than the shift would else be known to fewer digits.
+        scale = np.clip(np.abs(values * inverted), 1e-6, 1) * np.abs(inverted)
+        good = (np.linalg.norm(outside, axis=0) <= self.precision * scale) & (sides * inverted > 0)
+        # One more step of inverse iteration, which costs nothing (Ericsson & Ruhe 1980).
+        refined = np.vstack([rotation, outside / inverted])
+        return _Found(share=good.sum() / self.count, values=values, rotation=refined)
+
+
+def _started(basis: _Basis, mass: Mass, known: Array) -> tuple[Array, Array]:
     """Put what is known into the basis; return a random block beside it and M times it."""
     if known.shape[1]:
         basis.append(_orthonormal(known, mass @ known)[0])
-    start = np.random.default_rng(0).standard_normal((len(known), width))
-    basis.remove_from(start, mass)
-    return _orthonormal(start, mass @ start)
+    start = np.random.default_rng(0).standard_normal((len(known), _WIDTH))
+    start = basis.removed(start, mass)
+    return _orthonormal(start, mass @ start)[:2]
 
 
-def _block_width(count: int) -> int:
-    # Factors are solved eight right-hand sides at a time: fewer cost as much.
-    return 8 if count <= 128 else 16
+def _less(block: Array, vectors: Array, weights: Array) -> Array:
+    """Return block (n, b) less vectors @ weights, in the block's place where it lies row by row."""
+    if not weights.size:
+        return block
+    by_columns = vectors.flags.f_contiguous
+    vectors = vectors if by_columns else vectors.T
+    return gemm(-1, weights.T, vectors, 1, block.T, trans_b=by_columns, overwrite_c=True).T
 
 
 class _Basis:
@@ -154,10 +218,9 @@ class _Basis:
         self._rows[self._used : stop] = block.T
         self._used = stop
 
-    def remove_from(self, block: Array, mass: Mass) -> None:
-        """Make a block (n, b) M-orthogonal to all vectors, in place."""
-        parts = (mass @ block).T @ self.vectors.T
-        block -= (parts @ self.vectors).T
+    def removed(self, block: Array, mass: Mass) -> Array:
+        """Return a block (n, b) made M-orthogonal to all vectors, in its own place."""
+        return _less(block, self.vectors.T, self.vectors @ (mass @ block))
 
     def combined(self, first: int, weights: Array) -> Array:
         """Return combinations (n, m) of the vectors from `first` on."""
@@ -179,14 +242,9 @@ class _Tridiagonal:
         self.diagonal.append((diagonal + diagonal.T) / 2)
         self.coupling.append(coupling)
 
-    def solved(self, precision: float) -> tuple[int, Array, Array]:
-        """Return how many pairs have converged from the largest on, with all of them."""
-        values, rotation = scipy.linalg.eigh(self._matrix())
-        values, rotation = values[::-1], rotation[:, ::-1]
-        last = self.coupling[-1]
-        residuals = np.linalg.norm(last @ rotation[-last.shape[1] :], axis=0)
-        good = residuals <= precision * np.abs(values)
-        return (len(values) if good.all() else int(np.argmin(good))), values, rotation
+    def solved(self) -> tuple[Array, Array]:
+        """Return all eigenvalues, ascending, and the vectors to them."""
+        return scipy.linalg.eigh(self._matrix(), driver="evd")
 
     def _matrix(self) -> Array:
         matrix, start = np.zeros((self.size, self.size)), 0
@@ -201,10 +259,14 @@ class _Tridiagonal:
         return matrix
 
 
-def _orthonormal(block: Array, weighted: Array) -> tuple[Array, Array]:
-    """M-orthonormalise a block by the eigenvectors of its Gram matrix; drop dependent columns."""
+def _orthonormal(block: Array, weighted: Array) -> tuple[Array, Array, Array]:
+    """M-orthonormalise a block by its Gram matrix's eigenvectors; drop dependent columns.
+
+    Return also the old block's parts in the new one.
+    """
     gram = block.T @ weighted
     squares, turn = np.linalg.eigh((gram + gram.T) / 2)
     kept = squares > squares[-1] * 1e-14 * len(squares)
-    scale = turn[:, kept] / np.sqrt(squares[kept])
-    return block @ scale, weighted @ scale
+    root = np.sqrt(squares[kept])
+    scale = turn[:, kept] / root
+    return block @ scale, weighted @ scale, (turn[:, kept] * root).T

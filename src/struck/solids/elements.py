@@ -242,3 +242,6 @@ ELEMENTS: Mapping[str, Element] = MappingProxyType(
 PROMOTED: Mapping[str, str] = MappingProxyType(
     {"tet4": "tet10", "hex8": "hex20", "wedge6": "wedge15"}
 )
+LINEAR: Mapping[str, str] = MappingProxyType(
+    {kind: kind for kind in PROMOTED} | {finer: kind for kind, finer in PROMOTED.items()}
+)

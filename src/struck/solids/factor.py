@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy import sparse
 from struck.errors import OptionError, SolverError
 
 if TYPE_CHECKING:
-    from rslab import Ldlt
+    from rslab import Ldlt, LdltSymbolic
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class SuperluFactor:
 
     def solve(self, right: Array) -> Array:
         """Return the solutions of a block of right-hand sides (n, b)."""
-        return self._factor.solve(np.asfortranarray(right))
+        return np.ascontiguousarray(self._factor.solve(np.asfortranarray(right)))
 
 
 class Factoriser:
@@ -98,25 +98,43 @@ class Factoriser:
         if backend not in _BACKENDS:
             raise OptionError(f"backend is {backend!r}: give one of {', '.join(_BACKENDS)}")
         self._backend = _found() if backend == "auto" else backend
-        self._analysis: Any = None
+        self._analysis: LdltSymbolic | None = None
 
     def __call__(self, lower: sparse.csc_matrix) -> Factor:
         """Factorise a matrix given by its lower triangle; SolverError when it is singular."""
         return SuperluFactor(lower) if self._backend == "superlu" else self._by_rslab(lower)
 
-    def _by_rslab(self, lower: sparse.csc_matrix) -> RslabFactor:
-        import rslab
+    def memory(self, lower: sparse.csc_matrix) -> tuple[int, int]:
+        """Foretell the bytes of a factorisation: at its peak, and once it is there.
 
-        threads = thread_count()
-        if self._analysis is None:
-            self._analysis = rslab.analyze(lower, path="ldlt", threads=threads)
+        rslab orders the matrix and knows; for SuperLU they follow a law fitted to solid and hollow
+        bodies: fill grows as the diameter of the mesh.
+        """
+        if self._backend == "superlu":
+            peak = int(_SUPERLU_BYTES * lower.nnz * lower.shape[0] ** (1 / 3))
+            return peak, peak // 2
+        plan = self._analysed(lower).memory_plan(threads=thread_count(), nrhs=_RIGHT_HAND_SIDES)
+        return int(plan["peak_bytes"]), int(plan["resident_bytes"] + plan["solve_bytes"])
+
+    def _by_rslab(self, lower: sparse.csc_matrix) -> RslabFactor:
+        analysis = self._analysed(lower)
         try:
-            return RslabFactor(self._analysis.factor(lower, threads=threads))
+            return RslabFactor(analysis.factor(lower, threads=thread_count()))
         except RuntimeError as error:
             raise SolverError(_singular(str(error))) from error
 
+    def _analysed(self, lower: sparse.csc_matrix) -> LdltSymbolic:
+        import rslab
+
+        if self._analysis is None:
+            analysis = rslab.analyze(lower, path="ldlt", threads=thread_count())
+            self._analysis = cast("LdltSymbolic", analysis)
+        return self._analysis
+
 
 _BACKENDS = ("auto", "rslab", "superlu")
+_RIGHT_HAND_SIDES = 8
+_SUPERLU_BYTES = 12
 
 
 def _found() -> str:

@@ -49,31 +49,31 @@ class Lattice:
         triples[centre] = _triples(numbers[centre] - corners, self.counts) + 0.5
         return self.origin + triples * self.cell
 
-    def sampled(self, depth: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Evaluate a 1-Lipschitz function at corners and centres.
+    def sampled(self, depths: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Evaluate n 1-Lipschitz functions at corners (I, J, K, n) and centres.
 
-        Far from its zero only the sign is needed, so one value serves a whole block there.
+        Far from all zeros only the signs are needed, so one value serves a whole block there.
         """
         half = self.cell * _BLOCK / 2
         blocks = -(-(self.counts + 1) // _BLOCK)
         middles = self.origin + half * (2 * _triples(np.arange(np.prod(blocks)), blocks) + 1)
-        coarse = depth(middles).reshape(blocks)
-        near = np.abs(coarse) <= np.linalg.norm(half) * (1 + 1e-9)
-        numbers = np.arange(np.prod(self.counts + 1) + np.prod(self.counts))
-        values = np.concatenate(
-            [_spread(coarse, self.counts + 1).ravel(), _spread(coarse, self.counts).ravel()]
-        )
-        close = np.concatenate(
-            [_spread(near, self.counts + 1).ravel(), _spread(near, self.counts).ravel()]
-        )
-        values[close] = depth(self.positions(numbers[close]))
-        corners = int(np.prod(self.counts + 1))
-        return values[:corners].reshape(self.counts + 1), values[corners:].reshape(self.counts)
+        coarse = _columns(depths, middles)
+        # Both ends of an edge that leaves the block must have values of their own.
+        reach = np.linalg.norm(half + self.cell)
+        near = (np.abs(coarse) <= reach).any(axis=1).reshape(blocks)
+        coarse = coarse.reshape(*blocks, -1)
+        shapes = (self.counts + 1, self.counts)
+        values = np.concatenate([_spread(coarse, s).reshape(-1, coarse.shape[-1]) for s in shapes])
+        close = np.flatnonzero(np.concatenate([_spread(near, s).ravel() for s in shapes]))
+        values[close] = _columns(depths, self.positions(close))
+        corners, centres = np.split(values, [int(np.prod(shapes[0]))])
+        return corners.reshape(*shapes[0], -1), centres.reshape(*shapes[1], -1)
 
     def tetrahedra(self, corners: Array, centres: Array) -> Index:
-        """Return the tetrahedra with a vertex inside (negative): (T, 4) point numbers.
+        """Return the tetrahedra that may reach into the body: (T, 4) point numbers.
 
-        Each joins two neighbouring centres to an edge of the face between their cells.
+        Each joins two neighbouring centres to an edge of the face between their cells. None of
+        the functions at `corners` (I, J, K, n) and `centres` is positive at all its corners.
         """
         first = int(np.prod(self.counts + 1))
         number = np.arange(first).reshape(self.counts + 1)
@@ -84,13 +84,17 @@ class Lattice:
             ends = [_one_less(middle, axis, 0), _one_less(middle, axis, 1)]
             inside = [_face(corners, axis, u, v) < 0 for u, v in _AROUND]
             inside += [_one_less(centres, axis, 0) < 0, _one_less(centres, axis, 1) < 0]
-            chosen = np.any(inside, axis=0)
+            chosen = np.any(inside, axis=0).all(axis=-1)
             low, high, *rim = (grid[chosen] for grid in (*ends, *ring))
             parts += [np.stack([low, high, rim[q], rim[q - 3]], axis=1) for q in range(4)]
         return np.vstack(parts)
 
 
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+def _columns(depths: Callable[[Array], Array], points: Array) -> Array:
+    return np.asarray(depths(points), np.float64).reshape(len(points), -1)
 
 
 def _triples(numbers: Index, counts: Index) -> Array:

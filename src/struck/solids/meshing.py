@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -12,9 +12,11 @@ from scipy import sparse
 
 from struck.errors import MeshError, OptionError
 from struck.solids.curving import curved, flatness
-from struck.solids.distance import Body
+from struck.solids.cutting import Cells
+from struck.solids.distance import Body, Sheet
+from struck.solids.lattice import Lattice
+from struck.solids.tetrahedra import cells_in
 from struck.solids.volume import VolumeMesh
-from struck.solids.wedges import layered
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -27,35 +29,42 @@ class Accuracy:
     Parameters
     ----------
     nodes : int
-        Nodes to aim at in a solid body.
+        Nodes to begin with.
     most : int
-        Nodes not to exceed; a thin wall beyond it gets one layer of wedges.
-    spacing_of_wall : float
-        Lattice spacing over wall thickness; the wall tears above 0.75.
-    triangles : int
-        Wedges to aim at in one layer.
+        Nodes not to exceed.
+    error : float
+        Relative error that the frequencies of most modes shall keep.
     """
 
     nodes: int
     most: int
-    spacing_of_wall: float
-    triangles: int
+    error: float
+
+    def coarser(self) -> Accuracy:
+        """Return what the error is told by: a third of the nodes."""
+        return Accuracy(nodes=self.nodes // 3, most=self.most // 3, error=self.error)
 
 
 ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
     {
-        "preview": Accuracy(nodes=3_000, most=15_000, spacing_of_wall=0.75, triangles=800),
-        "standard": Accuracy(nodes=12_000, most=70_000, spacing_of_wall=0.75, triangles=3_000),
-        "fine": Accuracy(nodes=25_000, most=130_000, spacing_of_wall=0.6, triangles=9_000),
+        "preview": Accuracy(nodes=3_000, most=15_000, error=0.03),
+        "standard": Accuracy(nodes=12_000, most=70_000, error=0.005),
+        "fine": Accuracy(nodes=25_000, most=130_000, error=0.001),
     }
 )
 # Quadratic nodes a lattice cell, in solid bodies and in walls two or three tetrahedra thick.
 _NODES_SOLID, _NODES_WALL = 18, 26
-# What about 8 GiB hold at any accuracy.
-_MOST = 90_000
-_LARGEST_VOLUME_ERROR = 0.01
-_LARGEST_SPACING_OF_WALL = 0.75
-_FINER = (0.75, 0.55)
+# Quadratic nodes that halving an edge adds, neighbours included.
+_NODES_HALVED = 15
+# A solid part thinner than its lattice tears.
+_SPACING_OF_SOLID = 0.75
+# Spacing over wall at which one layer still bends well; flatter only where nodes run out.
+_FLATTEST_LAYER = 8
+_LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.01, 0.05
+# Along the longest edge, to find out how deep a body is.
+_SOUNDINGS = 40
+# Crumbs hang by an edge or a corner where the lattice grazes the surface.
+_CRUMB = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,20 +75,26 @@ class Filling:
     ----------
     mesh : VolumeMesh
     path : str
-        "stuffing" or "wedges".
+        "stuffing", or "one layer" where the lattice is coarser than the wall is thick.
+    reason : str
+        Why that path, in figures.
     spacing : float
         Lattice, m.
     volume_error : float
-        Relative, against the surface's own volume.
+        Relative, against the body's own volume.
     short : int
         Boundary nodes that stayed short of the surface.
+    crumbs : int
+        Tetrahedra left out because they hung by an edge or a corner.
     """
 
     mesh: VolumeMesh
     path: str
+    reason: str
     spacing: float
     volume_error: float
     short: int
+    crumbs: int
 
 
 def accuracy_named(name: str) -> Accuracy:
@@ -89,14 +104,22 @@ def accuracy_named(name: str) -> Accuracy:
     return ACCURACIES[name]
 
 
-def filled(body: Body, accuracy: str = "standard") -> Filling:
-    """Fill a closed surface, or its wall, with quadratic elements.
+def nodes_allowed(accuracy: str, wanted: int) -> int:
+    """Return how many nodes to begin with where so many are wanted."""
+    goal = accuracy_named(accuracy)
+    return min(max(goal.nodes, wanted), goal.most)
+
+
+def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) -> Filling:
+    """Fill a closed surface, its wall, or a sheet's, with curved quadratic tetrahedra.
 
     Parameters
     ----------
-    body : Body
+    body : Body or Sheet
     accuracy : str
         "preview", "standard" or "fine".
+    nodes : int
+        More nodes than the accuracy begins with, as far as it allows.
 
     Raises
     ------
@@ -106,89 +129,118 @@ def filled(body: Body, accuracy: str = "standard") -> Filling:
         On an unknown accuracy.
     """
     goal = accuracy_named(accuracy)
-    area, whole = float(body.mesh.areas.sum()), body.mesh.volume
-    volume = whole if body.wall is None else min(whole, area * body.wall)
-    thickness = body.wall or 2 * whole / area
-    spacing = _spacing(body, volume, thickness, goal)
-    if volume * _NODES_WALL / spacing**3 <= goal.most:
-        return _stuffing(body, spacing, volume, goal)
-    if body.wall is None:
-        raise MeshError(
-            f"parts about {thickness:.3g} m thick in a body of {body.mesh.extent:.3g} m need more "
-            f"than {goal.most} nodes: make a solid of struck.solids instead, or give the outer "
-            "surface alone with wall="
-        )
-    layer = _wedges(body, body.wall, goal)
-    complaint = _complaint(layer)
-    if not complaint:
-        return layer
-    if volume * _NODES_WALL / spacing**3 <= _MOST:
-        return _stuffing(body, spacing, volume, goal)
-    raise MeshError(f"{complaint} in one layer of wedges: {_WAY_OUT}")
+    _require_cavity(body)
+    spacing = spacing_for(body, nodes_allowed(accuracy, nodes))
+    if not _is_solid(body):
+        flat = max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most))
+        spacing = min(spacing, flat)
+    return _filled(body, spacing, goal)
 
 
-def _spacing(body: Body, volume: float, thickness: float, goal: Accuracy) -> float:
-    by_nodes = (volume * _NODES_SOLID / goal.nodes) ** (1 / 3)
-    share = goal.spacing_of_wall if body.wall is not None else _LARGEST_SPACING_OF_WALL
-    return min(share * thickness, by_nodes)
+def filled_coarsely(body: Body | Sheet, accuracy: str = "standard") -> tuple[Filling, ...]:
+    """Fill a body with about a third of the nodes; return nothing when so few cannot follow it."""
+    goal = accuracy_named(accuracy).coarser()
+    _require_cavity(body)
+    spacing = spacing_for(body, goal.nodes)
+    if nodes_for(body, spacing) > goal.most:
+        return ()
+    filling = _stuffing(body, spacing, goal)
+    return () if _complaint(filling, _LARGEST_COARSE_VOLUME_ERROR) else (filling,)
 
 
-def _material_volume(body: Body, spacing: float) -> float:
-    """Return the volume of the material, m^3: a hollow body's less its cavity's."""
+def spacing_for(body: Body | Sheet, nodes: int) -> float:
+    """Return the lattice spacing that makes about so many nodes, m."""
+    volume, thickness = _rough_volume(body), body.thickness
+    if _is_solid(body):
+        return min(_SPACING_OF_SOLID * thickness, (volume * _NODES_SOLID / nodes) ** (1 / 3))
+    thick = (volume * _NODES_WALL / nodes) ** (1 / 3)
+    thin = (volume * _NODES_WALL / nodes / thickness) ** (1 / 2)
+    return thick if thick < thickness else thin
+
+
+def nodes_for(body: Body | Sheet, spacing: float) -> float:
+    """Return about how many nodes a lattice makes."""
+    cell = spacing**2 * (spacing if _is_solid(body) else min(spacing, body.thickness))
+    return _rough_volume(body) * _NODES_WALL / cell
+
+
+def _is_solid(body: Body | Sheet) -> bool:
+    return isinstance(body, Body) and body.wall is None
+
+
+def _rough_volume(body: Body | Sheet) -> float:
+    if isinstance(body, Sheet):
+        return float(body.mesh.areas.sum()) * body.wall
     whole = body.mesh.volume
-    if body.wall is None:
-        return whole
-    cavity = Body(mesh=body.mesh, inset=body.wall)
-    try:
-        inner, _ = curved(cavity.stuffed(spacing), cavity.projected)
-    except MeshError:
+    return whole if body.wall is None else min(whole, float(body.mesh.areas.sum()) * body.wall)
+
+
+def _require_cavity(body: Body | Sheet) -> None:
+    """Refuse a wall so thick that it fills the body."""
+    if _is_solid(body) or isinstance(body, Sheet) or body.wall is None:
+        return
+    (corners, centres) = Lattice.over(body.bounds, body.mesh.extent / _SOUNDINGS).sampled(
+        body.distance
+    )
+    deepest = -min(float(corners.min()), float(centres.min()))
+    if deepest <= body.wall:
         raise MeshError(
-            f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m: "
-            "leave wall= out for a solid body, or give a thinner wall"
-        ) from None
-    return whole - inner.volume()
+            f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m, "
+            f"{deepest:.3g} m deep: leave wall= out for a solid body, or give a thinner wall"
+        )
 
 
-def _stuffing(body: Body, spacing: float, rough: float, goal: Accuracy) -> Filling:
-    """Stuff the body; where a part finer than the lattice tears, try again finer."""
+def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
+    """Fill the body; where a part finer than the lattice tears, try again finer."""
+    if nodes_for(body, spacing) > goal.most:
+        raise MeshError(
+            f"parts about {body.thickness:.3g} m thick in a body of {body.mesh.extent:.3g} m need "
+            f"more than {goal.most} nodes: make a solid of struck.solids instead, or give the "
+            "outer surface alone with wall="
+        )
     while True:
-        volume = _material_volume(body, spacing)
-        mesh, short = curved(body.stuffed(spacing), body.projected)
-        filling = _judged(mesh, "stuffing", spacing, volume, short)
-        complaint = _complaint(filling)
+        filling = _stuffing(body, spacing, goal)
+        complaint = _complaint(filling, _LARGEST_VOLUME_ERROR)
         if not complaint:
             return filling
         spacing *= 0.75
-        if rough * _NODES_WALL / spacing**3 > max(goal.most, _MOST):
-            raise MeshError(f"{complaint} on a lattice of {spacing / 0.75:.3g} m: {_WAY_OUT}")
+        if nodes_for(body, spacing) > goal.most:
+            raise MeshError(
+                f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', a "
+                "thicker wall, or a smoother surface"
+            )
 
 
-def _wedges(body: Body, wall: float, goal: Accuracy) -> Filling:
-    """Fill the wall with one layer; where it folds over, try again finer."""
-    # A lattice plane is cut into two triangles a cell at the least.
-    spacing = float(np.sqrt(2.0 * body.mesh.areas.sum() / goal.triangles))
-    filling = _layer(body, wall, spacing)
-    for share in _FINER:
-        if not _complaint(filling):
-            break
-        filling = _layer(body, wall, share * spacing)
-    return filling
+def _stuffing(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
+    halved = int(max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED)
+    cells, crumbs = _whole(cells_in(body.depths, body.bounds, spacing, halved=halved))
+    mesh, short = curved(cells, body.onto, body.mesh.up)
+    thin = not _is_solid(body) and spacing > body.thickness
+    relation = "thicker" if spacing < body.thickness else "thinner"
+    what = "body" if _is_solid(body) else "wall"
+    return Filling(
+        mesh=mesh,
+        path="one layer" if thin else "stuffing",
+        reason=f"the {what} of {body.thickness:.3g} m is {relation} than the lattice",
+        spacing=spacing,
+        volume_error=mesh.volume() / body.volume(spacing / 2) - 1,
+        short=short,
+        crumbs=crumbs,
+    )
 
 
-def _layer(body: Body, wall: float, spacing: float) -> Filling:
-    mesh, short = layered(body, wall, spacing)
-    return _judged(mesh, "wedges", spacing, _material_volume(body, spacing), short)
+def _whole(cells: Cells) -> tuple[Cells, int]:
+    """Leave out pieces that are nothing but crumbs, and count their tetrahedra."""
+    mesh = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4")
+    labels = pieces_of(mesh)
+    sizes = np.bincount(labels)
+    crumbs = sizes[labels] < _CRUMB * len(labels)
+    if not crumbs.any():
+        return cells, 0
+    return replace(cells, tetrahedra=cells.tetrahedra[~crumbs]).compact(), int(crumbs.sum())
 
 
-def _judged(mesh: VolumeMesh, path: str, spacing: float, volume: float, short: int) -> Filling:
-    error = mesh.volume() / volume - 1
-    return Filling(mesh=mesh, path=path, spacing=spacing, volume_error=error, short=short)
-
-
-_WAY_OUT = "use accuracy='fine', a thicker wall, or a smoother surface"
-
-
-def _complaint(filling: Filling) -> str:
+def _complaint(filling: Filling, largest: float) -> str:
     """Tell what is wrong with the elements, or nothing."""
     folded = int(np.count_nonzero(flatness(filling.mesh) <= 0))
     if folded:
@@ -196,13 +248,18 @@ def _complaint(filling: Filling) -> str:
     pieces = piece_count(filling.mesh)
     if pieces > 1:
         return f"the body falls into {pieces} pieces"
-    if abs(filling.volume_error) > _LARGEST_VOLUME_ERROR:
+    if abs(filling.volume_error) > largest:
         return f"{100 * filling.volume_error:+.1f} % of the volume is missing or too much"
     return ""
 
 
 def piece_count(mesh: VolumeMesh) -> int:
     """Count the pieces that hang together by faces, not by edges or points only."""
+    return int(pieces_of(mesh).max()) + 1
+
+
+def pieces_of(mesh: VolumeMesh) -> Index:
+    """Return the number of the face-connected piece of each element (E,)."""
     neighbours = []
     for corners in {len(side) for side in mesh.element.sides}:
         sides = np.array([side for side in mesh.element.sides if len(side) == corners])
@@ -214,4 +271,4 @@ def piece_count(mesh: VolumeMesh) -> int:
     first, second = np.hstack(neighbours)
     count = len(mesh.elements)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    return int(sparse.csgraph.connected_components(graph, directed=False)[0])
+    return sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
 from struck.material import Material
+from struck.mesh import Mesh
 from struck.modes import Modes
 from struck.progress import Progress, silent
 from struck.provenance import Provenance
+from struck.solids import memory
 from struck.solids.assembly import System, assemble, gradients
-from struck.solids.certify import certify, counted_below
-from struck.solids.eigen import Eigenpairs, Mass, block_lanczos, dense, rigid_motions
+from struck.solids.certify import largest_residual, require_complete, require_one_piece
+from struck.solids.eigen import Eigenpairs, rigid_motions
 from struck.solids.factor import Factoriser
+from struck.solids.search import Search, Solver
+from struck.solids.slicing import Spectrum
 from struck.solids.volume import VolumeMesh
 
 Array = NDArray[np.float64]
-DENSE_LIMIT = 1200
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Solver:
-    """How eigenpairs are computed.
-
-    Parameters
-    ----------
-    lumped : bool
-        Lumped instead of consistent mass; linear tetrahedra only (2002, eq. 15).
-    backend : str
-        Sparse factorisation: "auto", "rslab" or "superlu".
-    dense_limit : int
-        Up to so many unknowns LAPACK takes the whole matrix.
-    """
-
-    lumped: bool = False
-    backend: str = "auto"
-    dense_limit: int = DENSE_LIMIT
+# Relative errors (m,) of modes, from their eigenvalues (m,) and the movement of all nodes
+# (N, 3, m); many modes come slice by slice.
+Estimate = Callable[[Array, Array], Array]
 
 
 def vibration_modes(
@@ -48,6 +36,7 @@ def vibration_modes(
     *,
     fixed: NDArray[np.bool_] | None = None,
     solver: Solver | None = None,
+    estimate: Estimate | None = None,
     progress: Progress = silent,
 ) -> Modes:
     """Compute all modes of a body up to `highest`.
@@ -61,6 +50,9 @@ def vibration_modes(
     fixed : array (N,) of bool, optional
         Nodes that cannot move; without any the body floats freely.
     solver : Solver, optional
+    estimate : callable, optional
+        Tells the relative errors (m,) of modes from their eigenvalues (m,) and the movement of
+        all nodes (N, 3, m); left out, errors are unknown.
     progress : callable
         Told the stage and its fraction done.
 
@@ -76,123 +68,135 @@ def vibration_modes(
     MeshError
         When elements are inverted or parts hang together by a point.
     SolverError
-        When the certificate fails.
+        When the certificate fails, or memory does not suffice.
     """
     solver = solver or Solver()
     progress("assemble", 0.0)
     whole = assemble(mesh, material, lumped=solver.lumped)
     movable = np.ones(len(mesh.nodes), bool) if fixed is None else ~fixed
     system = whole if movable.all() else whole.free(movable)
-    motions = rigid_motions(mesh.nodes) if movable.all() else np.zeros((system.unknowns, 0))
-    pairs, residual = _eigenpairs(system, motions, highest, solver, progress)
-    vectors = np.zeros((len(mesh.nodes), 3, len(pairs.values)))
-    vectors[movable] = pairs.vectors.reshape(-1, 3, len(pairs.values))
-    provenance = _provenance(mesh, system, pairs, residual, solver)
-    return _as_modes(
-        mesh,
-        material,
-        whole,
-        pairs.values,
-        vectors,
-        highest,
-        provenance,
-        supported=not movable.all(),
+    sight = _Sight(
+        mesh=mesh,
+        material=material,
+        movable=movable,
+        surface=mesh.surface(),
+        estimate=estimate,
     )
+    search = Search(
+        system=system,
+        motions=rigid_motions(mesh.nodes) if movable.all() else np.zeros((system.unknowns, 0)),
+        bound=(2 * np.pi * highest) ** 2,
+        solver=solver,
+        shown=3 * len(sight.surface[1]),
+        progress=progress,
+    )
+    # Nothing here may hold on to a slice's vectors while the next one is found.
+    seen = _joined(map(partial(_certified, search, sight), search.pairs()), search)
+    require_complete(seen.values, search.bound, search.counted)
+    return _as_modes(sight, whole, seen, highest, _provenance(mesh, search, seen))
 
 
-def _eigenpairs(
-    system: System, motions: Array, highest: float, solver: Solver, progress: Progress
-) -> tuple[Eigenpairs, float]:
-    """Return the certified pairs up to `highest` and their largest residual."""
-    bound, rigid = (2 * np.pi * highest) ** 2, motions.shape[1]
-    progress("count", 0.0)
-    factorise = Factoriser(solver.backend)
-    counted = counted_below(system, bound, rigid, factorise)
-    if system.unknowns <= solver.dense_limit:
-        stiffness, mass = _full(system)
-        pairs = dense(stiffness, mass, bound, rigid)
-    else:
-        pairs = _sparse_pairs(system, motions, bound, max(counted, 1), factorise, progress)
-    if not counted:
-        lowest = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
-        raise OptionError(
-            f"no mode lies below {highest:g} Hz: the lowest is at {lowest:.4g} Hz; widen band=, or "
-            "make the body larger, thinner or softer"
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """What is kept of some eigenpairs: values, shapes on the surface, and what is told of them."""
+
+    values: Array
+    shapes: Array
+    slopes: Array
+    errors: Array
+    residual: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sight:
+    """A body as its modes are looked at."""
+
+    mesh: VolumeMesh
+    material: Material
+    movable: NDArray[np.bool_]
+    surface: tuple[Mesh, NDArray[np.int64]]
+    estimate: Estimate | None
+
+    def of(self, pairs: Eigenpairs, residual: float) -> _Seen:
+        """Keep what is needed of a slice; its full vectors go."""
+        vectors = self._everywhere(pairs)
+        unknown = np.full(len(pairs.values), np.nan)
+        return _Seen(
+            values=pairs.values,
+            shapes=vectors[self.surface[1]],
+            slopes=poisson_slopes(self.mesh, self.material, pairs.values, vectors),
+            errors=unknown if self.estimate is None else self.estimate(pairs.values, vectors),
+            residual=residual,
         )
-    progress("certify", 0.0)
-    return pairs, certify(system, pairs, bound, counted)
+
+    def _everywhere(self, pairs: Eigenpairs) -> Array:
+        """Return the movement of all nodes (N, 3, m), of those that are held too."""
+        moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
+        if self.movable.all():
+            return moving
+        vectors = np.zeros((len(self.mesh.nodes), *moving.shape[1:]))
+        vectors[self.movable] = moving
+        return vectors
 
 
-def _sparse_pairs(
-    system: System,
-    motions: Array,
-    bound: float,
-    count: int,
-    factorise: Factoriser,
-    progress: Progress,
-) -> Eigenpairs:
-    progress("factor", 0.0)
-    shift = -bound / 400
-    factor = factorise(system.shifted(shift))
-    return block_lanczos(
-        factor.solve,
-        Mass(system.mass_matrix()),
-        shift,
-        count,
-        motions,
-        lambda fraction: progress("iterate", fraction),
+def _certified(search: Search, sight: _Sight, pairs: Eigenpairs) -> _Seen:
+    search.progress("certify", 0.0)
+    require_one_piece(pairs.values, search.bound)
+    return sight.of(pairs, largest_residual(search.system, pairs))
+
+
+def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
+    """Put slices side by side as they come; shapes, the most of it, in their final place."""
+    none = np.zeros((0, 3, 0))
+    shapes, every = none, []
+    for part in parts:
+        if not every:
+            shapes = np.empty((*part.shapes.shape[:2], search.counted))
+        begun = sum(len(before.values) for before in every)
+        require_complete(part.values, np.inf, min(len(part.values), search.counted - begun))
+        shapes[:, :, begun : begun + len(part.values)] = part.shapes
+        every.append(replace(part, shapes=none))
+    return _Seen(
+        values=np.concatenate([part.values for part in every]),
+        shapes=shapes,
+        slopes=np.concatenate([part.slopes for part in every]),
+        errors=np.concatenate([part.errors for part in every]),
+        residual=max(part.residual for part in every),
     )
-
-
-def _full(system: System) -> tuple[Array, Array]:
-    lower = system.shifted(0.0).toarray()
-    stiffness = lower + np.tril(lower, -1).T
-    mass = np.kron(system.mass_matrix().toarray(), np.eye(3))
-    return stiffness, np.asarray(mass, np.float64)
 
 
 def _as_modes(
-    mesh: VolumeMesh,
-    material: Material,
-    system: System,
-    values: Array,
-    vectors: Array,
-    highest: float,
-    provenance: Provenance,
-    *,
-    supported: bool,
+    sight: _Sight, system: System, seen: _Seen, highest: float, provenance: Provenance
 ) -> Modes:
-    surface, numbers = mesh.surface()
-    mass, centre, inertia = mass_properties(system, mesh.nodes)
+    mass, centre, inertia = mass_properties(system, sight.mesh.nodes)
     return Modes(
-        frequencies=np.sqrt(values) / (2 * np.pi),
-        surface=surface,
-        shapes=vectors[numbers],
+        frequencies=np.sqrt(seen.values) / (2 * np.pi),
+        surface=sight.surface[0],
+        shapes=seen.shapes,
         mass=mass,
         centre=centre,
         inertia=inertia,
         complete_to=highest,
-        poisson_slopes=poisson_slopes(mesh, material, values, vectors),
-        errors=np.full(len(values), np.nan),
-        supported=supported,
+        poisson_slopes=seen.slopes,
+        errors=seen.errors,
+        supported=not sight.movable.all(),
         provenance=provenance,
     )
 
 
-def _provenance(
-    mesh: VolumeMesh, system: System, pairs: Eigenpairs, residual: float, solver: Solver
-) -> Provenance:
-    small = system.unknowns <= solver.dense_limit
-    lumped = "lumped" if solver.lumped else "consistent"
+def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
+    lumped = "lumped" if search.solver.lumped else "consistent"
+    method = "anderson1999" if search.small else "grimes1994"
     return Provenance(
         method=f"finite elements ({mesh.kind}, {lumped} mass)",
-        references=("zienkiewicz2013", "anderson1999" if small else "grimes1994", "parlett1998"),
+        references=("zienkiewicz2013", method, "parlett1998"),
         details={
             "elements": f"{len(mesh.elements)} {mesh.kind}",
             "nodes": len(mesh.nodes),
-            "unknowns": system.unknowns,
-            "largest_residual": residual,
-            "sturm_count": len(pairs.values),
+            "unknowns": search.system.unknowns,
+            "largest_residual": seen.residual,
+            "sturm_count": search.counted,
+            "memory_forecast": f"{search.forecast / memory.GIB:.2f} GiB",
         },
     )
 
@@ -244,5 +248,6 @@ def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None
     # Any shift below all frequencies will do; this one is the square of a travelling wave's.
     speed = np.sqrt(material.youngs_modulus / material.density)
     bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
-    pairs = _sparse_pairs(system, motions, float(bound), 1, Factoriser(solver.backend), silent)
+    spectrum = Spectrum(system, motions, Factoriser(solver.backend))
+    pairs = spectrum.near(spectrum.shift(-float(bound) / 400), 0, 1)
     return float(np.sqrt(pairs.values[0]) / (2 * np.pi))

@@ -1,0 +1,71 @@
+"""What all commands of the shell have in common."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from struck.cache import CacheWarning
+from struck.errors import RepairWarning
+from struck.progress import TerminalProgress
+
+
+class Result:
+    """What a command tells machines (`facts`) and people (`text`)."""
+
+    def __init__(self, text: str, **facts: object) -> None:
+        self.text = text
+        self.facts = facts
+
+
+def command(
+    commands: argparse._SubParsersAction,
+    run: Callable[[argparse.Namespace, TerminalProgress], Result],
+    name: str,
+    about: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    """Declare a command and return its parser.
+
+    Parameters
+    ----------
+    commands : action
+        Of the parser of the whole shell.
+    run : callable
+        Does the work.
+    name, about, example : str
+        What people type, what they get, and the rest of a line that works.
+    """
+    parser = commands.add_parser(
+        name,
+        help=about,
+        description=about,
+        epilog=f"example:\n  struck {name} {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--json", action="store_true", help="print the result for machines")
+    parser.set_defaults(run=run)
+    return parser
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Tell repairs and trouble with the cache as the shell tells all: in one line, without code."""
+    shown = warnings.showwarning
+
+    def tell(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, *rest: object
+    ) -> None:
+        if issubclass(category, CacheWarning | RepairWarning):
+            sys.stderr.write(f"struck: {message}\n")
+        else:
+            shown(message, category, filename, lineno, *rest)  # type: ignore[arg-type]
+
+    with warnings.catch_warnings():
+        for category in (CacheWarning, RepairWarning):
+            warnings.simplefilter("always", category)
+        warnings.showwarning = tell
+        yield

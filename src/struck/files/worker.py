@@ -1,0 +1,90 @@
+"""The process that reads foreign files, so that nothing they do can harm the program.
+
+Started by `guard`; asked on standard input, answers on standard output, ends with either.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+from struck.errors import MeshError, MissingDependencyError
+from struck.files.frames import Array, read_frame, write_frame
+from struck.files.limits import OUT_OF_MEMORY, Limits
+
+_GRACE = 2.0
+
+Answer = tuple[dict[str, Any], list[Array]]
+
+
+def main() -> None:
+    """Answer one question after the other, until nobody asks."""
+    limits = Limits(**json.loads(sys.argv[1]))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
+    answers = _private_output()
+    _confine(limits.memory)
+    with contextlib.suppress(EOFError, OSError):
+        write_frame(answers, {"ready": True})
+        while True:
+            question = read_frame(sys.stdin.buffer, largest=0).content
+            # The asker ends this process in time, unless it has died itself.
+            faulthandler.dump_traceback_later(limits.seconds + _GRACE, exit=True)
+            try:
+                write_frame(answers, *_answer(question, limits))
+            except MemoryError:
+                os._exit(OUT_OF_MEMORY)
+            faulthandler.cancel_dump_traceback_later()
+
+
+def _private_output() -> IO[bytes]:
+    """Keep standard output for answers, and let readers print to nowhere."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    return answers
+
+
+def _confine(memory: int) -> None:
+    """Limit the address space, where the system can, and leave no image of a crash."""
+    with contextlib.suppress(ImportError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        bound = memory if hard == resource.RLIM_INFINITY else min(memory, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (bound, bound))
+
+
+def _answer(question: dict[str, Any], limits: Limits) -> Answer:
+    try:
+        return _TASKS[question["task"]](Path(question["path"]), limits)
+    except (MeshError, MissingDependencyError) as error:
+        return {"error": type(error).__name__, "message": str(error)}, []
+    except OSError as error:
+        message = f"it cannot be read ({error.strerror or error}): check the disk it is on"
+        return {"error": "MeshError", "message": message}, []
+
+
+def _surface(path: Path, limits: Limits) -> Answer:
+    from struck.files.parse import parse
+
+    kind, parts = parse(path, limits)
+    arrays = [array for part in parts for array in (part.points, part.faces)]
+    return {"kind": kind, "names": [part.name for part in parts]}, arrays
+
+
+def _volume(path: Path, limits: Limits) -> Answer:
+    from struck.files.blocks import read_blocks
+
+    found = read_blocks(path, limits)
+    arrays = [found.nodes, *(cells for _, cells in found.cells)]
+    return {"kinds": [kind for kind, _ in found.cells]}, arrays
+
+
+_TASKS: dict[str, Callable[[Path, Limits], Answer]] = {"surface": _surface, "volume": _volume}

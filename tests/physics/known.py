@@ -1,0 +1,183 @@
+"""Bodies whose frequencies are known without finite elements, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from struck import Material, Mesh
+from struck.analysis import Source
+from struck.solids import Block, Tube
+from tests.physics import spheres
+from tests.physics.bodies import ALUMINIUM, CHIME, UNIT, ball, box, grid
+from tests.physics.reference import BREATHING, CHIME_RADIUS, CHIME_WALL
+from tests.physics.ritz_solid import Family, Section, solid_frequencies
+from tests.physics.ritz_tube import tube_frequencies
+
+Array = NDArray[np.float64]
+STEEL = Material(density=8000.0, youngs_modulus=200e9, poisson_ratio=0.3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """A body with its elastic frequencies up to `highest`, Hz, as well as they are `certain`."""
+
+    source: Callable[[], Source]
+    material: Material
+    frequencies: Callable[[], Array]
+    highest: float
+    certain: float
+    wall: float | None = None
+
+
+# Spheres. Facets of 2 % of the radius on either side of the sphere, of its volume altogether.
+
+RADIUS = 0.05
+_SPHERE = np.sqrt(ALUMINIUM.shear_modulus / ALUMINIUM.density) / RADIUS / (2 * np.pi)
+
+
+def _sphere(highest: float, wall: float | None = None) -> Known:
+    return Known(
+        source=partial(ball, RADIUS, 6),
+        material=ALUMINIUM,
+        frequencies=partial(_waves, highest, 0.0 if wall is None else 1 - wall / RADIUS),
+        highest=highest * _SPHERE,
+        certain=1e-5,
+        wall=wall,
+    )
+
+
+@cache
+def _waves(highest: float, bore: float) -> Array:
+    nu = ALUMINIUM.poisson_ratio
+    found = [BREATHING[nu] * (bore == 0)]
+    for n in range(1, 21):
+        roots = spheres.torsional(n, highest, bore=bore)
+        roots += spheres.spheroidal(n, nu, highest, bore=bore)
+        found += (2 * n + 1) * roots
+    return np.sort([root for root in found if 0 < root < highest]) * _SPHERE
+
+
+# Blocks and rods: Ritz's method with two sets of functions, and how far these are apart.
+
+
+@cache
+def _cube() -> Array:
+    return _by_ritz(Section.rectangle(1, 1, Family(degree=14)), 1.0, 14, UNIT)
+
+
+@cache
+def _block(width: float, depth: float, height: float, degrees: tuple[int, int]) -> Array:
+    layers = tuple(np.pi * k * width / height / 2 for k in (1, 3))
+    family = Family(degree=degrees[0], decays=layers)
+    return _by_ritz(Section.rectangle(width, depth, family), height, degrees[1], STEEL)
+
+
+@cache
+def _rod(radius: float, length: float, degrees: tuple[int, int]) -> Array:
+    return _by_ritz(Section.disc(radius, degrees[0]), length, degrees[1], STEEL)
+
+
+def _by_ritz(section: Section, height: float, degree: int, material: Material) -> Array:
+    return solid_frequencies(section, height, degree, material)
+
+
+def _bar() -> Array:
+    return _by_ritz(
+        Section.rectangle(0.03, 0.01, Family(degree=10)), 0.2, 24, STEEL
+    )
+
+
+def cylinder(radius: float, length: float, sides: int = 128) -> Mesh:
+    """Return a prism of exactly the section of a cylinder."""
+    swept = trimesh.creation.cylinder(radius=1, height=length, sections=sides)
+    wider = radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
+    return Mesh(points=np.array(swept.vertices) * [wider, wider, 1], faces=np.array(swept.faces))
+
+
+def hollow_cylinder(radius: float, wall: float, length: float, sides: int = 128) -> Mesh:
+    """Return a prism of exactly the section of a tube."""
+    wider = np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
+    swept = trimesh.creation.annulus(
+        r_min=wider * (radius - wall), r_max=wider * radius, height=length, sections=sides
+    )
+    return Mesh(points=np.array(swept.vertices), faces=np.array(swept.faces))
+
+
+def flat_sheet(side: float) -> Mesh:
+    """Return an open square of two triangles."""
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * side / 2
+    return Mesh(points=corners, faces=np.array([(0, 1, 2), (0, 2, 3)]))
+
+
+def turned(mesh: Mesh) -> Mesh:
+    """Return the mesh turned so that no edge lies along an axis."""
+    about = trimesh.transformations.rotation_matrix(0.7, (1.0, 2.0, 3.0))[:3, :3]
+    return Mesh(points=mesh.points @ about.T, faces=mesh.faces)
+
+
+@cache
+def _tube(tube: Tube, material: Material, highest: float) -> Array:
+    lame = (material.first_lame, material.shear_modulus)
+    found: list[float] = []
+    for order in range(30):
+        family = tube_frequencies(
+            tube.length, tube.radius, tube.wall, lame, material.density,
+            order=order, count=40, degrees=(5, 40),
+        )
+        assert family[-1] > highest
+        elastic = family[(family > 1e-3 * highest) & (family < highest)].tolist()
+        found += (2 if order else 1) * elastic
+        if order > 1 and not elastic:
+            return np.sort(found)
+    raise AssertionError
+
+
+_CHIME = Tube(length=0.505, radius=CHIME_RADIUS, wall=CHIME_WALL)
+_THICK = Tube(length=0.1, radius=0.02, wall=0.006)
+_SHORT = Tube(length=0.08, radius=0.03, wall=0.0015)
+_CUBE = 7.0 / (2 * np.pi)
+
+
+def _known(source, frequencies, highest, material=STEEL, wall=None, certain=2e-6) -> Known:
+    return Known(source=source, material=material, frequencies=frequencies, highest=highest, certain=certain, wall=wall)
+
+
+def _steel_tube(tube: Tube, highest: float, source=None) -> Known:
+    return _known(source or (lambda: tube), partial(_tube, tube, STEEL, highest), highest)
+
+plate = partial(_block, 1.0, 1.0, 0.01, (16, 3))
+BODIES: Mapping[str, Known] = {
+    "sphere": _sphere(4.8),
+    "hollow sphere": _sphere(2.6, 0.008),
+    "thin hollow sphere": _sphere(2.2, 0.002),
+    "cube of hexahedra": _known(lambda: Block(size=(1, 1, 1)), _cube, _CUBE, UNIT),
+    "cube stuffed": _known(lambda: box(1, 1, 1), _cube, _CUBE, UNIT),
+    "cube turned": _known(lambda: turned(box(1, 1, 1)), _cube, _CUBE, UNIT),
+    "rod of hexahedra": _known(lambda: Tube(length=0.1, radius=0.01, wall=0.01), partial(_rod, 0.01, 0.1, (12, 24)), 1.4e5),
+    "rod stuffed": _known(lambda: cylinder(0.01, 0.1), partial(_rod, 0.01, 0.1, (12, 24)), 1.4e5),
+    "disc of hexahedra": _known(lambda: Tube(length=0.01, radius=0.05, wall=0.05), partial(_rod, 0.05, 0.01, (18, 5)), 3.5e4),
+    "disc stuffed": _known(lambda: cylinder(0.05, 0.01), partial(_rod, 0.05, 0.01, (18, 5)), 3.5e4),
+    "plate of hexahedra": _known(lambda: Block(size=(1, 1, 0.01)), plate, 900.0, certain=1e-5),
+    "plate of a sheet": _known(lambda: flat_sheet(1.0), plate, 900.0, wall=0.01, certain=1e-5),
+    "thick plate of hexahedra": _known(lambda: Block(size=(1, 1, 0.1)), partial(_block, 1.0, 1.0, 0.1, (14, 5)), 3000.0, certain=3e-6),
+    "thick plate stuffed": _known(lambda: turned(box(1, 1, 0.1)), partial(_block, 1.0, 1.0, 0.1, (14, 5)), 3000.0, certain=3e-6),
+    "bar of hexahedra": _known(lambda: Block(size=(0.03, 0.01, 0.2)), _bar, 4e4),
+    "bar stuffed": _known(lambda: box(0.03, 0.01, 0.2), _bar, 4e4),
+    "chime": _known(lambda: _CHIME, partial(_tube, _CHIME, CHIME, 9_500.0), 9_500.0, CHIME),
+    "thick tube of hexahedra": _steel_tube(_THICK, 6e4),
+    "thick tube stuffed": _steel_tube(_THICK, 6e4, lambda: hollow_cylinder(0.02, 0.006, 0.1)),
+    "short tube of hexahedra": _steel_tube(_SHORT, 2e4),
+    "given tetrahedra": _known(lambda: grid("tet4", (5, 5, 5)), _cube, _CUBE, UNIT),
+    "given fine tetrahedra": _known(lambda: grid("tet4", (9, 9, 9)), _cube, _CUBE, UNIT),
+    "given hexahedra": _known(lambda: grid("hex8", (5, 5, 5)), _cube, _CUBE, UNIT),
+    "given wedges": _known(lambda: grid("wedge6", (5, 5, 5)), _cube, _CUBE, UNIT),
+    "given chime": _known(lambda: _CHIME.volume_mesh("preview"), partial(_tube, _CHIME, CHIME, 9_500.0), 9_500.0, CHIME),
+    "given bar": _known(lambda: grid("hex8", (4, 2, 20), (0.03, 0.01, 0.2)), _bar, 4e4),
+    "given plate": _known(lambda: grid("tet4", (16, 16, 1), (1, 1, 0.1)), partial(_block, 1.0, 1.0, 0.1, (14, 5)), 3000.0, certain=3e-6),
+}
