@@ -55,6 +55,8 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     assert analyzed["frequencies"] == told["frequencies"]
     assert analyzed["output"] == "tube.struck"
     assert told["complete_to"] == 20_000
+    assert analyzed["errors"] == told["errors"]
+    assert 0 < max(told["errors"]) < 0.2
 
 
 def test_strikes_at_times_and_points_add_up() -> None:

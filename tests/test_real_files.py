@@ -68,3 +68,23 @@ def test_a_scan_with_holes_is_mended() -> None:
     base = [scan.centroid[0], scan.bounds[0, 1], scan.centroid[2]]
     corners = scan.triangles - base
     assert np.linalg.det(corners).sum() / 6 == pytest.approx(mended.volume, rel=0.01)
+
+
+@pytest.mark.prove
+@pytest.mark.skipif(not BUNNY.exists(), reason=f"{BUNNY.name} is not beside the checkout")
+@pytest.mark.parametrize(("wall", "gibibytes", "path"), [(0.008, 4, ""), (0.004, 6, "one layer")])
+def test_a_scan_with_holes_rings(tmp_path: Path, wall: float, gibibytes: int, path: str) -> None:
+    """Certified, in bounded memory, and as near a finer run as it says."""
+    command = f"analyze {BUNNY} --material ceramic --size 0.15 --wall {wall} --no-cache"
+    memory = run(tmp_path, *command.split(), "-o", "bunny.struck")
+    run(tmp_path, *command.split(), "--accuracy", "fine", "-o", "finer.struck")
+    model, finer = (struck.load(tmp_path / name) for name in ("bunny.struck", "finer.struck"))
+    assert memory < gibibytes * 2**30
+    assert model.complete_to == 20_000
+    assert len(model.frequencies) == model.provenance.details["sturm_count"]
+    assert str(model.provenance.details["path"]).startswith(path)
+    count = min(len(model.frequencies), len(finer.frequencies))
+    assert count >= 25
+    away = np.abs(model.frequencies[:count] / finer.frequencies[:count] - 1)
+    assert np.mean(away <= model.errors[:count]) >= 0.9
+    assert np.median(model.errors) < 0.05

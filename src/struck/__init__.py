@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from struck import errors
-    from struck._api import analyze, load, render, save, show, tune
+    from struck._api import load, save, show, tune
+    from struck.analysis import analyze
     from struck.damping import Damping, InternalFriction, Measured, Rayleigh
     from struck.excitation.strike import Strike
     from struck.material import Material, materials
     from struck.mesh import Mesh
     from struck.model import ModalModel
+    from struck.rendering import render
     from struck.sound import Sound
 
 __all__ = [
@@ -48,7 +50,9 @@ __all__ = [
 
 # Where each public name lives: a name is imported when it is first used (PEP 562).
 _HOMES = {
-    "struck._api": ("analyze", "load", "render", "save", "show", "tune"),
+    "struck._api": ("load", "save", "show", "tune"),
+    "struck.analysis": ("analyze",),
+    "struck.rendering": ("render",),
     "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
     "struck.excitation.strike": ("Strike",),
     "struck.material": ("Material", "materials"),

@@ -5,20 +5,16 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from struck.analysis import Solid, analyze
 from struck.errors import OptionError
-from struck.excitation.strike import Strike
 from struck.files import model_file
-from struck.material import Material
-from struck.model import ModalModel
 from struck.progress import Progress, silent
-from struck.rendering import render
-from struck.tuning import tuned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["analyze", "load", "render", "save", "show", "tune"]
+    from struck.discretisation import Solid
+    from struck.material import Material
+    from struck.model import ModalModel
 
 
 def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
@@ -57,8 +53,10 @@ def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figur
     FileFormatError
         When the folder is missing or the ending is no picture's.
     """
+    from struck.excitation.strike import Strike
     from struck.pictures import overview
     from struck.pictures import save as save_picture
+    from struck.rendering import render
 
     figure = overview(model, render(model, Strike()))
     if path is not None:
@@ -103,6 +101,10 @@ def tune(
     >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
     0.511
     """
+    from struck.discretisation import Solid
+    from struck.material import Material
+    from struck.tuning import tuned
+
     if not isinstance(body, Solid):
         raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
     chosen = Material.named(material) if isinstance(material, str) else material

@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from struck.analysis import Solid
 from struck.damping import InternalFriction
 from struck.errors import FileFormatError, MaterialError, OptionError
 from struck.excitation.strike import Strike
 from struck.material import Material
-from struck.solids import Block, Tube
 
-_SOLIDS: dict[str, type] = {"tube": Tube, "block": Block}
+if TYPE_CHECKING:
+    from struck.discretisation import Solid
 
 
 def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
@@ -37,10 +37,12 @@ def body_named(text: str) -> str | Solid:
     OptionError
         When the solid or one of its dimensions is unknown, missing or no number.
     """
+    from struck.solids import Block, Tube
+
     kind, colon, rest = text.partition(":")
-    if not colon or kind not in _SOLIDS:
+    solid = {"tube": Tube, "block": Block}.get(kind)
+    if not colon or solid is None:
         return text
-    solid = _SOLIDS[kind]
     names = [field.name for field in fields(solid) if field.name != "elements"]
     pairs = [part.partition("=") for part in rest.split(",")]
     given = {name: value for name, _, value in pairs}

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from struck import _api
+import struck
 from struck.arguments import body_named, material_named, numbers, strike, writable
 from struck.cache_command import declare_cache
 from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
-from struck.material import materials
-from struck.model import ModalModel
 from struck.progress import TerminalProgress
-from struck.report import summary
 from struck.tables import HEADINGS, aligned, modes_rows
+
+if TYPE_CHECKING:
+    import numpy as np
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -101,7 +103,7 @@ def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Res
     fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
     same = ("units", "size", "wall", "repair", "part", "up", "accuracy", "cache")
     same = (*same, "radiation", "method")
-    model = _api.analyze(
+    model = struck.analyze(
         body,
         material_named(options.material, options.damping),
         **{name: getattr(options, name) for name in same},
@@ -109,7 +111,7 @@ def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Res
         band=options.band,
         progress=progress,
     )
-    _api.save(model, output)
+    struck.save(model, output)
     return _described(model, f"wrote {output}", output=str(output))
 
 
@@ -120,7 +122,7 @@ def _info(commands: argparse._SubParsersAction) -> None:
 
 
 def _run_info(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
-    model = _api.load(options.model)
+    model = struck.load(options.model)
     return _described(model, "", listed=options.modes)
 
 
@@ -134,7 +136,7 @@ def _show(commands: argparse._SubParsersAction) -> None:
 
 def _run_show(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     output = writable(options.output or Path(options.model).with_suffix(".png"))
-    _api.show(_api.load(options.model), output)
+    struck.show(struck.load(options.model), output)
     return Result(f"wrote {output}", output=str(output))
 
 
@@ -168,9 +170,9 @@ def _render(commands: argparse._SubParsersAction) -> None:
 
 def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     output = writable(options.output or Path(options.model).with_suffix(".wav"))
-    model = _api.load(options.model)
+    model = struck.load(options.model)
     progress("render", 0.0)
-    sound = _api.render(
+    sound = struck.render(
         model,
         [strike(text, options) for text in options.strike or [None]],
         seconds=options.seconds,
@@ -201,7 +203,7 @@ def _tune(commands: argparse._SubParsersAction) -> None:
 
 
 def _run_tune(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    body = _api.tune(
+    body = struck.tune(
         body_named(options.body),
         material_named(options.material),
         vary=options.vary,
@@ -228,9 +230,11 @@ def _run_materials(_options: argparse.Namespace, _progress: TerminalProgress) ->
             f"{entry['loss_tangent']:.2g}",
             "yes" if "heard" in entry else "",
         )
-        for name, entry in materials().items()
+        for name, entry in struck.materials().items()
     ]
-    return Result(aligned([head, *rows]), **{name: dict(e) for name, e in materials().items()})
+    return Result(
+        aligned([head, *rows]), **{name: dict(e) for name, e in struck.materials().items()}
+    )
 
 
 def _demo(commands: argparse._SubParsersAction) -> None:
@@ -247,7 +251,11 @@ def _run_demo(options: argparse.Namespace, progress: TerminalProgress) -> Result
     return Result(f"open {page.resolve()} in a browser to see and hear it", page=str(page))
 
 
-def _described(model: ModalModel, last: str, *, listed: int = _LISTED, **facts: object) -> Result:
+def _described(
+    model: struck.ModalModel, last: str, *, listed: int = _LISTED, **facts: object
+) -> Result:
+    from struck.report import summary
+
     rows = modes_rows(model.frequencies, model.t60, model.decays, model.errors)
     more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
     lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
@@ -255,6 +263,7 @@ def _described(model: ModalModel, last: str, *, listed: int = _LISTED, **facts: 
         "\n".join(lines).rstrip(),
         frequencies=model.frequencies.tolist(),
         decays=model.decays.tolist(),
+        errors=_or_null(model.errors),
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
@@ -267,3 +276,10 @@ def _described(model: ModalModel, last: str, *, listed: int = _LISTED, **facts: 
         },
         **facts,
     )
+
+
+def _or_null(errors: np.ndarray | None) -> list[float | None] | None:
+    """Return errors for JSON, which has no word for what is not a number."""
+    if errors is None:
+        return None
+    return [error if math.isfinite(error) else None for error in errors.tolist()]

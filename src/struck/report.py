@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from struck.model import ModalModel
 from struck.sound import Sound
 from struck.tables import modes_table
@@ -43,6 +45,12 @@ def summary(model: ModalModel) -> list[str]:
     material = model.material
     gains = "Pa per N s at 1 m" if model.calibrated else "relative"
     lines = [f"{len(model.frequencies)} modes, none missing up to {model.complete_to:.0f} Hz"]
+    if model.errors is not None and np.isfinite(model.errors).any():
+        middle, worst = np.nanmedian(model.errors), np.nanmax(model.errors)
+        lines.append(
+            f"errors    half of the frequencies within {100 * middle:.2g} %, "
+            f"all within {100 * worst:.2g} %"
+        )
     if material is not None:
         lines.append(
             f"material  {material.name}: {material.density:g} kg/m3, "

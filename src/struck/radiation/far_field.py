@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from struck.air import AIR, Air
 from struck.errors import OptionError
 from struck.mesh import Mesh
-from struck.radiation.radiator import Radiator
 from struck.radiation.skin import Skin, normal_velocities
 
 Array = NDArray[np.float64]
@@ -112,6 +111,8 @@ class RadiatedPower:
         """
         _require_modes(surface, shapes, frequencies)
         skin = Skin.of(surface, centre)
+        from struck.radiation.radiator import Radiator  # SciPy takes its time to import
+
         radiator = Radiator.of(skin.mesh, skin.radius)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
         squares = np.empty(len(frequencies))

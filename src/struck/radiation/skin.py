@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from struck.errors import MeshError
 from struck.mesh import Mesh
@@ -75,5 +74,7 @@ def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     columns = (3 * faces[:, :, None] + np.arange(3)).ravel()
     weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
     starts, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
+    from scipy.sparse import csr_array  # SciPy takes its time to import
+
     projection = csr_array((weights, columns, starts), shape=(len(faces), count))
     return np.asarray(projection @ shapes.reshape(count, shapes.shape[2]))

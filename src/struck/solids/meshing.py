@@ -16,7 +16,7 @@ from struck.solids.cutting import Cells
 from struck.solids.distance import Body, Sheet
 from struck.solids.lattice import Lattice
 from struck.solids.tetrahedra import cells_in
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume import VolumeMesh, side_keys
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -60,7 +60,7 @@ _NODES_HALVED = 15
 _SPACING_OF_SOLID = 0.75
 # Spacing over wall at which one layer still bends well; flatter only where nodes run out.
 _FLATTEST_LAYER = 8
-_LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.01, 0.05
+_LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
 # Along the longest edge, to find out how deep a body is.
 _SOUNDINGS = 40
 # Crumbs hang by an edge or a corner where the lattice grazes the surface.
@@ -105,9 +105,12 @@ def accuracy_named(name: str) -> Accuracy:
 
 
 def nodes_allowed(accuracy: str, wanted: int) -> int:
-    """Return how many nodes to begin with where so many are wanted."""
+    """Return how many nodes the lattice may make where so many are wanted.
+
+    Half of the most is left for creases, clefts and slender parts.
+    """
     goal = accuracy_named(accuracy)
-    return min(max(goal.nodes, wanted), goal.most)
+    return min(max(goal.nodes, wanted), goal.most // 2)
 
 
 def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) -> Filling:
@@ -264,9 +267,9 @@ def pieces_of(mesh: VolumeMesh) -> Index:
     for corners in {len(side) for side in mesh.element.sides}:
         sides = np.array([side for side in mesh.element.sides if len(side) == corners])
         owners = np.repeat(np.arange(len(mesh.elements)), len(sides))
-        keys = np.sort(mesh.elements[:, sides].reshape(-1, corners), axis=1)
-        order = np.lexsort(keys.T)
-        same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
+        keys = side_keys(mesh.elements[:, sides].reshape(-1, corners), len(mesh.nodes))
+        order = np.argsort(keys, kind="stable")
+        same = keys[order][1:] == keys[order][:-1]
         neighbours.append(np.stack([owners[order][:-1][same], owners[order][1:][same]]))
     first, second = np.hstack(neighbours)
     count = len(mesh.elements)

@@ -57,6 +57,7 @@ def cells_in(
     lattice = Lattice.over(bounds, spacing)
     corners, centres = lattice.sampled(depths)
     tetrahedra = lattice.tetrahedra(corners, centres)
+    _require_any(tetrahedra, spacing)
     values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in (corners, centres)])
     numbers, local = np.unique(tetrahedra, return_inverse=True)
     whole = Cells(
@@ -68,11 +69,15 @@ def cells_in(
     cells = _warped(fine, numbers >= corners[..., 0].size)
     for surface in range(values.shape[1]):
         cells = cells.within(surface)
-    if not len(cells.tetrahedra):
+    _require_any(cells.tetrahedra, spacing)
+    return cells.compact()
+
+
+def _require_any(tetrahedra: Index, spacing: float) -> None:
+    if not len(tetrahedra):
         raise MeshError(
             f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
         )
-    return cells.compact()
 
 
 def _warped(cells: Cells, is_centre: NDArray[np.bool_]) -> Cells:
