@@ -35,6 +35,7 @@ check: $(ENVIRONMENT)/lint.stamp  ## Style, types and layers
 
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/solids.py
+	$(BIN)/python bench/meshing.py
 
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

@@ -289,6 +289,38 @@ def test_klein_bottle() -> None:
         repaired(Mesh(points=points, faces=faces))
 
 
+@pytest.mark.parametrize("scale", [1e-55, 1e55])
+def test_scale_does_not_matter(scale: float) -> None:
+    first, second = ball(fine=2), ball(at=(1.3, 0, 0), fine=2)
+    result = closed_repair(mesh(first, second).scaled(scale))
+    unscaled = closed_repair(mesh(first, second))
+    assert result.volume_after / scale**3 == pytest.approx(unscaled.volume_after, rel=1e-3)
+
+
+def test_corner_far_away_ends_in_one_error() -> None:
+    pair = mesh(ball(), box(1, 1, 1))
+    points = np.array(pair.points)
+    points[0, 0] = 1e30
+    with pytest.raises(MeshError) as caught:
+        repaired(Mesh(points=points, faces=pair.faces))
+    assert "\n" not in str(caught.value)
+
+
+def test_thousands_of_faces_through_each_other_are_refused_soon() -> None:
+    """A ball of 20,480 faces, its vertices put anywhere."""
+    whole = ball(fine=5)
+    points = np.random.default_rng(1).random(whole.vertices.shape)
+    with pytest.raises(MeshError, match=r"too damaged: .* lies across \d+ others"):
+        repaired(Mesh(points=points, faces=whole.faces))
+
+
+def test_faces_that_name_a_vertex_twice() -> None:
+    """Of 200 points at random, so that vertices repeat within faces."""
+    faces = np.random.default_rng(1).integers(0, 200, (300, 3))
+    with pytest.raises(MeshError):
+        repaired(Mesh(points=ball(fine=3).vertices, faces=faces))
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_random_triangles_end_in_one_error(seed: int) -> None:
     points = np.random.default_rng(seed).random((150, 3))

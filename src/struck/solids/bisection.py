@@ -16,7 +16,6 @@ from struck.solids.cutting import PAIRS, Cells
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Depths = Callable[[Array], Array]
 # Of the depth halfway along an edge against the mean of its ends, in lengths of the edge.
 _LARGEST_MISS = 0.2
@@ -38,15 +37,17 @@ def refined(cells: Cells, depths: Depths, *, shortest: float, most: int) -> Cell
         Edges that may be halved for their own sake; the worst come first.
     """
     middles = _Middles(depths, cells.depths.shape[1])
+    fresh = cells.tetrahedra
     while most > 0:
-        edges = np.unique(_keys(cells.tetrahedra))
+        edges = np.unique(_keys(fresh))
         miss = _misses(cells, edges, middles, shortest)
         wanted = np.flatnonzero(miss > _LARGEST_MISS)
         if not len(wanted):
             break
         worst = wanted[np.argsort(-miss[wanted], kind="stable")[:most]]
         most -= len(worst)
-        cells = _halved(cells, edges[worst], middles)
+        cells, whole = _halved(cells, edges[worst], middles)
+        fresh = cells.tetrahedra[whole:]
     return cells
 
 
@@ -82,26 +83,36 @@ class _Middles:
 
 
 def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> Array:
-    """Return how far depths halfway are from the mean of both ends, in edge lengths (E,)."""
+    """Return how far depths halfway are from the mean of both ends, in edge lengths (E,).
+
+    Edges are 0 that need no halving: the short ones, and those whose ends are too far from each
+    surface, or too unlike in depth, for a 1-Lipschitz function to miss by much.
+    """
     ends = _ends(edges)
-    length = np.linalg.norm(np.diff(cells.points[ends], axis=1)[:, 0], axis=1)
-    nearest = np.abs(cells.depths[ends]).min(axis=1)
-    close = (nearest < length[:, None]).any(axis=1) & (length > 2 * shortest)
-    middle = middles.of(cells.points, edges[close])
-    off = np.abs(middle - cells.depths[ends[close]].mean(axis=1)) / length[close, None]
-    near = np.abs(middle) < _NEAR * length[close, None]
+    length = np.linalg.norm(cells.points[ends[:, 0]] - cells.points[ends[:, 1]], axis=1)[:, None]
+    first, second = cells.depths[ends[:, 0]], cells.depths[ends[:, 1]]
+    within = np.maximum(np.abs(first), np.abs(second)) < (_NEAR + 0.5) * length
+    alike = np.abs(first - second) < (1 - 2 * _LARGEST_MISS) * length
+    worth = (within & alike).any(axis=1) & (length[:, 0] > 2 * shortest)
+    middle = middles.of(cells.points, edges[worth])
+    length = length[worth]
+    off = np.abs(middle - (first[worth] + second[worth]) / 2) / length
     misses = np.zeros(len(edges))
-    misses[close] = np.where(near, off, 0.0).max(axis=1)
+    misses[worth] = np.where(np.abs(middle) < _NEAR * length, off, 0.0).max(axis=1)
     return misses
 
 
-def _halved(cells: Cells, marked: Index, middles: _Middles) -> Cells:
-    """Halve the marked edges, and what else must be for all tetrahedra to fit together."""
-    cut = np.empty(0, np.int64)
+def _halved(cells: Cells, marked: Index, middles: _Middles) -> tuple[Cells, int]:
+    """Halve the marked edges, and what else must be for all tetrahedra to fit together.
+
+    Return the tetrahedra, those left whole first, and how many these are.
+    """
+    cut, whole = np.empty(0, np.int64), len(cells.tetrahedra)
     while True:
         marked, hit, longest = _closed(cells, marked)
-        if not hit.any():
-            return cells
+        if not len(hit):
+            return cells, whole
+        whole -= int(np.count_nonzero(hit < whole))
         edges = np.setdiff1d(longest, cut)
         cells = replace(
             cells,
@@ -114,31 +125,44 @@ def _halved(cells: Cells, marked: Index, middles: _Middles) -> Cells:
         cells = _split(cells, hit, _ends(longest), middle)
 
 
-def _closed(cells: Cells, marked: Index) -> tuple[Index, Flags, Index]:
+def _closed(cells: Cells, marked: Index) -> tuple[Index, Index, Index]:
     """Mark the longest edge of every tetrahedron with a marked edge, until no more are.
 
-    Return the marked edges, which tetrahedra have any, and the longest edge of each of those.
+    Return the marked edges, the tetrahedra that have any, and the longest edge of each of those.
     """
-    keys = _keys(cells.tetrahedra)
-    while True:
-        hit = np.isin(keys, marked).any(axis=1)
-        longest = _longest(cells, keys, hit)
-        more = np.setdiff1d(longest, marked)
-        if not len(more):
-            return marked, hit, longest
-        marked = np.concatenate([marked, more])
+    longest = np.full(len(cells.tetrahedra), -1)
+    fresh = marked = np.unique(marked)
+    while len(fresh):
+        reached = _having(cells, fresh)
+        reached = reached[longest[reached] < 0]
+        longest[reached] = _longest(cells, reached)
+        fresh = np.setdiff1d(longest[reached], marked)
+        marked = np.union1d(marked, fresh)
+    hit = np.flatnonzero(longest >= 0)
+    return marked, hit, longest[hit]
 
 
-def _longest(cells: Cells, keys: Index, hit: Flags) -> Index:
-    """Return the longest edge of the hit tetrahedra, of equally long ones the last."""
-    first, second = cells.tetrahedra[hit][:, np.array(PAIRS)].transpose(2, 0, 1)
-    length = np.linalg.norm(cells.points[first] - cells.points[second], axis=2)
+def _having(cells: Cells, edges: Index) -> Index:
+    """Return the tetrahedra that have any of some edges, sorted ones."""
+    touched = np.zeros(len(cells.points), bool)
+    touched[_ends(edges)] = True
+    likely = np.flatnonzero(np.count_nonzero(touched[cells.tetrahedra], axis=1) > 1)
+    keys = _keys(cells.tetrahedra[likely])
+    place = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
+    return likely[(edges[place] == keys).any(axis=1)]
+
+
+def _longest(cells: Cells, chosen: Index) -> Index:
+    """Return the longest edge of the chosen tetrahedra, of equally long ones the last."""
+    tetrahedra = cells.tetrahedra[chosen]
+    first, second = cells.points[tetrahedra[:, np.array(PAIRS)]].transpose(2, 0, 1, 3)
+    length = np.linalg.norm(first - second, axis=2)
     longest = length >= length.max(axis=1, keepdims=True, initial=0.0) * (1 - 1e-9)
-    return np.where(longest, keys[hit], -1).max(axis=1, initial=-1)
+    return np.where(longest, _keys(tetrahedra), -1).max(axis=1, initial=-1)
 
 
-def _split(cells: Cells, hit: Flags, ends: Index, middle: Index) -> Cells:
+def _split(cells: Cells, hit: Index, ends: Index, middle: Index) -> Cells:
     """Replace each hit tetrahedron by two that meet in the middle of one of its edges."""
     old = cells.tetrahedra[hit]
     halves = [np.where(old == ends[:, end : end + 1], middle[:, None], old) for end in (0, 1)]
-    return replace(cells, tetrahedra=np.vstack([cells.tetrahedra[~hit], *halves]))
+    return replace(cells, tetrahedra=np.vstack([np.delete(cells.tetrahedra, hit, 0), *halves]))

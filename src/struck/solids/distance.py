@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,13 @@ from struck.solids.lattice import Lattice
 from struck.solids.tetrahedra import stuffed
 from struck.solids.volume import VolumeMesh
 
+if TYPE_CHECKING:
+    import igl
+
 Array = NDArray[np.float64]
 _INSIDE = 0.5
+# Order of the expansion far away, and how many radii away that is: libigl's own.
+_ORDER, _ACCURACY = 2, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +45,17 @@ class Body:
     def _surface(self) -> Surface:
         return Surface(self.mesh)
 
-    @property
+    @cached_property
+    def _winding(self) -> igl.FastWindingNumberBVH:
+        import igl
+
+        hierarchy = igl.FastWindingNumberBVH()
+        hierarchy.init(
+            np.ascontiguousarray(self.mesh.points), np.ascontiguousarray(self.mesh.faces), _ORDER
+        )
+        return hierarchy
+
+    @cached_property
     def bounds(self) -> Array:
         """Corners of a box around the body, m (2, 3)."""
         return self.mesh.bounds
@@ -56,13 +72,7 @@ class Body:
 
         The sign is that of the winding number (Barill et al. 2018).
         """
-        import igl
-
-        winding = igl.fast_winding_number(
-            np.ascontiguousarray(self.mesh.points),
-            np.ascontiguousarray(self.mesh.faces),
-            np.ascontiguousarray(points),
-        )
+        winding = self._winding.winding_number(np.ascontiguousarray(points), _ACCURACY)
         length, _, _ = self._surface.closest(points)
         return np.where(np.atleast_1d(winding) > _INSIDE, -length, length)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from struck.mesh import Mesh
 from struck.pieces import components, edges_of, submesh
-from struck.solids.shells import flipped
+from struck.solids.shells import flipped, unit_factor
 from struck.solids.welding import single
 
 Array = NDArray[np.float64]
@@ -23,18 +23,19 @@ _HAIR = 1e-4
 # Length over the extent down to which crossing faces are cut.
 _FINEST = 1 / 50
 _ROUNDING = 1e-9
-_MOST, _MOST_PAIRS = 100_000, 1_000_000
+_MOST, _MOST_PAIRS = 30_000, 300_000
 
 
 def winding(mesh: Mesh, points: Array) -> Array:
     """Return how often the surface winds around `points` (K,)."""
     import igl
 
+    factor = unit_factor(mesh)
     return np.atleast_1d(
         igl.fast_winding_number(
-            np.ascontiguousarray(mesh.points),
+            np.ascontiguousarray(mesh.points * factor),
             np.ascontiguousarray(mesh.faces),
-            np.ascontiguousarray(points),
+            np.ascontiguousarray(points * factor),
         )
     )
 
@@ -125,6 +126,13 @@ def _halved(faces: Array, pairs: Index, extent: float) -> Array:
         parts = _two(parts[cut], first[cut])
         part, partner = np.concatenate([part, part + len(parts) // 2]), np.tile(partner, 2)
     return np.concatenate([np.empty((0, 3, 3)), *done])
+
+
+def halves(triangles: Array, longest: float) -> tuple[Array, Array]:
+    """Return the triangles (T, 3, 3) no longer than `longest`, and both halves of the others."""
+    lengths, first = _longest(triangles)
+    cut = lengths > longest
+    return triangles[~cut], _two(triangles[cut], first[cut])
 
 
 def _longest(triangles: Array) -> tuple[Array, Index]:

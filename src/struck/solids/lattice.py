@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_BLOCK = 8
+_BLOCK = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class Lattice:
         middles = self.origin + half * (2 * _triples(np.arange(np.prod(blocks)), blocks) + 1)
         coarse = _columns(depths, middles)
         # Both ends of an edge that leaves the block must have values of their own.
-        reach = np.linalg.norm(half + self.cell)
+        reach = np.linalg.norm(half) + max(self.cell.max(), np.linalg.norm(self.cell) / 2)
         near = (np.abs(coarse) <= reach).any(axis=1).reshape(blocks)
         coarse = coarse.reshape(*blocks, -1)
         shapes = (self.counts + 1, self.counts)

@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 # of a dome or of a dish is above a sixth of its wall; holes of scans are a few hundredths.
 LARGEST_OPENING = 0.1
 # Thinner than the rounding of single precision encloses nothing.
-_THINNEST = 1e-6
+THINNEST = 1e-6
 
 
 @dataclass(slots=True)
@@ -77,7 +77,7 @@ class Mended:
         """Which pieces bound a body (P,): closed but for small openings, and not empty."""
         extents = boxes_of(self.mesh, self.labels).extents
         volumes = np.abs(volumes_of(self.mesh, self.labels))
-        empty = volumes <= _THINNEST * self.areas * extents
+        empty = volumes <= THINNEST * self.areas * extents
         return ~empty & (self.filled <= LARGEST_OPENING * self.areas)
 
     def holes(self, chosen: Flags) -> int:

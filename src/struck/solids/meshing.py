@@ -14,6 +14,7 @@ from struck.errors import MeshError, OptionError
 from struck.solids.curving import curved, flatness
 from struck.solids.cutting import Cells
 from struck.solids.distance import Body, Sheet
+from struck.solids.features import Features
 from struck.solids.lattice import Lattice
 from struck.solids.tetrahedra import cells_in
 from struck.solids.volume import VolumeMesh, side_keys
@@ -61,8 +62,8 @@ _SPACING_OF_SOLID = 0.75
 # Spacing over wall at which one layer still bends well; flatter only where nodes run out.
 _FLATTEST_LAYER = 8
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
-# Along the longest edge, to find out how deep a body is.
-_SOUNDINGS = 40
+# Along the longest edge, to find out how deep a body is: few show most cavities.
+_SOUNDINGS = (10, 40)
 # Crumbs hang by an edge or a corner where the lattice grazes the surface.
 _CRUMB = 0.01
 
@@ -182,15 +183,18 @@ def _require_cavity(body: Body | Sheet) -> None:
     """Refuse a wall so thick that it fills the body."""
     if _is_solid(body) or isinstance(body, Sheet) or body.wall is None:
         return
-    (corners, centres) = Lattice.over(body.bounds, body.mesh.extent / _SOUNDINGS).sampled(
-        body.distance
-    )
-    deepest = -min(float(corners.min()), float(centres.min()))
-    if deepest <= body.wall:
-        raise MeshError(
-            f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m, "
-            f"{deepest:.3g} m deep: leave wall= out for a solid body, or give a thinner wall"
+    deepest = 0.0
+    for soundings in _SOUNDINGS:
+        corners, centres = Lattice.over(body.bounds, body.mesh.extent / soundings).sampled(
+            body.distance
         )
+        deepest = -min(float(corners.min()), float(centres.min()))
+        if deepest > body.wall:
+            return
+    raise MeshError(
+        f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m, "
+        f"{deepest:.3g} m deep: leave wall= out for a solid body, or give a thinner wall"
+    )
 
 
 def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
@@ -217,7 +221,8 @@ def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
 def _stuffing(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
     halved = int(max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED)
     cells, crumbs = _whole(cells_in(body.depths, body.bounds, spacing, halved=halved))
-    mesh, short = curved(cells, body.onto, body.mesh.up)
+    features = Features(mesh=body.mesh) if isinstance(body, Body) else None
+    mesh, short = curved(cells, body.onto, body.mesh.up, features)
     thin = not _is_solid(body) and spacing > body.thickness
     relation = "thicker" if spacing < body.thickness else "thinner"
     what = "body" if _is_solid(body) else "wall"

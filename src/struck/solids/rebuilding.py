@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from struck.closed import is_closed
 from struck.errors import MeshError
@@ -19,21 +18,21 @@ from struck.geometry import Surface
 from struck.mesh import Mesh
 from struck.pieces import pieces, submesh, volumes_of
 from struck.solids.exposure import INSIDE, winding
-from struck.solids.tetrahedra import stuffed
-from struck.solids.volume import VolumeMesh
+from struck.solids.inside import has_rims, inside
+from struck.solids.lattice import Lattice
+from struck.solids.marching import isosurface
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 # Cells of the lattice on the surface, from coarse to fine, until the volume stays.
-_CELLS = (4_000, 9_000, 20_000)
+_CELLS = (4_000, 9_000, 16_000)
 # A long way through air takes more of them than memory holds.
-_MOST_CELLS = 2_000_000
+_MOST_CELLS, _MOST_CELLS_WITH_RIMS = 1_000_000, 100_000
+_WIDER = 1.05
+# Faces within the material cost as those in the open do: from here on, cells grow with their area.
+_MOST_LAYERS = 4
 _LARGEST_CHANGE = 0.003
 _CRUMB = 1e-3
-# Of distances that need not be exact.
-_SLACK = 0.2
-# Lattice planes that graze a flat face can leave pieces joined by an edge: look beside.
-_BESIDE = (1.0, 0.93, 0.87)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,10 +75,13 @@ def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebu
             "the mesh encloses nothing that could be told from air: its faces point every way; "
             "make the normals consistent in a mesh editor"
         )
-    area = float(bounding.areas.sum())
-    finest = float(np.cbrt(np.prod(mesh.bounds[1] - mesh.bounds[0]) / _MOST_CELLS))
-    spacings = [max(np.sqrt(area / cells), finest) for cells in (_CELLS[:1] if roughly else _CELLS)]
-    limits = Limits(bounding, spacings[-1])
+    area = max(float(bounding.areas.sum()), float(mesh.areas.sum()) / _MOST_LAYERS)
+    most = _MOST_CELLS_WITH_RIMS if has_rims(mesh) else _MOST_CELLS
+    spacings = [
+        _affordable(float(np.sqrt(area / cells)), bounding.bounds, most)
+        for cells in (_CELLS[:1] if roughly else _CELLS)
+    ]
+    limits = Limits(bounding)
     made = [_boundary(mesh, limits, spacings[0])]
     change = np.inf
     for spacing in spacings[1:]:
@@ -92,52 +94,36 @@ def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebu
 
 
 def _boundary(mesh: Mesh, limits: Limits, spacing: float) -> Mesh:
-    def depth(points: Array) -> Array:
-        length = limits.distances(points, 3 * spacing)
-        return np.where(winding(mesh, points) > INSIDE, -length, length)
-
-    for share in _BESIDE:
-        found = _outside(stuffed(depth, mesh.bounds, share * spacing))
-        if is_closed(found):
+    lattice = Lattice.over(limits.bounds, spacing)
+    within = inside(mesh, lattice)
+    for moved in (True, False):
+        found = isosurface(lattice, within, limits.distances, moved=moved)
+        if found is not None and is_closed(found):
             return _largest(
                 Mesh(points=limits.nearest(found.points), faces=found.faces, up=mesh.up)
             )
     raise MeshError(
-        f"the body is too thin for a lattice of {spacing:.3g} m in parts of it: join its pieces "
-        "in a mesh editor"
+        f"the body is too thin for a lattice of {spacing:.3g} m: join its pieces in a mesh editor"
     )
 
 
-def _outside(mesh: VolumeMesh) -> Mesh:
-    """Return the sides of tetrahedra that belong to one of them alone."""
-    sides = mesh.elements[:, np.array(mesh.element.sides)].reshape(-1, 3)
-    a, b, c = np.sort(sides, axis=1).T
-    count = len(mesh.nodes)
-    _, first, shared = np.unique((a * count + b) * count + c, return_index=True, return_counts=True)
-    used, faces = np.unique(sides[first[shared == 1]], return_inverse=True)
-    return Mesh(points=mesh.nodes[used], faces=faces.reshape(-1, 3))
+def _affordable(spacing: float, bounds: Array, most: int) -> float:
+    """Return `spacing`, or a wider one that takes no more than `most` cells to fill the box."""
+    while (np.maximum((bounds[1] - bounds[0]) / spacing, 1) + 2).prod() > most:
+        spacing *= _WIDER
+    return spacing
 
 
 class Limits:
     """Faces that part material from air, prepared for many distances to them."""
 
-    def __init__(self, mesh: Mesh, cell: float) -> None:
+    def __init__(self, mesh: Mesh) -> None:
+        self.bounds = mesh.bounds
         self._surface = Surface(mesh)
-        _, first = np.unique(np.floor(mesh.centroids / cell), axis=0, return_index=True)
-        self._samples = KDTree(mesh.centroids[first])
-        offsets = mesh.points[mesh.faces] - mesh.centroids[:, None]
-        self._reach = float(np.linalg.norm(offsets, axis=2).max()) + np.sqrt(3) * cell
 
-    def distances(self, points: Array, within: float) -> Array:
-        """Return distances to the faces, m (K,): up to `within` exact, beyond it less than true.
-
-        Only those near the surface have to be exact, and they cost the most.
-        """
-        length = self._samples.query(points, eps=_SLACK)[0] / (1 + _SLACK) - self._reach
-        near = length < within
-        if near.any():
-            length[near], _, _ = self._surface.closest(points[near])
-        return length
+    def distances(self, points: Array) -> Array:
+        """Return distances to the faces, m (K,)."""
+        return self._surface.closest(points)[0]
 
     def nearest(self, points: Array) -> Array:
         """Return the nearest points on the faces (K, 3)."""

@@ -18,6 +18,7 @@ from struck.solids.bodies import largest_body, solid_shells, without_hidden
 from struck.solids.exposure import bared, exposed
 from struck.solids.mending import (
     LARGEST_OPENING,
+    THINNEST,
     Diary,
     Mended,
     counted,
@@ -239,7 +240,8 @@ def _say(new: Rebuilt, diary: Diary) -> None:
 def _joined(surface: Mended, diary: Diary) -> Mesh | None:
     """Return a body that patches bound together though they do not meet; None where none do."""
     patches = int(np.count_nonzero(surface.areas > _PATCH * surface.areas.sum()))
-    if patches < 2:
+    box = np.ptp(surface.open.bounds, axis=0)
+    if patches < 2 or box.min() <= THINNEST * box.max():
         return None
     limits = exposed(surface.open, crossings(surface.open))
     try:

@@ -10,12 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.errors import MeshError
 from struck.mesh import Mesh
 from struck.pieces import components, edges_of, nesting, pieces, submesh, turned_faces, volumes_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+# Boxes of other faces that the box of a face may overlap: of sound surfaces it is a dozen or two,
+# and small ones may be as bad as they like.
+_MOST_MET, _MOST_PAIRS = 100, 20_000_000
+_SAMPLE_COST = 500_000
 
 
 def apart(mesh: Mesh) -> Mesh:
@@ -74,12 +79,43 @@ def flipped(mesh: Mesh, chosen: Flags) -> Mesh:
 
 
 def crossings(mesh: Mesh) -> Index:
-    """Return the pairs of faces that cross or touch without sharing a vertex or edge (K, 2)."""
+    """Return the pairs of faces that cross or touch without sharing a vertex or edge (K, 2).
+
+    Raises
+    ------
+    MeshError
+        When so many faces lie across each other that no one could wait for it.
+    """
     from igl.predicates import find_self_intersections
 
-    points = np.array(mesh.points, order="C")
+    points = np.array(mesh.points * unit_factor(mesh), order="C")
+    _require_order(points[mesh.faces])
     _, pairs, _ = find_self_intersections(points, np.array(mesh.faces, order="C"))
     return np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _require_order(faces: Array) -> None:
+    """Refuse faces (F, 3, 3) whose boxes overlap too many others, by a sample."""
+    lowest, highest = faces.min(axis=1), faces.max(axis=1)
+    count = len(faces)
+    sample = np.unique(np.linspace(0, count - 1, max(_SAMPLE_COST // count, 16)).astype(np.int64))
+    met = [
+        np.count_nonzero(((lowest <= highest[i]) & (highest >= lowest[i])).all(axis=1))
+        for i in sample
+    ]
+    if np.mean(met) > _MOST_MET + _MOST_PAIRS / count:
+        raise MeshError(
+            f"it is too damaged: of its {count} faces each lies across {np.mean(met):.0f} others "
+            "on average; export the surface again, or rebuild it in a mesh editor"
+        )
+
+
+def unit_factor(mesh: Mesh) -> float:
+    """Return a power of two that brings a mesh to an extent near 1, without any rounding.
+
+    Products of six lengths of very large or small bodies leave the range of floating point.
+    """
+    return float(2.0 ** -np.round(np.log2(mesh.extent)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -146,7 +146,7 @@ class _Split:
         if other is None:
             self._forget(number)
             return False
-        d = next(int(v) for v in self.faces[other] if v not in {a, c})
+        d = next((int(v) for v in self.faces[other] if v not in {a, c}), b)
         if d == b:
             self._forget(number)
             self._forget(other)

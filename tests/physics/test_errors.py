@@ -1,0 +1,74 @@
+"""Stated errors of modes against true ones, where the frequencies are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import struck
+from tests.physics.known import BODIES, GIVEN, STEEL, Known
+from tests.physics.ritz_solid import Family, Section, solid_frequencies
+
+# A true error is known to a tenth where it is so many times what the frequency is certain to.
+_KNOWN = 10
+
+
+def check(known: Known, accuracy: str) -> None:
+    model = struck.analyze(
+        known.source(),
+        known.material,
+        wall=known.wall,
+        band=(0.0, known.highest),
+        accuracy=accuracy,
+        cache=False,
+    )
+    expected = known.frequencies()[: len(model.natural_frequencies)]
+    true = np.abs(model.natural_frequencies / expected - 1)
+    bounded = (true <= model.errors) | (true <= known.certain)
+    assert np.mean(bounded) >= 0.9
+    large = true > _KNOWN * known.certain
+    assert np.median(model.errors[large] / true[large]) <= 5
+
+
+@pytest.mark.parametrize("body", ["tetrahedra", "hexahedra", "wedges", "bar"])
+def test_errors_of_given_elements(body: str) -> None:
+    check(GIVEN[body], "standard")
+
+
+def test_errors_of_a_sphere() -> None:
+    check(BODIES["sphere"], "preview")
+
+
+def test_errors_of_a_short_tube() -> None:
+    check(BODIES["short tube of hexahedra"], "standard")
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("body", GIVEN)
+def test_errors_of_all_given_elements(body: str) -> None:
+    check(GIVEN[body], "standard")
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("accuracy", ["preview", "standard"])
+@pytest.mark.parametrize("body", BODIES)
+def test_errors_of_all_bodies(body: str, accuracy: str) -> None:
+    check(BODIES[body], accuracy)
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("body", ["sphere", "cube of hexahedra", "chime", "bar of hexahedra"])
+def test_errors_at_fine(body: str) -> None:
+    check(BODIES[body], "fine")
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize(("height", "degrees"), [(0.01, (16, 3)), (0.1, (14, 5))])
+def test_plates_are_known_as_well_as_is_said(height: float, degrees: tuple[int, int]) -> None:
+    found = []
+    for more in (0, 2):
+        layers = tuple(np.pi * k / height / 2 for k in (1, 3))
+        section = Section.rectangle(1, 1, Family(degree=degrees[0] + more, decays=layers))
+        found.append(solid_frequencies(section, height, degrees[1] + more, STEEL)[:38])
+    below = found[1] < (900.0 if height < 0.1 else 3000.0)
+    assert found[0][below] == pytest.approx(found[1][below], rel=1e-5)

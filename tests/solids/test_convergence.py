@@ -1,0 +1,89 @@
+"""Errors told from two resolutions, on frequencies made up for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+from struck import Mesh
+from struck.modes import Modes
+from struck.solids.convergence import ALONE, nodes_needed, stated_errors
+from tests.physics.bodies import box
+
+Array = NDArray[np.float64]
+TRUE = np.array([100.0, 210.0, 330.0, 460.0, 500.0])
+SURFACE: Mesh = box(1, 1, 1)
+
+
+def modes(frequencies: ArrayLike, errors: ArrayLike) -> Modes:
+    found = np.asarray(frequencies, float)
+    return Modes(
+        frequencies=found,
+        surface=SURFACE,
+        shapes=np.ones((len(SURFACE.points), 3, len(found))),
+        mass=1.0,
+        centre=np.zeros(3),
+        inertia=np.eye(3),
+        complete_to=1000.0,
+        poisson_slopes=np.zeros(len(found)),
+        errors=np.broadcast_to(np.asarray(errors, float), found.shape).copy(),
+    )
+
+
+def pair(error: float, *, ratio: float, share: float) -> tuple[Modes, Modes]:
+    """Return fine and coarse modes of errors by the fourth power of the edges.
+
+    On one mesh, `share` of each error is told.
+    """
+    coarse = error * ratio ** (4 / 3)
+    told = ALONE * share
+    return (
+        modes(TRUE * (1 + error), told * error),
+        modes(TRUE * (1 + coarse), told * coarse),
+    )
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("ratio", [1.2, 3.0, 6.0])
+def test_errors_bound_the_true_ones_closely_whatever_share_one_mesh_tells(
+    share: float, ratio: float
+) -> None:
+    fine, coarse = pair(1e-3, ratio=ratio, share=share)
+    stated = stated_errors(fine, int(1000 * ratio), coarse, 1000)
+    assert (stated >= 1e-3).all()
+    assert (stated <= 5e-3).all()
+
+
+def test_a_defect_that_both_meshes_share_is_told() -> None:
+    # One layer of elements in both: a tenth of the error goes, the rest stays.
+    fine = modes(TRUE * 1.0100, ALONE * 0.0100)
+    coarse = modes(TRUE * 1.0110, ALONE * 0.0110)
+    assert (stated_errors(fine, 3000, coarse, 1000) >= 0.01).all()
+
+
+def test_a_mode_that_crossed_another_does_not_come_out_exact() -> None:
+    fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
+    crossed = coarse.frequencies.copy()
+    crossed[2] = fine.frequencies[2]
+    told = modes(crossed, coarse.errors)
+    assert stated_errors(fine, 3000, told, 1000)[2] >= 1e-3
+
+
+def test_modes_beyond_the_coarse_mesh_keep_their_own_errors() -> None:
+    fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
+    fewer = modes(coarse.frequencies[:3], coarse.errors[:3])
+    assert stated_errors(fine, 3000, fewer, 1000)[3:] == pytest.approx(fine.errors[3:])
+
+
+def test_without_another_resolution_each_keeps_its_own() -> None:
+    fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
+    assert stated_errors(fine, 3000, None, 0) is fine.errors
+    assert stated_errors(fine, 1020, coarse, 1000) is fine.errors
+
+
+def test_nodes_follow_the_fourth_power_of_the_edges() -> None:
+    coarse = modes(TRUE, 0.01)
+    assert nodes_needed(coarse, 1000, 1e-4) == pytest.approx(
+        nodes_needed(coarse, 1000, 1.6e-3) * 8, rel=0.01
+    )
