@@ -23,7 +23,7 @@ from struck.places import places_of
 from struck.progress import Progress, silent
 from struck.provenance import Provenance
 from struck.radiation import by_name
-from struck.solids.convergence import ALONE, nodes_needed, stated_errors
+from struck.solids.convergence import ALONE, comparable, nodes_needed, stated_errors
 from struck.solids.linear import linear_tetrahedra
 from struck.solids.recovery import recovered_errors
 from struck.solids.search import Solver
@@ -152,8 +152,9 @@ class _Work:
         modes = self._modes(elements.mesh, MODES, self.highest)
         count = len(coarse.mesh.nodes) if coarse else 0
         errors = stated_errors(modes, len(elements.mesh.nodes), first, count)
-        told = "recovered strains" if errors is modes.errors else f"{count} nodes beside these"
-        provenance = modes.provenance.extended(references=("zienkiewicz1987",), errors_by=told)
+        two = comparable(len(elements.mesh.nodes), count)
+        told = f"{count} nodes beside these" if two else "the next degree of polynomials"
+        provenance = modes.provenance.extended(references=("bank1993",), errors_by=told)
         return elements, replace(modes, errors=errors, provenance=provenance)
 
     def model(

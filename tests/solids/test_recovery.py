@@ -100,13 +100,12 @@ def lowest(kind: str, count: int) -> Told:
 
 
 @pytest.mark.parametrize("kind", ["tet4", "wedge6"])
-def test_recovered_errors_are_about_the_true_ones_and_fall_as_these_do(kind: str) -> None:
+def test_recovered_errors_are_about_the_true_ones_and_fall_by_theory(kind: str) -> None:
     coarse, fine = lowest(kind, 4), lowest(kind, 8)
     for told in (coarse, fine):
         assert 0.5 < told.recovered / told.true < 2
-    order = np.log2(coarse.recovered / fine.recovered)
-    assert order == pytest.approx(np.log2(coarse.true / fine.true), abs=0.3)
-    assert order > 3
+    # Quadratic elements: the fourth power of the edges in the end, from below.
+    assert 3 < np.log2(coarse.recovered / fine.recovered) < 4.1
 
 
 def test_what_a_support_takes_is_no_error() -> None:

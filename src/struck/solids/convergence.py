@@ -16,7 +16,7 @@ from struck.modes import Modes
 Array = NDArray[np.float64]
 # How many times a recovered error bounds the true one: where it stands alone, and where two
 # resolutions scale it.
-ALONE, _SCALED = 4.0, 2.5
+ALONE, _SCALED = 4.0, 2.3
 # Power of the edges with which errors fall; 4 is the most that quadratic elements reach.
 _POWER = 3.0
 # How many times larger the errors are of which a mesh of given nodes is chosen.
@@ -26,6 +26,9 @@ _LEAST_RATIO = 1.05
 # Of a recovered error, the least share that the finer mesh counts as having removed.
 _LEAST_GAIN = 0.05
 _MOST_MODES = 0.9
+# No error is told smaller than this. Where a mode looks so many times as exact as the modes beside
+# it, two meshes happen to agree on it: it gets this share of theirs.
+_LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
 
 
 def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int) -> Array:
@@ -40,19 +43,30 @@ def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: 
         Of a coarser mesh, over a wider band, with errors of the same kind.
     coarse_nodes : int
     """
-    ratio = nodes / max(coarse_nodes, 1)
-    known = 0 if coarse is None else min(len(modes.frequencies), len(coarse.frequencies))
-    if coarse is None or ratio < _LEAST_RATIO or not known:
+    if coarse is None or not comparable(nodes, coarse_nodes):
         return modes.errors
+    known = min(len(modes.frequencies), len(coarse.frequencies))
     apart = np.abs(coarse.frequencies[:known] / modes.frequencies[:known] - 1)
     before, after = coarse.errors[:known], modes.errors[:known]
     scale = apart / np.maximum(before - after, _LEAST_GAIN * before)
     # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
     scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
-    fallen = apart / (ratio ** (_POWER / 3) - 1)
+    fallen = apart / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
     errors = modes.errors.copy()
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
-    return errors
+    return _levelled(errors)
+
+
+def comparable(nodes: int, coarse_nodes: int) -> bool:
+    """Tell whether a coarser mesh of so many nodes says something about one of `nodes`."""
+    return coarse_nodes > 0 and nodes / coarse_nodes >= _LEAST_RATIO
+
+
+def _levelled(errors: Array) -> Array:
+    spans = [errors[max(i - _BESIDE, 0) : i + _BESIDE + 1] for i in range(len(errors))]
+    beside = np.array([np.median(span) for span in spans])
+    believed = np.where(errors < _OUTLYING * beside, _SHARE * beside, errors)
+    return np.maximum(believed, _LEAST)
 
 
 def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:

@@ -66,6 +66,8 @@ _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
 _SOUNDINGS = (10, 40)
 # Crumbs hang by an edge or a corner where the lattice grazes the surface.
 _CRUMB = 0.01
+# Of the volume, along each edge of a lattice cell.
+_SAMPLES_A_CELL = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -231,7 +233,7 @@ def _stuffing(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
         path="one layer" if thin else "stuffing",
         reason=f"the {what} of {body.thickness:.3g} m is {relation} than the lattice",
         spacing=spacing,
-        volume_error=mesh.volume() / body.volume(spacing / 2) - 1,
+        volume_error=mesh.volume() / body.volume(spacing / _SAMPLES_A_CELL) - 1,
         short=short,
         crumbs=crumbs,
     )
