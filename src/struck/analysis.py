@@ -23,7 +23,13 @@ from struck.places import places_of
 from struck.progress import Progress, silent
 from struck.provenance import Provenance
 from struck.radiation import by_name
-from struck.solids.convergence import ALONE, comparable, nodes_needed, stated_errors
+from struck.solids.convergence import (
+    ALONE,
+    comparable,
+    nodes_needed,
+    stated_errors,
+    with_shape,
+)
 from struck.solids.linear import linear_tetrahedra
 from struck.solids.recovery import recovered_errors
 from struck.solids.search import Solver
@@ -151,7 +157,9 @@ class _Work:
         elements = source.fine(self.stages, nodes)
         modes = self._modes(elements.mesh, MODES, self.highest)
         count = len(coarse.mesh.nodes) if coarse else 0
-        errors = stated_errors(modes, len(elements.mesh.nodes), first, count)
+        errors = with_shape(
+            stated_errors(modes, len(elements.mesh.nodes), first, count), elements.volume_error
+        )
         two = comparable(len(elements.mesh.nodes), count)
         told = f"{count} nodes beside these" if two else "the next degree of polynomials"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=told)

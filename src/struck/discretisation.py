@@ -69,11 +69,12 @@ class FileOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elements:
-    """Elements of a body with its named places and where they come from."""
+    """Elements of a body with its named places, where they come from and what volume they miss."""
 
     mesh: VolumeMesh
     places: Mapping[str, Array] = field(default_factory=dict)
     provenance: Provenance
+    volume_error: float = 0.0
 
 
 class Discretised(Protocol):
@@ -205,7 +206,9 @@ class Surfaced:
             references=("barill2018", "labelle2007", "rivara1991"),
             details=details,
         )
-        return Elements(mesh=filling.mesh, provenance=provenance)
+        # The volume of a wall is sampled: as a measure of its shape that is too rough.
+        missing = 0.0 if self.wall is not None else filling.volume_error
+        return Elements(mesh=filling.mesh, provenance=provenance, volume_error=missing)
 
 
 def _repair_details(repair: Repair) -> dict[str, object]:

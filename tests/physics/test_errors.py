@@ -27,7 +27,7 @@ def check(known: Known, accuracy: str) -> None:
     bounded = (true <= model.errors) | (true <= known.certain)
     assert np.mean(bounded) >= 0.9
     large = true > _KNOWN * known.certain
-    assert np.median(model.errors[large] / true[large]) <= 5
+    assert not large.any() or np.median(model.errors[large] / true[large]) <= 5
 
 
 @pytest.mark.parametrize("body", ["tetrahedra", "hexahedra", "wedges", "bar"])

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from struck import Mesh
 from struck.modes import Modes
-from struck.solids.convergence import ALONE, nodes_needed, stated_errors
+from struck.solids.convergence import ALONE, nodes_needed, stated_errors, with_shape
 from tests.physics.bodies import box
 
 Array = NDArray[np.float64]
@@ -78,8 +78,16 @@ def test_modes_beyond_the_coarse_mesh_keep_their_own_errors() -> None:
 
 def test_without_another_resolution_each_keeps_its_own() -> None:
     fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
-    assert stated_errors(fine, 3000, None, 0) is fine.errors
-    assert stated_errors(fine, 1020, coarse, 1000) is fine.errors
+    assert np.array_equal(stated_errors(fine, 3000, None, 0), fine.errors)
+    assert np.array_equal(stated_errors(fine, 1020, coarse, 1000), fine.errors)
+
+
+def test_nothing_is_told_to_be_exact() -> None:
+    assert stated_errors(modes(TRUE, 0.0), 3000, None, 0) == pytest.approx([1e-4] * len(TRUE))
+
+
+def test_what_the_shape_misses_adds_in_squares() -> None:
+    assert with_shape(np.array([3e-3, 0.0]), -8e-3 / 3) == pytest.approx([5e-3, 4e-3])
 
 
 def test_nodes_follow_the_fourth_power_of_the_edges() -> None:

@@ -26,6 +26,8 @@ _LEAST_RATIO = 1.05
 # Of a recovered error, the least share that the finer mesh counts as having removed.
 _LEAST_GAIN = 0.05
 _MOST_MODES = 0.9
+# Frequencies miss so many times what the volume does, where edges are cut off.
+_OF_VOLUME = 1.5
 # No error is told smaller than this. Where a mode looks so many times as exact as the modes beside
 # it, two meshes happen to agree on it: it gets this share of theirs.
 _LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
@@ -44,7 +46,7 @@ def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: 
     coarse_nodes : int
     """
     if coarse is None or not comparable(nodes, coarse_nodes):
-        return modes.errors
+        return np.maximum(modes.errors, _LEAST)
     known = min(len(modes.frequencies), len(coarse.frequencies))
     apart = np.abs(coarse.frequencies[:known] / modes.frequencies[:known] - 1)
     before, after = coarse.errors[:known], modes.errors[:known]
@@ -73,3 +75,8 @@ def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
     """Return how many nodes bring most modes' errors below `target`, from a coarser mesh's."""
     error = float(np.quantile(coarse.errors, _MOST_MODES)) * (_TYPICAL / ALONE)
     return int(nodes * max(error / target, 1e-9) ** 0.75)
+
+
+def with_shape(errors: Array, volume_error: float) -> Array:
+    """Return errors (M,) with what the body's own shape misses, as crisp edges cut off do."""
+    return np.hypot(errors, _OF_VOLUME * volume_error)
