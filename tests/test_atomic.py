@@ -18,6 +18,7 @@ import pytest
 
 from struck import atomic
 from struck.errors import FileFormatError
+from tests.folders import closed_to_writing
 
 STEPS = {
     "write": (atomic, "_write_through"),
@@ -136,14 +137,8 @@ def test_name_too_long_is_one_error(tmp_path: Path) -> None:
 def closed_folder() -> Iterator[Path]:
     """A folder where this process may not write, even when it runs as root."""
     folder = Path(tempfile.mkdtemp())
-    folder.chmod(0o555)
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    yield folder
-    if root:
-        os.seteuid(0)
-    folder.chmod(0o755)
+    with closed_to_writing(folder):
+        yield folder
     shutil.rmtree(folder)
 
 

@@ -23,6 +23,7 @@ from struck.errors import FileFormatError, OptionError
 from struck.files import model_file
 from struck.material import Material
 from struck.model import ModalModel
+from tests.folders import closed_to_writing
 
 HOME = Path.home()
 
@@ -313,14 +314,8 @@ def closed_folder() -> Iterator[Path]:
     """A folder with one entry where this process may not write, even when it runs as root."""
     folder = Path(tempfile.mkdtemp())
     Cache(folder).put(key_of("a"), b"one")
-    folder.chmod(0o555)
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    yield folder
-    if root:
-        os.seteuid(0)
-    folder.chmod(0o755)
+    with closed_to_writing(folder):
+        yield folder
     shutil.rmtree(folder)
 
 

@@ -31,7 +31,7 @@ from struck.solids.convergence import (
     with_shape,
 )
 from struck.solids.linear import linear_tetrahedra
-from struck.solids.recovery import recovered_errors
+from struck.solids.residuals import residual_errors
 from struck.solids.search import Solver
 from struck.solids.vibration import vibration_modes
 from struck.solids.volume import VolumeMesh
@@ -199,7 +199,7 @@ class _Work:
         material = self.material
 
         def estimate(values: Array, vectors: Array) -> Array:
-            return ALONE * recovered_errors(mesh, material, values, vectors)
+            return ALONE * residual_errors(mesh, material, values, vectors)
 
         compute = partial(
             vibration_modes,

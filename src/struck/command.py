@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TextIO
 
 from struck.cache import CacheWarning
 from struck.errors import RepairWarning
@@ -57,12 +58,17 @@ def warnings_in_one_line() -> Iterator[None]:
     shown = warnings.showwarning
 
     def tell(
-        message: Warning | str, category: type[Warning], filename: str, lineno: int, *rest: object
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
     ) -> None:
         if issubclass(category, CacheWarning | RepairWarning):
             sys.stderr.write(f"struck: {message}\n")
         else:
-            shown(message, category, filename, lineno, *rest)  # type: ignore[arg-type]
+            shown(message, category, filename, lineno, file, line)
 
     with warnings.catch_warnings():
         for category in (CacheWarning, RepairWarning):

@@ -85,11 +85,11 @@ class Discretised(Protocol):
         """Error of frequencies to aim at, where the elements can be chosen by it."""
         ...
 
-    def coarse(self, stages: Stages) -> Elements | None:
+    def coarse(self, stages: Stages, /) -> Elements | None:
         """Return elements to tell the error of the others by, or None where there are none."""
         ...
 
-    def fine(self, stages: Stages, nodes: int) -> Elements:
+    def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements to compute with, with more `nodes` than usual if wanted."""
         ...
 
@@ -101,11 +101,11 @@ class Given:
     mesh: VolumeMesh
     error: float | None = None
 
-    def coarse(self, stages: Stages) -> Elements | None:  # noqa: ARG002
+    def coarse(self, _stages: Stages, /) -> Elements | None:
         """Return nothing: there are no others."""
         return None
 
-    def fine(self, stages: Stages, nodes: int) -> Elements:  # noqa: ARG002
+    def fine(self, _stages: Stages, _nodes: int, /) -> Elements:
         """Return the elements as they are."""
         return Elements(mesh=self.mesh, provenance=Provenance(method="given elements"))
 
@@ -118,13 +118,13 @@ class Structured:
     accuracy: str
     error: float | None = None
 
-    def coarse(self, stages: Stages) -> Elements | None:
+    def coarse(self, stages: Stages, /) -> Elements | None:
         """Return the elements of the accuracy below."""
         levels = list(ACCURACIES)
         level = levels.index(self.accuracy) if self.accuracy in levels else 0
         return self._at(levels[level - 1], stages) if level else None
 
-    def fine(self, stages: Stages, nodes: int) -> Elements:  # noqa: ARG002
+    def fine(self, stages: Stages, _nodes: int, /) -> Elements:
         """Return the elements of its accuracy."""
         return self._at(self.accuracy, stages)
 
@@ -162,14 +162,14 @@ class Surfaced:
             return Sheet(mesh=self.repair.mesh, wall=self.wall)
         return Body(mesh=self.repair.mesh, wall=self.wall)
 
-    def coarse(self, stages: Stages) -> Elements | None:
+    def coarse(self, stages: Stages, /) -> Elements | None:
         """Return about a third of the nodes, where so few can follow the body."""
         fillings = stages.kept(
             COARSE, lambda: filled_coarsely(self._body, self.accuracy), **self._inputs
         )
         return self._elements(fillings[0]) if fillings else None
 
-    def fine(self, stages: Stages, nodes: int) -> Elements:
+    def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements of its accuracy, or more."""
         nodes = nodes_allowed(self.accuracy, nodes)
         filling = stages.kept(

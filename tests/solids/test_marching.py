@@ -8,10 +8,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from struck.mesh import Mesh
-from struck.solids.exposure import INSIDE, winding
-from struck.solids.inside import inside
 from struck.solids.lattice import Lattice
-from struck.solids.marching import isosurface
+from struck.solids.repair.exposure import INSIDE, winding
+from struck.solids.repair.inside import inside
+from struck.solids.repair.marching import isosurface
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 

@@ -10,8 +10,8 @@ from struck.closed import require_closed
 from struck.errors import MeshError
 from struck.mesh import Mesh
 from struck.pieces import edges_of
-from struck.solids.openings import closed, loops
 from struck.solids.repair import Repair, repaired
+from struck.solids.repair.openings import closed, loops
 
 
 def mesh(*bodies: trimesh.Trimesh) -> Mesh:

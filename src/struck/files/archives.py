@@ -53,6 +53,7 @@ def open_source(path: Path, limits: Limits) -> Source:
     try:
         with open_regular(path, limits) as file:
             source = unpack(path, file, limits)
+    # zipfile says of a compression it does not know that it is not implemented.
     except (*_DAMAGED, zipfile.BadZipFile, NotImplementedError) as error:
         if isinstance(error, MeshError):
             raise
@@ -77,7 +78,7 @@ def _packed(path: Path, file: IO[bytes], limits: Limits) -> Source:
 
 def _gunzipped(file: IO[bytes]) -> Iterator[bytes]:
     with gzip.GzipFile(fileobj=file, mode="rb") as unpacked:
-        yield from pieces_of(unpacked)  # type: ignore[arg-type]
+        yield from pieces_of(unpacked)
 
 
 def _streams(

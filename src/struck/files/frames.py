@@ -122,6 +122,7 @@ def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
     data = np.empty(count, dtype=np.uint8)
     rest = data.data
     while rest:
+        # The type of binary streams does not tell of readinto, though all of them have it.
         taken = stream.readinto(rest)  # type: ignore[attr-defined]
         if not taken:
             raise EOFError("the sender has gone")

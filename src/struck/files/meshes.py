@@ -17,7 +17,7 @@ from struck.files.parts import Part
 from struck.mesh import Mesh
 from struck.pieces import bodies, submesh
 from struck.solids.repair import Repair, repaired
-from struck.solids.welding import lines, sewn
+from struck.solids.repair.welding import lines, sewn
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

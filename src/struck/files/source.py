@@ -7,6 +7,7 @@ import re
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from io import BufferedIOBase
 from pathlib import Path
 from typing import IO
 
@@ -130,7 +131,7 @@ def gathered(
     return bytes(data)
 
 
-def pieces_of(file: IO[bytes]) -> Iterator[bytes]:
+def pieces_of(file: IO[bytes] | BufferedIOBase) -> Iterator[bytes]:
     """Read a file piece by piece."""
     return iter(lambda: file.read(CHUNK), b"")
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from struck.modes import Modes
 
 Array = NDArray[np.float64]
-# How many times a recovered error bounds the true one: where it stands alone, and where two
-# resolutions scale it.
+# How many times an error told by residuals bounds the true one: where it stands alone, and where
+# two resolutions scale it.
 ALONE, _SCALED = 4.0, 2.3
 # Power of the edges with which errors fall; 4 is the most that quadratic elements reach.
 _POWER = 3.0
@@ -23,7 +23,7 @@ _POWER = 3.0
 _TYPICAL = 2.5
 # Less than so many times the nodes tell nothing.
 _LEAST_RATIO = 1.05
-# Of a recovered error, the least share that the finer mesh counts as having removed.
+# Of an error told by residuals, the least share that the finer mesh counts as having removed.
 _LEAST_GAIN = 0.05
 _MOST_MODES = 0.9
 # Frequencies miss so many times what the volume does, where edges are cut off.

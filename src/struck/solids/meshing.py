@@ -183,7 +183,7 @@ def _rough_volume(body: Body | Sheet) -> float:
 
 def _require_cavity(body: Body | Sheet) -> None:
     """Refuse a wall so thick that it fills the body."""
-    if _is_solid(body) or isinstance(body, Sheet) or body.wall is None:
+    if isinstance(body, Sheet) or body.wall is None:
         return
     deepest = 0.0
     for soundings in _SOUNDINGS:

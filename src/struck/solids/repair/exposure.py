@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from struck.mesh import Mesh
 from struck.pieces import components, edges_of, submesh
-from struck.solids.shells import flipped, unit_factor
-from struck.solids.welding import single
+from struck.solids.repair.shells import flipped, unit_factor
+from struck.solids.repair.welding import single
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.solids.recovery import Finer, recovered_errors
+from struck.solids.residuals import Finer, residual_errors
 from struck.solids.vibration import vibration_modes
 from struck.solids.volume import VolumeMesh
 from tests.physics.bodies import UNIT, distorted, grid
@@ -93,14 +93,14 @@ def lowest(kind: str, count: int) -> Told:
     mesh = grid(kind, (count,) * 3).promoted()
 
     def estimate(values: Array, vectors: Array) -> Array:
-        return recovered_errors(mesh, UNIT, values, vectors)
+        return residual_errors(mesh, UNIT, values, vectors)
 
     modes = vibration_modes(mesh, UNIT, 3.2 / (2 * np.pi), estimate=estimate)
     return Told(modes.errors[0], 2 * np.pi * modes.frequencies[0] / CUBE[0][0] - 1)
 
 
 @pytest.mark.parametrize("kind", ["tet4", "wedge6"])
-def test_recovered_errors_are_about_the_true_ones_and_fall_by_theory(kind: str) -> None:
+def test_residual_errors_are_about_the_true_ones_and_fall_by_theory(kind: str) -> None:
     coarse, fine = lowest(kind, 4), lowest(kind, 8)
     for told in (coarse, fine):
         assert 0.5 < told.recovered / told.true < 2
@@ -115,10 +115,10 @@ def test_what_a_support_takes_is_no_error() -> None:
     told: dict[str, Array] = {}
 
     def estimate(values: Array, vectors: Array) -> Array:
-        told["held"] = recovered_errors(mesh, UNIT, values, vectors)
+        told["held"] = residual_errors(mesh, UNIT, values, vectors)
         freed = vectors.copy()
         freed[held] = 1e-300  # as good as still, but not taken for held
-        told["free"] = recovered_errors(mesh, UNIT, values, freed)
+        told["free"] = residual_errors(mesh, UNIT, values, freed)
         return told["held"]
 
     vibration_modes(mesh, UNIT, 0.05, fixed=held, estimate=estimate)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.pieces import submesh
-from struck.solids.mending import Diary, Mended, counted, without_needles
-from struck.solids.shells import Shells
+from struck.solids.repair.mending import Diary, Mended, counted, without_needles
+from struck.solids.repair.shells import Shells
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]

@@ -31,7 +31,7 @@ _STEP = 1e-30
 _YIELDING, _UNSEEN = 0.45, 0.03
 
 
-def recovered_errors(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
+def residual_errors(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
     """Return the relative error of each frequency (M,).
 
     Parameters

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from struck.errors import MeshError
 from struck.mesh import Mesh
 from struck.pieces import boxes_of, edges_of, pieces, submesh, volumes_of
-from struck.solids.openings import Closed, closed
-from struck.solids.shells import alike, apart, without_fins
-from struck.solids.welding import sewn, single, without_lines
+from struck.solids.repair.openings import Closed, closed
+from struck.solids.repair.shells import alike, apart, without_fins
+from struck.solids.repair.welding import sewn, single, without_lines
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

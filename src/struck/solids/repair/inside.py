@@ -14,8 +14,8 @@ from scipy import ndimage
 
 from struck.mesh import Mesh
 from struck.pieces import edges_of
-from struck.solids.exposure import INSIDE, halves, winding
 from struck.solids.lattice import Lattice
+from struck.solids.repair.exposure import INSIDE, halves, winding
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

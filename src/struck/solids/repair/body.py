@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from struck.closed import is_closed, require_closed
 from struck.errors import MeshError
 from struck.mesh import Mesh
-from struck.solids.bodies import largest_body, solid_shells, without_hidden
-from struck.solids.exposure import bared, exposed
-from struck.solids.mending import (
+from struck.solids.repair.bodies import largest_body, solid_shells, without_hidden
+from struck.solids.repair.exposure import bared, exposed
+from struck.solids.repair.mending import (
     LARGEST_OPENING,
     THINNEST,
     Diary,
@@ -26,9 +26,9 @@ from struck.solids.mending import (
     mended,
     sewn_up,
 )
-from struck.solids.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
-from struck.solids.shells import Shells, crossings
-from struck.solids.welding import lines, open_edges
+from struck.solids.repair.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
+from struck.solids.repair.shells import Shells, crossings
+from struck.solids.repair.welding import lines, open_edges
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]

@@ -17,10 +17,10 @@ from struck.errors import MeshError
 from struck.geometry import Surface
 from struck.mesh import Mesh
 from struck.pieces import pieces, submesh, volumes_of
-from struck.solids.exposure import INSIDE, winding
-from struck.solids.inside import has_rims, inside
 from struck.solids.lattice import Lattice
-from struck.solids.marching import isosurface
+from struck.solids.repair.exposure import INSIDE, winding
+from struck.solids.repair.inside import has_rims, inside
+from struck.solids.repair.marching import isosurface
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
