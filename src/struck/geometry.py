@@ -8,30 +8,44 @@ from numpy.typing import NDArray
 from struck.mesh import Mesh
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
-class Surface:
+class Closest:
+    """Edges or triangles prepared for many closest-point queries.
+
+    Parameters
+    ----------
+    points : array (N, 3)
+    parts : array (P, 2) or (P, 3)
+        Numbers of the points at the ends of edges, or corners of triangles.
+    """
+
+    def __init__(self, points: Array, parts: Index) -> None:
+        import igl
+
+        self._points = np.ascontiguousarray(points)
+        self._parts = np.ascontiguousarray(parts)
+        self._tree = igl.AABB()
+        self._tree.init(self._points, self._parts)
+
+    def closest(self, points: Array) -> tuple[Array, Index, Array]:
+        """Return distances (K,), edges or triangles (K,) and the nearest points on them (K, 3)."""
+        queries = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
+        squared, parts, nearest = self._tree.squared_distance(self._points, self._parts, queries)
+        return np.sqrt(np.atleast_1d(squared)), np.atleast_1d(parts), np.atleast_2d(nearest)
+
+
+class Surface(Closest):
     """A triangle surface prepared for many closest-point queries."""
 
     def __init__(self, mesh: Mesh) -> None:
-        import igl
+        super().__init__(mesh.points, mesh.faces)
 
-        self._mesh = mesh
-        self._points = np.ascontiguousarray(mesh.points)
-        self._faces = np.ascontiguousarray(mesh.faces)
-        self._tree = igl.AABB()
-        self._tree.init(self._points, self._faces)
-
-    def closest(self, points: Array) -> tuple[Array, NDArray[np.int64], Array]:
-        """Return distances (K,), faces (K,) and nearest surface points (K, 3)."""
-        queries = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
-        squared, faces, nearest = self._tree.squared_distance(self._points, self._faces, queries)
-        return np.sqrt(np.atleast_1d(squared)), np.atleast_1d(faces), np.atleast_2d(nearest)
-
-    def barycentric(self, points: Array) -> tuple[NDArray[np.int64], Array]:
+    def barycentric(self, points: Array) -> tuple[Index, Array]:
         """Return the nearest faces (K,) and the weights of their corners (K, 3)."""
         _, faces, nearest = self.closest(points)
-        return faces, barycentric(self._points[self._faces[faces]], nearest)
+        return faces, barycentric(self._points[self._parts[faces]], nearest)
 
 
 def barycentric(triangles: Array, points: Array) -> Array:

@@ -49,15 +49,8 @@ def test_errors_of_all_given_elements(body: str) -> None:
     check(GIVEN[body], "standard")
 
 
-# The lowest modes of a thin sheet's one layer are told up to 2.2 times too exact.
-_TOO_EXACT = pytest.mark.xfail(strict=True, reason="84 % of its modes are bounded")
-_ALL = [
-    pytest.param(body, marks=[_TOO_EXACT] if body == "plate of a sheet" else []) for body in BODIES
-]
-
-
 @pytest.mark.prove
-@pytest.mark.parametrize("body", _ALL)
+@pytest.mark.parametrize("body", BODIES)
 def test_errors_of_all_bodies(body: str) -> None:
     check(BODIES[body], "standard")
 

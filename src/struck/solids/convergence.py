@@ -48,12 +48,14 @@ def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: 
     if coarse is None or not comparable(nodes, coarse_nodes):
         return np.maximum(modes.errors, _LEAST)
     known = min(len(modes.frequencies), len(coarse.frequencies))
-    apart = np.abs(coarse.frequencies[:known] / modes.frequencies[:known] - 1)
+    ratio = coarse.frequencies[:known] / modes.frequencies[:known]
     before, after = coarse.errors[:known], modes.errors[:known]
-    scale = apart / np.maximum(before - after, _LEAST_GAIN * before)
+    # Errors are told in energy, and as shares of what their own mesh found.
+    gone = np.abs(1 - ratio**-2) / 2
+    scale = gone / np.maximum(before - after, _LEAST_GAIN * before)
     # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
     scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
-    fallen = apart / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
+    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
     errors = modes.errors.copy()
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
     return _levelled(errors)

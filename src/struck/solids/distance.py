@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from struck.geometry import Surface, barycentric
+from struck.geometry import Closest, Surface, barycentric
 from struck.mesh import Mesh
 from struck.pieces import edges_of
 from struck.solids.lattice import Lattice
@@ -133,7 +132,7 @@ class Sheet:
 
     @cached_property
     def _rim(self) -> Rim:
-        return Rim.of(self.mesh)
+        return Rim(self.mesh)
 
     def _height(self, points: Array) -> tuple[Array, Array]:
         """Return the heights above the surface, m (K,), and the nearest points on it."""
@@ -169,45 +168,48 @@ class Sheet:
 
 
 class Rim:
-    """The open edges of a surface, with the directions that lead off it."""
+    """The open edges of a surface whose faces are oriented alike."""
 
-    def __init__(self, starts: Array, ends: Array, outward: Array) -> None:
-        self._starts, self._ways = starts, ends - starts
-        self._outward = outward
-        share = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
-        self._tree = KDTree((starts + share * self._ways).reshape(-1, 3))
-
-    @classmethod
-    def of(cls, mesh: Mesh) -> Rim:
-        """Return the rim of a surface whose faces are oriented alike."""
+    def __init__(self, mesh: Mesh) -> None:
         edges = edges_of(mesh.faces)
         open_sides = np.flatnonzero(edges.faces_at[edges.owner] == 1)
         face, side = np.divmod(open_sides, 3)
-        starts = mesh.points[mesh.faces[face, side]]
-        ends = mesh.points[mesh.faces[face, (side + 1) % 3]]
-        outward = np.cross(ends - starts, mesh.face_normals[face])
-        return cls(starts, ends, outward / np.linalg.norm(outward, axis=1, keepdims=True))
-
-    def _nearest(self, on_surface: Array) -> tuple[Array, Array]:
-        """Return the nearest points of the rim and the directions outward there (K, 3)."""
-        _, sample = self._tree.query(on_surface)
-        edge = sample % len(self._starts)
-        start, way = self._starts[edge], self._ways[edge]
-        along = np.einsum("kd,kd->k", on_surface - start, way) / np.einsum("kd,kd->k", way, way)
-        return start + np.clip(along, 0, 1)[:, None] * way, self._outward[edge]
+        first, last = mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]
+        self._starts, ends = mesh.points[first], mesh.points[last]
+        self._ways = _unit(ends - self._starts)
+        self._lengths = np.linalg.norm(ends - self._starts, axis=1)
+        self._outward = _unit(np.cross(self._ways, mesh.face_normals[face]))
+        self._after = np.argsort(first)[np.argsort(np.argsort(last))]
+        self._before = np.argsort(self._after)
+        self._tree = Closest(mesh.points, np.stack([first, last], axis=1))
 
     def past(self, points: Array, on_surface: Array) -> Array:
         """Return how far points lie past the rim, negative on the surface's side, m (K,)."""
-        nearest, outward = self._nearest(on_surface)
-        return np.einsum("kd,kd->k", points - nearest, outward)
+        _, edge, nearest = self._tree.closest(on_surface)
+        along = np.linalg.norm(nearest - self._starts[edge], axis=1) / self._lengths[edge]
+        beside = np.where(along < _AT_CORNER, self._before[edge], edge)
+        beside = np.where(along > 1 - _AT_CORNER, self._after[edge], beside)
+        here, there = (
+            np.einsum("kd,kd->k", points - nearest, self._outward[e]) for e in (edge, beside)
+        )
+        # A corner that sticks out ends at either edge, one that goes in at both.
+        back = np.where(along < _AT_CORNER, -1.0, 1.0)[:, None] * self._ways[beside]
+        sticks_out = np.einsum("kd,kd->k", self._outward[edge], back) <= 0
+        return np.where(sticks_out, np.maximum(here, there), np.minimum(here, there))
 
     def way(self, points: Array, on_surface: Array) -> Array:
-        """Return the way from the rim to points past it, m (K, 3)."""
-        nearest, outward = self._nearest(on_surface)
-        return np.einsum("kd,kd->k", points - nearest, outward)[:, None] * outward
+        """Return the way from the rim to points, along the surface there, m (K, 3)."""
+        _, edge, nearest = self._tree.closest(on_surface)
+        plane = np.stack([self._outward[edge], self._ways[edge]], axis=1)
+        return np.einsum("kad,kae,ke->kd", plane, plane, points - nearest)
 
 
-_SAMPLES = 8
+# Share of an edge that counts as its end.
+_AT_CORNER = 1e-9
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def sampled_volume(body: Body | Sheet, spacing: float) -> float:
