@@ -25,7 +25,10 @@ STEEL = Material(density=8000.0, youngs_modulus=200e9, poisson_ratio=0.3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A body with its elastic frequencies up to `highest`, Hz, as well as they are `certain`."""
+    """A body with its elastic frequencies up to `highest`, Hz, as well as they are `certain`.
+
+    What `struck.analyze` warns of is `said`, if anything.
+    """
 
     source: Callable[[], Source]
     material: Material
@@ -33,6 +36,7 @@ class Known:
     highest: float
     certain: float
     wall: float | None = None
+    said: str = ""
 
 
 # Spheres. Facets of 2 % of the radius on either side of the sphere, of its volume altogether.
@@ -163,6 +167,7 @@ def _steel(
     *,
     certain: float = 2e-6,
     wall: float | None = None,
+    said: str = "",
 ) -> Known:
     return Known(
         source=source,
@@ -171,6 +176,7 @@ def _steel(
         highest=highest,
         certain=certain,
         wall=wall,
+        said=said,
     )
 
 
@@ -182,8 +188,9 @@ def _as_disc(source: Callable[[], Source]) -> Known:
     return _steel(source, partial(_rod, 0.05, 0.01, (18, 5)), 3.5e4, certain=1e-5)
 
 
-def _as_plate(source: Callable[[], Source], wall: float | None = None) -> Known:
-    return _steel(source, partial(_plate, 0.01, (16, 3)), 900.0, certain=1e-5, wall=wall)
+def _as_plate(source: Callable[[], Source], wall: float | None = None, said: str = "") -> Known:
+    plate = partial(_plate, 0.01, (16, 3))
+    return _steel(source, plate, 900.0, certain=1e-5, wall=wall, said=said)
 
 
 def _as_thick_plate(source: Callable[[], Source]) -> Known:
@@ -220,7 +227,9 @@ BODIES: Mapping[str, Known] = {
     "disc of hexahedra": _as_disc(lambda: _DISC),
     "disc stuffed": _as_disc(lambda: cylinder(0.05, 0.01)),
     "plate of hexahedra": _as_plate(lambda: Block(size=(1, 1, 0.01))),
-    "plate of a sheet": _as_plate(lambda: flat_sheet(1.0), wall=0.01),
+    "plate of a sheet": _as_plate(
+        lambda: flat_sheet(1.0), wall=0.01, said="open: a sheet with one side"
+    ),
     "thick plate of hexahedra": _as_thick_plate(lambda: Block(size=(1, 1, 0.1))),
     "thick plate stuffed": _as_thick_plate(lambda: turned(box(1, 1, 0.1))),
     "bar of hexahedra": _as_bar(lambda: Block(size=_BAR)),

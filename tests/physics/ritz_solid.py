@@ -3,13 +3,15 @@
 Displacements are products of Legendre polynomials in x, y and z (Visscher et al. 1991, J. Acoust.
 Soc. Am. 90:2154, with monomials), sorted by parity about the three planes of symmetry. Along the
 edges of a thin plate, twist leaves a layer that decays as exp(-pi distance / thickness), in which
-polynomials converge slowly: there, this function joins them. It shares no line with the package.
+polynomials converge slowly: there, what they miss of this function joins them. It shares no line
+with the package.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -20,11 +22,16 @@ from struck import Material
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+# Of a function's norm: where the others leave less of it than this, rounding is what is left.
+_LEAST_LEFT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """Legendre polynomials up to a degree from -1 to 1, and functions that decay from the ends.
+    """Orthonormal functions from -1 to 1: Legendre polynomials, and what they miss of decays.
+
+    Products of two families multiply their condition: unless each is orthonormal, the mass matrix
+    of a section is nearly singular, and whether it can be factored is up to the machine's rounding.
 
     Parameters
     ----------
@@ -39,7 +46,7 @@ class Family:
     @property
     def parities(self) -> Index:
         """0 for even functions, 1 for odd ones."""
-        return np.array([*(k % 2 for k in range(self.degree + 1)), *[1, 0] * len(self.decays)])
+        return _mixture(self)[1]
 
     @property
     def rule(self) -> tuple[Array, Array]:
@@ -48,7 +55,13 @@ class Family:
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """Return values and slopes (functions, points)."""
-        unit = np.eye(self.degree + 1)
+        values, slopes = self.unmixed(points)
+        mixture, _ = _mixture(self)
+        return mixture @ values, mixture @ slopes
+
+    def unmixed(self, points: Array) -> tuple[Array, Array]:
+        """Return values and slopes of normal polynomials and, as they are, of the decays."""
+        unit = np.diag(np.sqrt(np.arange(self.degree + 1) + 0.5))
         values = [legendre.legval(points, unit)]
         slopes = [legendre.legval(points, legendre.legder(unit))]
         for k in self.decays:
@@ -56,6 +69,26 @@ class Family:
             values.append(np.array([up - down, up + down]))
             slopes.append(k * np.array([up + down, up - down]))
         return np.vstack(values), np.vstack(slopes)
+
+
+@cache
+def _mixture(family: Family) -> tuple[Array, Index]:
+    """Return how orthonormal functions mix the others (functions, unmixed), and their parities."""
+    at, weights = family.rule
+    values = family.unmixed(at)[0] * np.sqrt(weights)
+    count = family.degree + 1
+    mixtures, parities = [np.eye(count, len(values))], [np.arange(count) % 2]
+    for parity in (1, 0):
+        polynomials = np.arange(parity, count, 2)
+        decays = np.arange(count + 1 - parity, len(values), 2)
+        mixture = np.zeros((len(decays), len(values)))
+        mixture[:, decays] = np.diag(1 / np.linalg.norm(values[decays], axis=1))
+        mixture[:, polynomials] = -mixture @ values @ values[polynomials].T
+        turns, left, _ = np.linalg.svd(mixture @ values, full_matrices=False)
+        kept = left > _LEAST_LEFT
+        mixtures.append((turns[:, kept] / left[kept]).T @ mixture)
+        parities.append(np.full(np.count_nonzero(kept), parity))
+    return np.vstack(mixtures), np.concatenate(parities)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from struck.errors import MeshError, OptionError
 from struck.solids import VolumeMesh
 from struck.solids.curving import curved, flatness
 from struck.solids.distance import Body
-from struck.solids.meshing import filled, piece_count
+from struck.solids.meshing import ACCURACIES, filled, piece_count
 from struck.solids.tetrahedra import cells_in
 from struck.solids.volume import unique_rows
 from tests.physics.bodies import ball, box, grid
@@ -97,6 +97,15 @@ def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
     assert "the wall of 0.002 m is thinner than the lattice" in thin.reason
     assert thin.spacing > 0.002
     assert thick.spacing < 0.02
+
+
+def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
+    most = ACCURACIES["preview"].most
+    smooth, creased = Body(mesh=ball(0.05, 4), wall=0.002), Body(mesh=bird(), wall=0.0063)
+    half, whole = (filled(smooth, "preview", nodes=n).mesh for n in (most // 2, 4 * most // 5))
+    assert len(half.nodes) < 0.7 * most < 0.9 * most < len(whole.nodes) <= most
+    finest = filled(creased, "preview", nodes=10 * most)
+    assert 0.8 * most < len(finest.mesh.nodes) <= most
 
 
 @pytest.mark.parametrize("ratio", [1.5, 4.0, 9.0])

@@ -108,12 +108,9 @@ def accuracy_named(name: str) -> Accuracy:
 
 
 def nodes_allowed(accuracy: str, wanted: int) -> int:
-    """Return how many nodes the lattice may make where so many are wanted.
-
-    Half of the most is left for creases, clefts and slender parts.
-    """
+    """Return how many nodes the lattice may make where so many are wanted."""
     goal = accuracy_named(accuracy)
-    return min(max(goal.nodes, wanted), goal.most // 2)
+    return min(max(goal.nodes, wanted), goal.most)
 
 
 def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) -> Filling:
@@ -136,11 +133,12 @@ def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) ->
     """
     goal = accuracy_named(accuracy)
     _require_cavity(body)
-    spacing = spacing_for(body, nodes_allowed(accuracy, nodes))
-    if not _is_solid(body):
-        flat = max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most))
-        spacing = min(spacing, flat)
-    return _filled(body, spacing, goal)
+    wanted = nodes_allowed(accuracy, nodes)
+    # Creases, clefts and slender parts may take as many again: how many, only filling tells.
+    begun = min(wanted, goal.most // 2)
+    filling = _filled(body, _spacing(body, begun, goal), goal)
+    left = min(wanted, begun * goal.most // len(filling.mesh.nodes))
+    return _refilled(body, filling, left, goal) if left > begun else filling
 
 
 def filled_coarsely(body: Body | Sheet, accuracy: str = "standard") -> tuple[Filling, ...]:
@@ -181,6 +179,14 @@ def _rough_volume(body: Body | Sheet) -> float:
     return whole if body.wall is None else min(whole, float(body.mesh.areas.sum()) * body.wall)
 
 
+def _spacing(body: Body | Sheet, nodes: int, goal: Accuracy) -> float:
+    """Return the spacing that makes about so many nodes, or more where a layer were too flat."""
+    spacing = spacing_for(body, nodes)
+    if _is_solid(body):
+        return spacing
+    return min(spacing, max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most)))
+
+
 def _require_cavity(body: Body | Sheet) -> None:
     """Refuse a wall so thick that it fills the body."""
     if isinstance(body, Sheet) or body.wall is None:
@@ -218,6 +224,14 @@ def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
                 f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', a "
                 "thicker wall, or a smoother surface"
             )
+
+
+def _refilled(body: Body | Sheet, filling: Filling, nodes: int, goal: Accuracy) -> Filling:
+    """Fill a body again with more nodes, or leave it as it is where these do not serve."""
+    spacing = _spacing(body, nodes, goal)
+    finer = _stuffing(body, spacing, goal) if spacing < filling.spacing else filling
+    fits = len(finer.mesh.nodes) <= goal.most and not _complaint(finer, _LARGEST_VOLUME_ERROR)
+    return finer if fits else filling
 
 
 def _stuffing(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
