@@ -36,6 +36,7 @@ check: $(ENVIRONMENT)/lint.stamp  ## Style, types and layers
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/solids.py
 	$(BIN)/python bench/meshing.py
+	$(BIN)/python bench/synthesis.py
 
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

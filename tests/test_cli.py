@@ -177,6 +177,38 @@ def test_unknown_names_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     _refused(["tube:length=1", "--material", "steel"], ["radius=..."], capsys)
 
 
+TUBE = "tube:length=0.5,radius=0.0125,wall=0.001"
+
+
+def test_a_body_is_scraped_rolled_on_plucked_and_held() -> None:
+    assert _analyze(TUBE, "--material", "aluminium", "-o", "tube.struck") == 0
+    common = ["--seconds", "0.4", "--level", "absolute"]
+    for name, touches in {
+        "scrape": ["--scrape", "end..middle", "--load", "2", "--roughness", "wood"],
+        "roll": ["--roll", "end..middle@0.1", "--speed", "0.5", "--mass", "0.05"],
+        "pluck": ["--pluck", "end", "--force", "3"],
+        "free": ["--strike", "end"],
+        "held": ["--strike", "end", "--hold", "end@0.1", "--grip", "50"],
+    }.items():
+        assert main(["render", "tube.struck", *touches, *common, "-o", f"{name}.wav"]) == 0
+        assert np.abs(wavfile.read(f"{name}.wav")[1]).max() > 0
+    rolled, free, held = (wavfile.read(f"{n}.wav")[1] for n in ("roll", "free", "held"))
+    assert not rolled[:4000].any()
+    assert np.abs(held[-4000:]).max() < np.abs(free[-4000:]).max() / 2
+
+
+def test_bad_ways_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _analyze(TUBE, "--material", "aluminium", "-o", "tube.struck") == 0
+    for touches, said in (
+        (["--scrape", "end"], "two places or more"),
+        (["--roll", "end..middle@soon"], "seconds after @"),
+        (["--scrape", "end..nowhere"], "no place is called 'nowhere'"),
+        (["--scrape", "end..middle", "--roughness", "jelly"], "jelly"),
+    ):
+        assert main(["render", "tube.struck", *touches]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_bad_strikes_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tube = "tube:length=0.5,radius=0.0125,wall=0.001"
     assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck") == 0

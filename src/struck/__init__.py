@@ -18,10 +18,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from struck import errors
-    from struck._api import load, save, show, tune
+    from struck._api import load, play, save, show, tune
     from struck.analysis import analyze
     from struck.damping import Damping, InternalFriction, Measured, Rayleigh
+    from struck.excitation.hold import Hold
+    from struck.excitation.pluck import Pluck
+    from struck.excitation.roll import Roll
+    from struck.excitation.roughness import Roughness
+    from struck.excitation.scrape import Scrape
     from struck.excitation.strike import Strike
+    from struck.excitation.track import ForceTrack
     from struck.material import Material, materials
     from struck.mesh import Mesh
     from struck.model import ModalModel
@@ -30,18 +36,25 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Damping",
+    "ForceTrack",
+    "Hold",
     "InternalFriction",
     "Material",
     "Measured",
     "Mesh",
     "ModalModel",
+    "Pluck",
     "Rayleigh",
+    "Roll",
+    "Roughness",
+    "Scrape",
     "Sound",
     "Strike",
     "analyze",
     "errors",
     "load",
     "materials",
+    "play",
     "render",
     "save",
     "show",
@@ -50,11 +63,17 @@ __all__ = [
 
 # Where each public name lives: a name is imported when it is first used (PEP 562).
 _HOMES = {
-    "struck._api": ("load", "save", "show", "tune"),
+    "struck._api": ("load", "play", "save", "show", "tune"),
     "struck.analysis": ("analyze",),
     "struck.rendering": ("render",),
     "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
+    "struck.excitation.hold": ("Hold",),
+    "struck.excitation.pluck": ("Pluck",),
+    "struck.excitation.roll": ("Roll",),
+    "struck.excitation.roughness": ("Roughness",),
+    "struck.excitation.scrape": ("Scrape",),
     "struck.excitation.strike": ("Strike",),
+    "struck.excitation.track": ("ForceTrack",),
     "struck.material": ("Material", "materials"),
     "struck.mesh": ("Mesh",),
     "struck.model": ("ModalModel",),

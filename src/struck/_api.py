@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 from struck.files import model_file
@@ -13,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from struck.discretisation import Solid
+    from struck.live.player import Player
     from struck.material import Material
     from struck.model import ModalModel
 
@@ -62,6 +66,72 @@ def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figur
     if path is not None:
         save_picture(figure, path)
     return figure
+
+
+def play(
+    model: ModalModel | Sequence[ModalModel],
+    *,
+    listener: ArrayLike | None = None,
+    device: int | str | None = None,
+    sample_rate: float | None = None,
+    block: int = 128,
+    volume: float = 0.0,
+    voices: int = 16,
+    ahead: int = 2,
+) -> Player:
+    """Play a model, or several, on an audio device until the player is stopped.
+
+    Parameters
+    ----------
+    model : ModalModel or sequence of them
+        The bodies, in one system of coordinates.
+    listener : array-like (3,), optional
+        Where they are heard, m; unless given as for `render`.
+    device : int or str, optional
+        Its number or part of its name (`struck play --list-devices`); the system's own choice
+        unless given.
+    sample_rate : float, optional
+        Hz; the device's own unless given.
+    block : int
+        Samples for each call of the device: fewer are heard sooner and cost more.
+    volume : float
+        dB. At 0 the default strike of the loudest body at its default contact peaks at -12 dB of
+        full scale; a limiter keeps all below -1 dB.
+    voices : int
+        Excitations at once; strikes at one place share one.
+    ahead : int
+        Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
+
+    Returns
+    -------
+    Player
+        Running; use it in a `with`, or call its `stop()`. The first call takes seconds, as all
+        that runs on the device is compiled before it opens.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where PortAudio is not installed.
+    DeviceError
+        Where there is no such device, or it refuses.
+    OptionError
+        On numbers outside their bounds, or a model that is not fit to ring.
+    ContactError
+        Where the listener is inside a body.
+    """
+    from struck.live.player import play as play_live
+    from struck.model import ModalModel
+
+    return play_live(
+        [model] if isinstance(model, ModalModel) else list(model),
+        listener=listener,
+        device=device,
+        sample_rate=sample_rate,
+        block=block,
+        volume=volume,
+        voices=voices,
+        ahead=ahead,
+    )
 
 
 def tune(

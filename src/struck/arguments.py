@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from struck.damping import InternalFriction
 from struck.errors import FileFormatError, MaterialError, OptionError
-from struck.excitation.strike import Strike
 from struck.material import Material
 
 if TYPE_CHECKING:
@@ -89,39 +88,6 @@ def material_named(text: str, damping: str = "own") -> Material:
 def _dimension(text: str) -> float | tuple[float, ...]:
     edges = tuple(map(float, text.split("x")))
     return edges[0] if len(edges) == 1 else edges
-
-
-def strike(text: str | None, options: argparse.Namespace) -> Strike:
-    """Return the strike that PLACE[@SECONDS] means, with the other options.
-
-    Raises
-    ------
-    OptionError
-        When the seconds are no number, or the strike is impossible.
-    """
-    place, at_sign, time = (text or "").partition("@")
-    try:
-        seconds = float(time) if at_sign else 0.0
-    except ValueError:
-        raise OptionError(f"--strike {text} ends in {time!r}: give seconds after @") from None
-    return Strike(
-        at=_place(place),
-        time=seconds,
-        impulse=options.impulse,
-        striker=options.striker,
-        speed=options.speed,
-        duration=options.duration,
-        direction=options.direction,
-    )
-
-
-def _place(text: str) -> str | tuple[float, ...] | None:
-    if not text:
-        return None
-    try:
-        return tuple(map(float, text.split(",")))
-    except ValueError:
-        return text
 
 
 def writable(path: str | Path) -> Path:

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import struck
-from struck.arguments import body_named, material_named, numbers, strike, writable
+from struck.arguments import body_named, material_named, numbers, writable
 from struck.cache_command import declare_cache
 from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
+from struck.play_command import declare_play
 from struck.progress import TerminalProgress
 from struck.tables import HEADINGS, aligned, modes_rows
+from struck.touch_arguments import add_touches, touches
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +63,17 @@ def _parser() -> argparse.ArgumentParser:
         prog="struck", description="The sounds of physical objects, computed from what they are."
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for declare in (_analyze, _info, _show, _render, _tune, _materials, declare_cache, _demo):
+    for declare in (
+        _analyze,
+        _info,
+        _show,
+        _render,
+        declare_play,
+        _tune,
+        _materials,
+        declare_cache,
+        _demo,
+    ):
         declare(commands)
     return parser
 
@@ -145,21 +157,11 @@ def _render(commands: argparse._SubParsersAction) -> None:
         commands,
         _run_render,
         "render",
-        "strike a model and save the sound",
+        "strike, scrape, roll on, pluck or hold a model and save the sound",
         "bell.struck --strike rim --striker wood --speed 1 -o bell.wav",
     )
     parser.add_argument("model")
-    parser.add_argument(
-        "--strike",
-        action="append",
-        metavar="PLACE[@SECONDS]",
-        help="name, vertex:N or x,y,z in m; may be repeated; the loudest place unless given",
-    )
-    parser.add_argument("--impulse", type=float, help="N s")
-    parser.add_argument("--striker", help="fingertip, felt, rubber, plastic, wood, brass ...")
-    parser.add_argument("--speed", type=float, help="of the striker, m/s")
-    parser.add_argument("--duration", type=float, help="of the push, s")
-    parser.add_argument("--direction", type=numbers(3), help="of the push, x,y,z")
+    add_touches(parser)
     parser.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
@@ -174,7 +176,7 @@ def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Resu
     progress("render", 0.0)
     sound = struck.render(
         model,
-        [strike(text, options) for text in options.strike or [None]],
+        touches(options),
         seconds=options.seconds,
         sample_rate=options.rate,
         listener=options.listener,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,22 +10,25 @@ from struck.analysis import Solid, analyze
 from struck.atomic import write_bytes
 from struck.bird import bird, written
 from struck.errors import FileFormatError
+from struck.excitation.hold import Hold
+from struck.excitation.roll import Roll
+from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.mesh import Mesh
 from struck.model import ModalModel
-from struck.pictures import overview
+from struck.pictures import overview, spectrogram
 from struck.pictures import save as save_picture
 from struck.progress import Progress, silent
-from struck.rendering import render
+from struck.rendering import Action, render
 from struck.report import Exhibit, page
-from struck.solids import Tube
+from struck.solids import Block, Tube
 from struck.solids.profiles import bell, bowl, wine_glass
 from struck.sound import Sound
 
 _INTRODUCTION = (
     "Each body below is a shape and a material, nothing else: its modes of vibration were "
-    "computed by finite elements, and the sounds are those modes after a strike."
+    "computed by finite elements, and the sounds are those modes under a touch."
 )
 
 
@@ -39,9 +42,12 @@ class Piece:
     body : callable
         Makes the body.
     material : str
-    strikes : sequence of (caption, Strike)
+    sounds : sequence of (caption, what happens)
     wall : float or None
         m, of a hollow mesh.
+    damping : str
+    spectrograms : bool
+        Whether each sound gets a picture of its own.
     """
 
     name: str
@@ -49,9 +55,10 @@ class Piece:
     text: str
     body: Callable[[], Solid | Mesh]
     material: str
-    strikes: tuple[tuple[str, Strike], ...]
+    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]
     wall: float | None = None
     damping: str = "own"
+    spectrograms: bool = False
 
 
 def gallery(folder: Path, progress: Progress = silent) -> Path:
@@ -104,18 +111,32 @@ def _exhibit(piece: Piece, folder: Path, progress: Progress) -> Exhibit:
     staged("picture", 0.0)
     picture = overview(model, sounds[0][1], title=piece.title)
     save_picture(picture, folder / f"{piece.name}.png")
-    return Exhibit(title=piece.title, text=piece.text, model=model, sounds=sounds, picture=picture)
+    return Exhibit(
+        title=piece.title,
+        text=piece.text,
+        model=model,
+        sounds=sounds,
+        picture=picture,
+        spectrograms=[spectrogram(sound) for _, sound in sounds] if piece.spectrograms else (),
+    )
 
 
 def _sounds(piece: Piece, model: ModalModel, folder: Path) -> Iterator[tuple[str, Sound]]:
-    for number, (caption, strike) in enumerate(piece.strikes, start=1):
-        sound = render(model, strike, seconds=3.0)
+    for number, (caption, actions) in enumerate(piece.sounds, start=1):
+        sound = render(model, actions, seconds=3.0)
         sound.save(folder / f"{piece.name}_{number}.wav", encoding="int24")
         yield caption, sound
 
 
-def _strikes(*pairs: tuple[str, Strike]) -> tuple[tuple[str, Strike], ...]:
-    return pairs
+_FROM, _TO = (-0.1, -0.06, 0.0015), (0.11, 0.05, 0.0015)
+
+
+def _scrape(roughness: str) -> Scrape:
+    return Scrape(path=(_FROM, _TO), speed=0.15, load=2.0, roughness=roughness, radius=0.5e-3)
+
+
+def _blow(time: float = 0.0) -> Strike:
+    return Strike(at=_FROM, striker="wood", speed=1.0, time=time)
 
 
 PIECES = (
@@ -127,7 +148,7 @@ PIECES = (
         body=lambda: Tube(length=0.505, radius=0.0125, wall=0.001),
         material="aluminium",
         damping="heard",
-        strikes=_strikes(
+        sounds=(
             ("wooden striker at the end", Strike(at="end", striker="wood", speed=1.0)),
             ("wooden striker at the middle", Strike(at="middle", striker="wood", speed=1.0)),
             ("steel striker at the end", Strike(at="end", striker="steel", speed=1.0)),
@@ -139,7 +160,7 @@ PIECES = (
         text="A shallow singing bowl, struck on its rim.",
         body=bowl,
         material="bronze",
-        strikes=_strikes(
+        sounds=(
             ("felt on the rim", Strike(at="rim", striker="felt", speed=1.0)),
             ("wood on the rim", Strike(at="rim", striker="wood", speed=1.0)),
         ),
@@ -150,7 +171,7 @@ PIECES = (
         text="A bell with a thick sound bow.",
         body=bell,
         material="bronze",
-        strikes=_strikes(
+        sounds=(
             ("steel on the rim", Strike(at="rim", striker="steel", speed=1.0)),
             ("wood on the side", Strike(at="side", striker="wood", speed=1.0)),
         ),
@@ -161,7 +182,7 @@ PIECES = (
         text="Bowl, stem and foot of one piece of glass.",
         body=wine_glass,
         material="glass",
-        strikes=_strikes(
+        sounds=(
             ("fingertip on the rim", Strike(at="rim", striker="fingertip", speed=1.0)),
             ("plastic on the rim", Strike(at="rim", striker="plastic", speed=0.5)),
         ),
@@ -175,10 +196,32 @@ PIECES = (
         material="ceramic",
         damping="heard",
         wall=0.004,
-        strikes=_strikes(
+        sounds=(
             ("wood on the head", Strike(at="top", striker="wood", speed=0.5)),
             ("steel on the head", Strike(at="top", striker="steel", speed=0.5)),
             ("fingertip on the tail", Strike(at="-x", striker="fingertip", speed=1.0)),
         ),
+    ),
+    Piece(
+        name="plate",
+        title="A steel plate, touched in many ways",
+        text="One body, 300 x 200 x 3 mm: struck, scraped over three kinds of roughness (measured "
+        "profiles of sandpaper and wood from ThreeDWorld, and a fractal one of concrete), rolled "
+        "on, and struck twice, with a hand that takes hold at the second blow.",
+        body=lambda: Block(size=(0.3, 0.2, 0.003)),
+        material="steel",
+        damping="heard",
+        sounds=(
+            ("struck with wood", _blow()),
+            ("scraped: sandpaper", _scrape("sandpaper")),
+            ("scraped: wood", _scrape("wood")),
+            ("scraped: concrete", _scrape("concrete")),
+            (
+                "a marble rolls over it",
+                Roll(path=(_FROM, _TO), radius=0.012, speed=0.15, mass=0.02),
+            ),
+            ("struck free, then held", [_blow(), _blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)]),
+        ),
+        spectrograms=True,
     ),
 )

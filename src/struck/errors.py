@@ -7,6 +7,7 @@ StruckError
 ├── ContactError              a contact off the body, or a listener inside it
 ├── SolverError               modes that could not be computed or certified
 ├── FileFormatError           a file that is not what it says, or cannot be read
+├── DeviceError               an audio device that is missing or refuses
 └── MissingDependencyError    an optional package that is not installed
 
 Each message holds the value, the bound and the way out.
@@ -39,6 +40,10 @@ class SolverError(StruckError, RuntimeError):
 
 class FileFormatError(StruckError, ValueError):
     """A file that is not what it says, or cannot be read or written."""
+
+
+class DeviceError(StruckError, OSError):
+    """An audio device that is missing or refuses to play."""
 
 
 class MissingDependencyError(StruckError, ImportError):

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import ContactError
+from struck.errors import ContactError, OptionError
 from struck.geometry import Surface
 from struck.mesh import Mesh
 
@@ -54,6 +54,50 @@ class Gains(ABC):
     @abstractmethod
     def toward(self, listeners: Array) -> NDArray[np.complex128]:
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
+
+    @property
+    def rank(self) -> int:
+        """How many products there are, R."""
+        return 1
+
+    def expanded(self) -> Gains:
+        """Return the same as gains of R M modes with one product each, mode after mode of each."""
+        return self if self.rank == 1 else ExpandedGains(products=self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpandedGains(Gains):
+    """Products of contact and listener as modes of their own: what resonators can play.
+
+    Parameters
+    ----------
+    products : Gains
+        A sum of R products for each of M modes.
+    """
+
+    products: Gains
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.products.calibrated
+
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> Gains:
+        """Refuse: modes that share a frequency are changed together, before they are expanded."""
+        del frequencies, modes, size, density
+        raise OptionError("expanded gains cannot be changed: change the model, then expand it")
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the drive of unit impulses (K, 1, R M)."""
+        drives = self.products.at(points, directions)
+        return drives.reshape(len(drives), 1, -1)
+
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return the output at listeners (L, 1, R M)."""
+        outputs = self.products.toward(listeners)
+        return outputs.reshape(len(outputs), 1, -1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

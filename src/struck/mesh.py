@@ -59,12 +59,12 @@ class Mesh:
         """Centroids of the faces, m (F, 3)."""
         return self.points[self.faces].mean(axis=1)
 
-    @property
+    @cached_property
     def face_normals(self) -> NDArray[np.float64]:
         """Outward unit normals of the faces (F, 3)."""
         return self.area_vectors / np.maximum(self.areas, np.finfo(float).tiny)[:, None]
 
-    @property
+    @cached_property
     def vertex_normals(self) -> NDArray[np.float64]:
         """Outward unit normals at the vertices, weighted by area (V, 3)."""
         normals = np.zeros_like(self.points)
@@ -78,13 +78,13 @@ class Mesh:
         """Enclosed volume, m^3; negative when the normals point inward."""
         return float(np.einsum("ij,ij->", self.centroids, self.area_vectors) / 3)
 
-    @property
+    @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the bounding box, m (2, 3)."""
         used = self.points[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
-    @property
+    @cached_property
     def extent(self) -> float:
         """Longest edge of the bounding box, m."""
         return float(np.ptp(self.bounds, axis=0).max())

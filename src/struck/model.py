@@ -22,6 +22,7 @@ from struck.tables import modes_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_RINGING = ("frequencies", "natural_frequencies", "decays")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,8 +173,7 @@ class ModalModel:
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
             raise ContactError("this model has no surface to touch: give gains by its coordinates")
-        if at is None:
-            # What a mode gives off until it has died away goes with 1 / decay.
+        if at is None:  # what a mode gives off until it has died away goes with 1 / decay
             lasting = 1 / np.maximum(self.decays, 1e-3 * self.natural_frequencies)
             point = self.geometry.points[self.gains.loudest(lasting)]
         else:
@@ -185,8 +185,8 @@ class ModalModel:
         every = damping.decays(self.natural_frequencies)
         kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
         lost = len(every) - len(kept)
-        before = self._stiffness(self.natural_frequencies, self.complete_to)
-        model = self._chosen(kept, before) if lost else self
+        own = self._stiffness(self.natural_frequencies, self.complete_to)
+        model = self._chosen(kept, own) if lost else self
         return replace(
             model,
             frequencies=ringing(model.natural_frequencies, every[kept]),
@@ -207,11 +207,8 @@ class ModalModel:
         """
         if not (np.isfinite(factor) and factor > 0):
             raise OptionError(f"factor is {factor}: a size must exceed 0")
-        return self._remade(
-            self._stiffness(self.natural_frequencies / factor, self.complete_to / factor),
-            self.material,
-            size=factor,
-        )
+        modes = self._stiffness(self.natural_frequencies / factor, self.complete_to / factor)
+        return self._remade(modes, self.material, size=factor)
 
     def tuned(self, *, lowest: float) -> ModalModel:
         """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
@@ -223,8 +220,8 @@ class ModalModel:
         """
         if self.material is None:
             raise MaterialError("this model's material, and so its damping, is unknown")
-        natural = natural_at(lowest, self.material.damping)
-        return self.scaled(float(self.natural_frequencies[0]) / natural)
+        own = float(self.natural_frequencies[0])
+        return self.scaled(own / natural_at(lowest, self.material.damping))
 
     def made_of(self, material: Material | str) -> ModalModel:
         """Return the same body of another isotropic material.
@@ -241,10 +238,18 @@ class ModalModel:
         wanted = Material.named(material) if isinstance(material, str) else material
         if self.material is None:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
-        before = self._stiffness(self.natural_frequencies, self.complete_to)
-        after = changed(before, self.material, wanted)
+        own = self._stiffness(self.natural_frequencies, self.complete_to)
+        after = changed(own, self.material, wanted)
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
         return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
+
+    def expanded(self) -> ModalModel:
+        """Return the model with a mode for each product of its gains, as resonators need them."""
+        if self.gains.rank == 1:
+            return self
+        every = {name: np.tile(getattr(self, name), self.gains.rank) for name in _RINGING}
+        every |= {"gains": self.gains.expanded(), "poisson_slopes": None, "errors": None}
+        return replace(self, **every)
 
     def cite(self) -> str:
         """Return the papers behind this model, one a line."""
@@ -283,8 +288,7 @@ class ModalModel:
         self, kept: Index, modes: Stiffness, *, size: float = 1, density: float = 1
     ) -> ModalModel:
         """Return a copy with some modes, in the order of `kept`."""
-        natural = modes.frequencies[kept]
-        slopes, errors = modes.poisson_slopes, modes.errors
+        natural, slopes, errors = modes.frequencies[kept], modes.poisson_slopes, modes.errors
         return replace(
             self,
             frequencies=natural,

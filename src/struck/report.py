@@ -7,6 +7,7 @@ import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,8 @@ class Exhibit:
     model : ModalModel
     sounds : sequence of (caption, Sound)
     picture : Figure
+    spectrograms : sequence of Figure
+        One for each sound, or none.
     """
 
     title: str
@@ -38,6 +41,7 @@ class Exhibit:
     model: ModalModel
     sounds: Sequence[tuple[str, Sound]]
     picture: Figure
+    spectrograms: Sequence[Figure] = ()
 
 
 def summary(model: ModalModel) -> list[str]:
@@ -88,21 +92,23 @@ def _section(exhibit: Exhibit) -> str:
     table = modes_table(model.frequencies[:count], model.t60[:count], model.decays[:count], errors)
     facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
     sounds = "".join(
-        f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}</figure>"
-        for caption, sound in exhibit.sounds
+        f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"
+        f"{_image(caption, picture) if picture else ''}</figure>"
+        for (caption, sound), picture in zip_longest(exhibit.sounds, exhibit.spectrograms)
     )
     return (
         f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
-        f'<div class="sounds">{sounds}</div><img alt="{html.escape(exhibit.title)}" '
-        f'src="{_embedded(exhibit.picture)}"><details><summary>{count} of '
-        f"{len(model.frequencies)} modes</summary><p>{facts}</p>{table}</details></section>"
+        f'<div class="sounds">{sounds}</div>{_image(exhibit.title, exhibit.picture)}'
+        f"<details><summary>{count} of {len(model.frequencies)} modes</summary>"
+        f"<p>{facts}</p>{table}</details></section>"
     )
 
 
-def _embedded(figure: Figure) -> str:
+def _image(text: str, figure: Figure) -> str:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+    encoded = base64.b64encode(data.getvalue()).decode("ascii")
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{encoded}">'
 
 
 _PAGE = """<!doctype html>
@@ -115,7 +121,7 @@ section {{ margin: 2.5rem 0; padding: 1.5rem; background: #fff; border-radius: 8
 h1, h2 {{ font-weight: 600; margin-top: 0; }}
 img {{ max-width: 100%; }}
 .sounds {{ display: flex; flex-wrap: wrap; gap: 1rem; }}
-figure {{ margin: 0; }} figcaption {{ font-size: .9rem; color: #555; }}
+figure {{ margin: 0; max-width: 30rem; }} figcaption {{ font-size: .9rem; color: #555; }}
 table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
 td, th {{ padding: .15rem .8rem; text-align: right; }} th {{ border-bottom: 1px solid #bbb; }}
 </style></head><body><h1>{title}</h1><p>{text}</p>

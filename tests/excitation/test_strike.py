@@ -9,7 +9,7 @@ import pytest
 
 from struck.errors import OptionError
 from struck.excitation.hertz import Striker
-from struck.excitation.strike import Push, Strike
+from struck.excitation.strike import Blow, Strike
 from struck.material import Material
 
 STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
@@ -36,14 +36,37 @@ def test_a_body_that_is_held_does_not_give_way() -> None:
     assert free < held
 
 
+def integrated_at_2_mhz(striker: Striker, body: SimpleNamespace, speed: float) -> float:
+    """Step m x'' = -4/3 E* R^(1/2) x^(3/2) from the first touch to the last (Johnson, 11.4)."""
+    rate, mass = 2e6, striker.mass
+    if body.mass is not None:
+        mass = 1 / (1 / striker.mass + 4 / body.mass)  # a rod at its end: a quarter of its mass
+    modulus = 1 / ((1 - striker.poisson_ratio**2) / striker.youngs_modulus + (1 - 0.3**2) / 210e9)
+    dent, count = 0.0, 0
+    while dent >= 0:
+        force = 4 / 3 * modulus * np.sqrt(striker.radius) * dent**1.5
+        speed -= force / mass / rate
+        dent += speed / rate
+        count += 1
+    return count / rate
+
+
+@pytest.mark.parametrize("name", ["fingertip", "felt", "rubber", "wood", "plastic", "steel"])
+@pytest.mark.parametrize("speed", [0.2, 3.0])
+def test_contact_times_are_those_of_hertz_s_law_integrated(name: str, speed: float) -> None:
+    blow = Strike(striker=name, speed=speed).resolved(ROD, HIT)
+    expected = integrated_at_2_mhz(Striker.named(name), ROD, speed)
+    assert blow.duration == pytest.approx(expected, rel=0.05)
+
+
 def test_an_impulse_alone_acts_in_no_time() -> None:
     push = Strike(at="rim", impulse=0.02).resolved(ROD, HIT)
-    assert push == Push(impulse=0.02, duration=0.0)
+    assert push == Blow(impulse=0.02, duration=0.0)
 
 
 def test_a_given_duration_is_kept() -> None:
     strike = Strike(impulse=0.02, duration=1e-3)
-    assert strike.resolved(ROD, HIT) == Push(impulse=0.02, duration=1e-3)
+    assert strike.resolved(ROD, HIT) == Blow(impulse=0.02, duration=1e-3)
     hard = Strike(striker="steel", speed=1.0, duration=1e-3).resolved(ROD, HIT)
     assert hard.duration == 1e-3
 

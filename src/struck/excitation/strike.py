@@ -8,6 +8,13 @@ import numpy as np
 
 from struck.contact import Contact, Place
 from struck.errors import OptionError
+from struck.excitation.bounds import (
+    coordinates,
+    require_at_least_zero,
+    require_positive,
+    unit_vector,
+)
+from struck.excitation.burst import Burst
 from struck.excitation.hertz import (
     Striker,
     contact_modulus,
@@ -15,20 +22,23 @@ from struck.excitation.hertz import (
     effective_mass,
     joint_mass,
 )
+from struck.excitation.patch import drive
+from struck.excitation.pulses import Samples, require_shape, sampled
 from struck.model import ModalModel
 
 _DEFAULT_STRIKER = "wood"
 _DEFAULT_SPEED = 0.5
+_SHORTEST_TRANSIENT = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Push:
-    """A half-sine of force, F(t) = impulse pi / (2 duration) sin(pi t / duration).
+class Blow:
+    """What a strike comes to on one body.
 
     Parameters
     ----------
     impulse : float
-        Its area, N s.
+        Area of the force, N s.
     duration : float
         s; 0 is an ideal impulse.
     """
@@ -39,12 +49,12 @@ class Push:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
-    """A half-sine push at one place of a body.
+    """A short push at one place of a body.
 
-    How hard is said by `impulse`, or by `striker` and `speed`. With a striker the other of the two
-    and the duration follow from elastic impact (Hertz) between its head and the body, whose own
-    mass, inertia and material count where the model knows them. A bare ``Strike()`` is the wooden
-    striker at 0.5 m/s.
+    How hard is said by `impulse`, or by `striker` with `speed` or `energy`. With a striker the
+    others and the duration follow from elastic impact (Hertz) between its head and the body, whose
+    own mass, inertia and material count where the model knows them. A bare ``Strike()`` is the
+    wooden striker at 0.5 m/s.
 
     Parameters
     ----------
@@ -57,13 +67,28 @@ class Strike:
         Name in ``strikers.toml``: fingertip, felt, rubber, plastic, wood, brass, steel, glass.
     speed : float or None
         Speed of the striker along `direction` at the first touch, m/s; 0.5 when a striker comes
-        with neither impulse nor speed.
+        with neither impulse, energy nor speed.
+    energy : float or None
+        Kinetic energy of the striker at the first touch, J: speed = sqrt(2 energy / mass). The
+        striker is the wooden one unless given.
     direction : array-like (3,) or None
         Which way it pushes, of any length; None is straight into the surface.
     duration : float or None
         How long it pushes, s; 0 is an ideal impulse, None leaves it to the striker.
+    shape : str
+        Of the force over time: "half-sine", "hertz" or "gaussian" (`struck.excitation.pulses`).
+    patch : float
+        Radius of the area of contact, m; 0 is a point.
+    transient : float
+        Level of a noise burst in the force, as a share of the impulse: its expected spectrum is
+        white at `transient` times that of the impulse acting in no time. 1998 models the click of
+        an attack, which modes do not explain, by a short burst of white noise; as part of the
+        force it wakes the modes that the pulse is too long for. It lasts as long as the pulse, but
+        at least 1 ms, and fades in and out as a half-sine.
     time : float
         When it begins, s.
+    seed : int
+        Of the noise burst.
 
     Raises
     ------
@@ -75,26 +100,43 @@ class Strike:
     impulse: float | None = None
     striker: str | None = None
     speed: float | None = None
+    energy: float | None = None
     direction: Place = None
     duration: float | None = None
+    shape: str = "half-sine"
+    patch: float = 0.0
+    transient: float = 0.0
     time: float = 0.0
+    seed: int = 0
 
     def __post_init__(self) -> None:
         if self.at is not None and not isinstance(self.at, str):
-            object.__setattr__(self, "at", _numbers("at", self.at))
+            object.__setattr__(self, "at", coordinates("at", self.at))
         if self.direction is not None:
-            object.__setattr__(self, "direction", _direction(self.direction))
+            object.__setattr__(self, "direction", unit_vector("direction", self.direction))
         if self.striker is not None:
             Striker.named(self.striker)
+        require_shape(self.shape)
         self._require_one_strength()
-        _require_positive(impulse=self.impulse, speed=self.speed)
-        _require_at_least_zero(duration=self.duration, time=self.time)
+        require_positive(impulse=self.impulse, speed=self.speed, energy=self.energy)
+        require_at_least_zero(
+            duration=self.duration,
+            patch=self.patch,
+            transient=self.transient,
+            time=self.time,
+            seed=self.seed,
+        )
 
     def _require_one_strength(self) -> None:
-        if self.impulse is not None and self.speed is not None:
+        given = {
+            f"impulse is {self.impulse} N s": self.impulse,
+            f"speed is {self.speed} m/s": self.speed,
+            f"energy is {self.energy} J": self.energy,
+        }
+        said = [text for text, value in given.items() if value is not None]
+        if len(said) > 1:
             raise OptionError(
-                f"impulse is {self.impulse} N s and speed is {self.speed} m/s: each follows from "
-                "the other, so give one of them"
+                f"{' and '.join(said)}: each follows from the other, so give one of them"
             )
         if self.speed is not None and self.striker is None:
             raise OptionError(
@@ -102,22 +144,71 @@ class Strike:
                 f"striker={_DEFAULT_STRIKER!r}, or give impulse= in N s instead"
             )
 
-    def resolved(self, model: ModalModel, contact: Contact) -> Push:
-        """Return the push that a model receives at a contact.
+    def resolved(self, model: ModalModel, contact: Contact) -> Blow:
+        """Return the blow that a model receives at a contact.
 
         A model without mass (as from recordings), or held somewhere, counts as heavy, one without
         material as hard.
         """
         if self.impulse is not None and (self.striker is None or self.duration is not None):
-            return Push(impulse=self.impulse, duration=self.duration or 0.0)
+            return Blow(impulse=self.impulse, duration=self.duration or 0.0)
         striker = Striker.named(self.striker or _DEFAULT_STRIKER)
         mass = _mass_in_contact(striker, model, contact)
         gain = mass * (1 + striker.restitution)
-        speed = self.impulse / gain if self.impulse is not None else self.speed or _DEFAULT_SPEED
+        speed = self.impulse / gain if self.impulse is not None else self._approach(striker)
         duration = self.duration
         if duration is None:
             duration = _touch(striker, model, mass=mass, speed=speed)
-        return Push(impulse=gain * speed, duration=duration)
+        return Blow(impulse=gain * speed, duration=duration)
+
+    def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
+        """Begin on a model at sample number `start`; see `struck.excitation.pushing`.
+
+        The force is band-limited, so it begins `pulses.LEAD` samples before `time`.
+
+        Raises
+        ------
+        ContactError
+            When it touches no body.
+        OptionError
+            When the model's gains are no product of contact and listener, or not finite.
+        """
+        require_positive(sample_rate=sample_rate)
+        contact = model.contact(self.at, self.direction)
+        blow = self.resolved(model, contact)
+        pulse = sampled(
+            self.shape,
+            impulse=blow.impulse,
+            onset=self.time,
+            duration=blow.duration,
+            sample_rate=sample_rate,
+        )
+        if self.transient:
+            noise = self._noise(blow, sample_rate)
+            pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
+        return Burst(pulse, drive(model, contact, radius=self.patch), start=start)
+
+    def _approach(self, striker: Striker) -> float:
+        if self.energy is not None:
+            return float(np.sqrt(2 * self.energy / striker.mass))
+        return self.speed or _DEFAULT_SPEED
+
+    def _noise(self, blow: Blow, sample_rate: float) -> np.ndarray:
+        length = max(blow.duration, _SHORTEST_TRANSIENT) * sample_rate
+        window = np.sin(np.pi * (np.arange(max(1, round(length))) + 0.5) / max(1, round(length)))
+        noise = np.random.default_rng(self.seed).standard_normal(len(window))
+        strength = self.transient * blow.impulse * sample_rate
+        return strength * noise * window / np.linalg.norm(window)
+
+
+def _together(one: Samples, other: Samples) -> Samples:
+    first = min(one.first, other.first)
+    last = max(part.first + len(part.force) for part in (one, other))
+    force = np.zeros(last - first)
+    for part in (one, other):
+        begin = part.first - first
+        force[begin : begin + len(part.force)] += part.force
+    return Samples(first=first, force=force)
 
 
 def _mass_in_contact(striker: Striker, model: ModalModel, contact: Contact) -> float:
@@ -137,33 +228,3 @@ def _touch(striker: Striker, model: ModalModel, *, mass: float, speed: float) ->
     solids = (striker,) if model.material is None else (striker, model.material)
     modulus = contact_modulus(*solids)
     return contact_time(mass=mass, radius=striker.radius, modulus=modulus, speed=speed)
-
-
-def _numbers(name: str, values: object) -> tuple[float, ...]:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give coordinates in m, or a name") from error
-    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
-        raise OptionError(f"{name} is {values!r}: give one to three finite numbers")
-    return tuple(array.tolist())
-
-
-def _direction(values: object) -> tuple[float, ...]:
-    direction = _numbers("direction", values)
-    length = float(np.linalg.norm(direction))
-    if len(direction) != 3 or not length:
-        raise OptionError(f"direction is {values!r}: give a vector (x, y, z) with a length")
-    return tuple(part / length for part in direction)
-
-
-def _require_positive(**numbers: float | None) -> None:
-    for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
-
-
-def _require_at_least_zero(**numbers: float | None) -> None:
-    for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number of at least 0")

@@ -83,6 +83,8 @@ def ring_down(
         The answer at the times 0, 1, 2 ... / sample_rate.
     """
     samples = np.zeros(length)
+    if not pulses:
+        return samples
     poles = -np.asarray(decays) + 2j * np.pi * np.asarray(frequencies)
     for first in range(0, len(poles), _MODES_AT_ONCE):
         some = slice(first, first + _MODES_AT_ONCE)

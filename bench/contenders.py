@@ -1,0 +1,192 @@
+"""What takes turns in the benchmark of the synthesis, and how it is measured."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import cycle
+
+import numpy as np
+import peak
+from numba import njit
+from numpy.typing import NDArray
+from peers import BLOCK, RATE, Call, Measure
+
+from struck.excitation.pushing import Push
+from struck.synth.bank import Poles
+from struck.synth.kernels import kernel, samples_of
+from struck.synth.process import Process, process
+from struck.synth.resonators import Resonators
+from struck.synth.stepped import Stepped
+from struck.synth.store import Memory, rows_for
+
+Array = NDArray[np.float64]
+TURN = 2e-3
+"""About what a turn takes, s."""
+KERNEL, ENGINE, WHOLE = "kernel", "engine, compiled", "Resonators.process"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bank:
+    """What rings: Hz and 1/s."""
+
+    frequencies: Array
+    decays: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contender:
+    """Who plays what, and what it took: of each turn the time of a block and of a product, s."""
+
+    name: str
+    modes: int
+    measure: Measure
+    block: int = BLOCK
+    operations: int = 0
+    blocks: list[float] = field(default_factory=list)
+    products: list[float] = field(default_factory=list)
+
+    def turn(self) -> None:
+        """Measure once, just after the core's peak."""
+        self.products.append(spent(peak.multiply_adds) / peak.MULTIPLY_ADDS)
+        self.blocks.append(self.measure())
+
+    @property
+    def in_real_time(self) -> float:
+        """Modes that a core could play."""
+        return self.modes * self.block / RATE / statistics.median(self.blocks)
+
+    @property
+    def share(self) -> float:
+        """What the counted operations would take at the peak, of what they took."""
+        count = self.modes * self.block * self.operations
+        pairs = zip(self.products, self.blocks, strict=True)
+        return statistics.median(count * product / block for product, block in pairs)
+
+    def times(self, other: Contender) -> float:
+        """Return how many times as long as another it takes for a sample of a mode."""
+        pairs = zip(self.blocks, other.blocks, strict=True)
+        ratio = statistics.median(mine / theirs for mine, theirs in pairs)
+        return ratio * other.modes * other.block / (self.modes * self.block)
+
+
+def spent(call: Callable[[], object], count: int = 1) -> float:
+    """Return the processor time of so many calls, s."""
+    begun = time.thread_time()
+    for _ in range(count):
+        call()
+    return time.thread_time() - begun
+
+
+def repeated(call: Call, blocks: int = 1) -> Measure:
+    """Return how to measure a call that makes so many blocks, after a first one."""
+    call()
+    count = max(1, round(TURN / max(spent(call), 1e-6)))
+    return lambda: spent(call, count) / (count * blocks)
+
+
+def bank(modes: int) -> Bank:
+    """Return modes spread evenly over octaves, 30 Hz to 18 kHz, decaying at 0.5 to 200 1/s."""
+    decays = np.random.default_rng(2).uniform(np.log(0.5), np.log(200.0), modes)
+    return Bank(frequencies=np.geomspace(30.0, 18e3, modes), decays=np.exp(decays))
+
+
+def operations(pushes: int, outputs: int, *, turned: bool) -> int:
+    """Return what a sample of a mode takes without ramps: products, mostly with a sum."""
+    return 2 + pushes + (2 * outputs if turned else outputs)
+
+
+def described(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> str:
+    """Return in words what a kernel does."""
+    gains = "complex" if turned else "real"
+    return f"{pushes} in {outputs} out, {gains}{', ramped' if ramped else ''}"
+
+
+def spread(count: int, length: int) -> Array:
+    """Return rows of zeros that begin with a cache line, and not at the same place of a page."""
+    line = 8
+    width = (-(-length // line) + 3) * line
+    room = np.zeros(count * width + line)
+    skipped = (-room.ctypes.data // room.itemsize) % line
+    return room[skipped : skipped + count * width].reshape(count, width)[:, :length]
+
+
+def bare(
+    modes: int, pushes: int = 1, outputs: int = 1, *, turned: bool = False, ramped: bool = False
+) -> Contender:
+    """Let a kernel alone play."""
+    gains = pushes + outputs * (2 if turned else 1)
+    rung = bank(modes)
+    radii, turns = np.exp(-rung.decays / RATE), 2 * np.pi * rung.frequencies / RATE
+    rows = spread(4 + 2 * gains, modes)
+    rows[0], rows[1], rows[4 : 4 + gains] = 2 * radii * np.cos(turns), -(radii**2), 1 / modes
+    forces = np.random.default_rng(3).standard_normal((pushes, BLOCK))
+    played = kernel(pushes, outputs, turned=turned, ramped=ramped)
+    frames = BLOCK // samples_of(pushes, outputs, turned=turned, ramped=ramped)
+    used = rows if ramped else rows[: 4 + gains]
+    arguments = (*used, *forces, *np.zeros((outputs, BLOCK)))
+    what = described(pushes, outputs, turned=turned, ramped=ramped)
+    return Contender(
+        name=f"{KERNEL}, {what}",
+        modes=modes,
+        operations=operations(pushes, outputs, turned=turned),
+        measure=repeated(lambda: played(frames, *arguments)),
+    )
+
+
+def compiled(modes: int, block: int = BLOCK) -> Contender:
+    """Let the engine play as an audio device's callback has it: whole, without Python."""
+    rung = bank(modes)
+    engine = Stepped(
+        [Poles.of(rung, RATE)], points=1, block=block, voices=16, sample_rate=float(RATE)
+    )
+    force, drive = np.random.default_rng(3).standard_normal(block), np.ones(modes)
+    engine.next_block({(0, 0): (force, drive)}, {0: np.ones((1, modes), np.complex128)})
+    engine.next_block({(0, 0): (force, drive)}, {})  # from here on nothing moves
+    memory, make, blocks = engine.memory, process(rows_for(1), turned=False), 16
+    return Contender(
+        name=ENGINE,
+        modes=modes,
+        block=block,
+        operations=operations(1, 1, turned=False),
+        measure=repeated(lambda: _several(make, memory, blocks), blocks),
+    )
+
+
+@njit
+def _several(make: Process, memory: Memory, blocks: int) -> None:
+    for _ in range(blocks):
+        make(memory)
+
+
+def whole(
+    modes: int,
+    block: int = BLOCK,
+    pushes: int = 1,
+    outputs: int = 1,
+    *,
+    engine: str = "stepped",
+    moving: bool = False,
+) -> Contender:
+    """Let `Resonators.process` play, with all its Python; `moving`: other gains every block."""
+    random = np.random.default_rng(3)
+    resonators = Resonators([bank(modes)], block=block, points=outputs, engine=engine)
+    forces = random.standard_normal((pushes, block))
+    gains = [random.uniform(0.5, 1.0, (pushes + outputs, modes)) for _ in range(2)]
+    voices = [
+        [Push(force=f, drive=d, voice=n) for n, (f, d) in enumerate(zip(forces, g, strict=False))]
+        for g in gains
+    ]
+    resonators.process(voices[0], [gains[0][pushes:]])
+    turns = cycle((each, [g[pushes:]]) for each, g in zip(voices, gains, strict=True))
+    still = voices[0], ()
+    name = WHOLE if engine == "stepped" else f'{WHOLE}, engine="{engine}"'
+    return Contender(
+        name=f"{name}, {described(pushes, outputs, turned=False, ramped=moving)}",
+        modes=modes,
+        block=block,
+        operations=operations(pushes, outputs, turned=False) if engine == "stepped" else 0,
+        measure=repeated(lambda: resonators.process(*(next(turns) if moving else still))),
+    )

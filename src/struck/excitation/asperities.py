@@ -1,0 +1,168 @@
+"""The force between two bodies that move along each other, by Hertz's law over their roughness.
+
+A round tip of radius R is pressed on a rough surface by a load. Its dent is a spring of stiffness
+k = (6 E*^2 R load)^(1/3) (Hertz's law about the load; Johnson 1985, section 4.2). The height h(s)
+over the distance s, averaged over the circle of contact, compresses that spring:
+
+    x = k h / load,    F - load = load x / sqrt(1 + (x / 0.8)^2)
+
+so that the force never turns into a pull: where the surface falls away it fades towards nothing,
+where it rises the tip is pushed off before the force doubles. A constant load is silent and left
+out. Unevenness beyond what the dent can take, x above 1 (rms), the tip follows up and down rather
+than being squeezed: such a profile loses its long waves, each multiplied by q^2 / (q^2 + c^2), with
+the wavenumber c at which the rms of x is 1.
+
+- Smooth, x well below 1: F - load = k h. Twice the load gives 2^(1/3) times the force.
+- Rough: twice the load gives twice the force, of somewhat longer waves.
+
+The circle of contact has the radius a = (3 load R / (4 E*))^(1/3); averaging over its pressure,
+sqrt(1 - (r/a)^2), multiplies waves of wavenumber q by 3 (sin qa - qa cos qa) / (qa)^3. All this
+happens over distance: moving twice as fast shifts the whole spectrum up an octave (a profile read
+at the speed of contact: van den Doel, Kry & Pai, FoleyAutomatic, SIGGRAPH 2001). The limit and the
+following are simple stand-ins for the inertia of the tip, which would not scale like that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+from scipy.optimize import brentq
+
+from struck.excitation.roughness import Roughness
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+LEVELS_AN_OCTAVE = 3
+RUNGS_AN_OCTAVE = 2
+"""Loads are tabulated at 2^(rung / 2) N; what lies between is interpolated."""
+
+_MOST = 0.8  # of the load: what filters overshoot stays a push
+_ROUGHEST = 1.0
+_POINTS_A_WAVE = 6  # of the shortest wave of a level
+_FLAT = 2 / 3  # share of a level's band that passes whole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rubbed:
+    """Two bodies in contact.
+
+    Parameters
+    ----------
+    roughness : Roughness
+        Height of both together over distance.
+    modulus : float
+        E* of the two, Pa.
+    radius : float
+        Joint radius of curvature, m.
+    """
+
+    roughness: Roughness
+    modulus: float
+    radius: float
+
+    @property
+    def finest(self) -> float:
+        """Highest wavenumber that is kept, cycles/m."""
+        return 1 / self.roughness.pitch
+
+    def contact_radius(self, load: float) -> float:
+        """Return the radius of the circle of contact, m."""
+        return (3 * load * self.radius / (4 * self.modulus)) ** (1 / 3)
+
+    def stiffness(self, load: float) -> float:
+        """Return k, of the dent under a load, N/m."""
+        return (6 * self.modulus**2 * self.radius * load) ** (1 / 3)
+
+    def force(self, load: float) -> Array:
+        """Return F - load at twice as many places as the roughness has, N."""
+        heights = self.roughness.heights
+        turns: Array = 2 * np.pi * np.arange(len(heights) // 2 + 1.0) / self.roughness.length
+        felt = np.fft.rfft(heights) * pressure_mean(turns * self.contact_radius(load))
+        squeezed = _squeezed(felt * (self.stiffness(load) / load), turns)
+        waves = np.fft.irfft(2 * squeezed, 2 * len(heights))
+        limited = waves / np.sqrt(1 + np.square(waves / _MOST))
+        return load * (limited - limited.mean())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rung:
+    """The force at one load, low-passed to ever longer waves for ever faster motion.
+
+    Parameters
+    ----------
+    values : array (T,), float32
+        N, level after level.
+    starts, counts : array (L,)
+        Where the levels begin, and how many points each has over the period. Level j holds waves
+        up to `finest` 2^(-j / LEVELS_AN_OCTAVE).
+    """
+
+    values: NDArray[np.float32]
+    starts: Index
+    counts: Index
+
+
+@lru_cache(maxsize=48)
+def rung(rubbed: Rubbed, number: int) -> Rung:
+    """Return the force at a load of 2^(number / RUNGS_AN_OCTAVE) N."""
+    force = rubbed.force(2 ** (number / RUNGS_AN_OCTAVE))
+    spectrum = np.fft.rfft(force) / len(force)
+    levels = []
+    highest = len(force) / 2
+    while highest > 1:
+        levels.append(_low_passed(spectrum, highest))
+        highest /= 2 ** (1 / LEVELS_AN_OCTAVE)
+    counts = np.array([len(level) for level in levels])
+    values = np.concatenate(levels).astype(np.float32)
+    return Rung(values=values, starts=np.cumsum(counts) - counts, counts=counts)
+
+
+def _squeezed(spectrum: Complex, turns: Array) -> Complex:
+    """Return what remains of x (its spectrum of n / 2 + 1) once the tip follows the long waves."""
+    power = np.square(np.abs(spectrum) / (len(spectrum) - 1)) / 2
+
+    def excess(cut: float) -> float:
+        return float(power @ _followed(turns, np.exp(cut)) ** 2) - _ROUGHEST**2
+
+    lowest, highest = np.log(turns[1]) - 5, np.log(turns[-1]) + 5
+    if excess(lowest) <= 0:
+        return spectrum
+    return spectrum * _followed(turns, np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
+
+
+def _followed(turns: Array, cut: float) -> Array:
+    return 1 / (1 + np.square(cut / np.maximum(turns, turns[1] / 1e3)))
+
+
+def pressure_mean(turns: Array) -> Array:
+    """Return how much of a wave remains in its mean over the pressure of a Hertz contact.
+
+    Parameters
+    ----------
+    turns : array
+        Wavenumber times the radius of contact, q a.
+
+    Returns
+    -------
+    array
+        3 (sin u - u cos u) / u^3; 1 at u = 0.
+    """
+    far = np.maximum(np.abs(turns), 0.1)
+    closed = 3 * (np.sin(far) - far * np.cos(far)) / far**3
+    near = 1 - np.square(turns) / 10 + turns**4 / 280
+    return np.where(np.abs(turns) < 0.1, near, closed)
+
+
+def _low_passed(spectrum: Complex, highest: float) -> Array:
+    """Return one period of a profile without waves above `highest` in it."""
+    kept = min(int(highest) + 1, len(spectrum))
+    waves = np.arange(kept)
+    fall = np.clip((highest - waves) / (highest * (1 - _FLAT)), 0, 1)
+    count = next_fast_len(max(8, int(np.ceil(_POINTS_A_WAVE * highest))), real=True)
+    return np.fft.irfft(spectrum[:kept] * np.sin(np.pi / 2 * fall) ** 2, count) * count

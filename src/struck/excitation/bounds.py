@@ -1,0 +1,48 @@
+"""Bounds that every excitation checks when it is made."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from struck.errors import OptionError
+
+
+def require_positive(**numbers: float | None) -> None:
+    """Raise an OptionError unless each number is finite and above 0, or None."""
+    for name, value in numbers.items():
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
+
+
+def require_at_least_zero(**numbers: float | None) -> None:
+    """Raise an OptionError unless each number is finite and at least 0, or None."""
+    for name, value in numbers.items():
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise OptionError(f"{name} is {value}: it must be a finite number of at least 0")
+
+
+def require_finite(**numbers: float) -> None:
+    """Raise an OptionError unless each number is finite."""
+    for name, value in numbers.items():
+        if not np.isfinite(value):
+            raise OptionError(f"{name} is {value}: it must be a finite number")
+
+
+def coordinates(name: str, values: object) -> tuple[float, ...]:
+    """Return one to three finite numbers as a tuple, or raise an OptionError."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {values!r}: give coordinates in m, or a name") from error
+    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
+        raise OptionError(f"{name} is {values!r}: give one to three finite numbers")
+    return tuple(array.tolist())
+
+
+def unit_vector(name: str, values: object) -> tuple[float, ...]:
+    """Return a vector of three numbers, made one long, or raise an OptionError."""
+    vector = coordinates(name, values)
+    length = float(np.linalg.norm(vector))
+    if len(vector) != 3 or not length:
+        raise OptionError(f"{name} is {values!r}: give a vector (x, y, z) with a length")
+    return tuple(part / length for part in vector)

@@ -1,0 +1,47 @@
+"""A finite stretch of force at one place: what a strike, a pluck and a recorded force come to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.excitation.pulses import Samples
+from struck.excitation.pushing import Push
+
+Array = NDArray[np.float64]
+
+
+class Burst:
+    """A `Pushing` that hands out given samples.
+
+    Parameters
+    ----------
+    samples : Samples
+        The force, counted from sample 0 of the sound.
+    drive : array (M,)
+        How strongly each mode answers, kg^-1/2.
+    start : int
+        Number of the sample at which the first block begins; what lies before it is lost.
+    """
+
+    def __init__(self, samples: Samples, drive: Array, *, start: int = 0) -> None:
+        self._samples = samples
+        self._drive = drive
+        self._now = start
+
+    def advance(self, length: int) -> Push | None:
+        """Return the push of the next `length` samples, None where there is no force in them."""
+        offset = self._now - self._samples.first
+        self._now += length
+        part = self._samples.force[max(offset, 0) : max(offset + length, 0)]
+        if not len(part):
+            return None
+        force = np.zeros(length)
+        begin = max(-offset, 0)
+        force[begin : begin + len(part)] = part
+        return Push(force=force, drive=self._drive)
+
+    @property
+    def finished(self) -> bool:
+        """Whether no force will come any more."""
+        return self._now >= self._samples.first + len(self._samples.force)

@@ -1,0 +1,220 @@
+"""A path over a body's surface, from place to place the shortest way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from struck.errors import ContactError, OptionError
+from struck.excitation.bounds import coordinates
+from struck.gains import ShapeGains
+from struck.geometry import Surface
+from struck.mesh import Mesh
+from struck.model import ModalModel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Waypoints = Sequence[Sequence[float] | str | Array]
+
+REPEATS = ("once", "back", "loop")
+"""Stop at the end, go there and back, or go round."""
+
+_PIECES = 128
+# Spacings at which points are pulled tight in turn, and rounds at each.
+_SPACINGS, _ROUNDS = (16, 8, 4, 2, 1), 24
+# A step longer than this many mean ones leaps through the body.
+_EVEN = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Path:
+    """A curve on a surface, by the length travelled along it.
+
+    Parameters
+    ----------
+    points : array (N, 3)
+        On the surface, m.
+    normals : array (N, 3)
+        Outward unit normals there.
+    lengths : array (N,)
+        Distance from the start, m; ascending from 0.
+    repeat : str
+        "once", "back" (there and back) or "loop" (the end is where it starts).
+    """
+
+    points: Array
+    normals: Array
+    lengths: Array
+    repeat: str = "once"
+
+    @classmethod
+    def over(cls, model: ModalModel, places: Waypoints, *, repeat: str = "once") -> Path:
+        """Find the path through `places` of a body.
+
+        Parameters
+        ----------
+        model : ModalModel
+            The body.
+        places : sequence of places, two or more
+            Names or coordinates, m, as for a strike.
+        repeat : str
+            "once", "back" or "loop"; a loop goes on from the last place to the first.
+
+        Raises
+        ------
+        ContactError
+            When a place is off the body, or no way over its surface leads to the next one.
+        OptionError
+            On fewer than two places, or a path without length.
+        """
+        require_waypoints(places, repeat)
+        stops = [model.contact(place).point for place in places]
+        mesh = model.geometry
+        if mesh is None:
+            raise ContactError("this model has no surface for a path: give it a geometry")
+        if repeat == "loop":
+            stops.append(stops[0])
+        surface = model.gains.locator if isinstance(model.gains, ShapeGains) else Surface(mesh)
+        legs = [shortest(mesh, surface, *ends) for ends in pairwise(stops)]
+        points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+        return cls._along(mesh, surface, points, repeat)
+
+    @classmethod
+    def _along(cls, mesh: Mesh, surface: Surface, points: Array, repeat: str) -> Path:
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        moving = np.concatenate([[True], steps > 0])
+        if not moving[1:].any():
+            raise OptionError("the places of the path are one and the same: set them apart")
+        _, faces, _ = surface.closest(points[moving])
+        return cls(
+            points=points[moving],
+            normals=mesh.face_normals[faces],
+            lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
+            repeat=repeat,
+        )
+
+    @property
+    def length(self) -> float:
+        """From the first place to the last, m."""
+        return float(self.lengths[-1])
+
+    def at(self, travelled: float) -> Array:
+        """Return the point (3,) after a way of `travelled` m."""
+        return self._read(self.points, travelled)
+
+    def normal(self, travelled: float) -> Array:
+        """Return the outward unit normal (3,) after a way of `travelled` m.
+
+        Over an edge it turns from face to face within one piece of the path.
+        """
+        normal = self._read(self.normals, travelled)
+        return normal / max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
+
+    def _read(self, table: Array, travelled: float) -> Array:
+        place = self._folded(travelled)
+        after = int(np.clip(np.searchsorted(self.lengths, place), 1, len(self.lengths) - 1))
+        low, high = self.lengths[after - 1], self.lengths[after]
+        share = (place - low) / (high - low)
+        return (1 - share) * table[after - 1] + share * table[after]
+
+    def _folded(self, travelled: float) -> float:
+        if self.repeat == "loop":
+            return travelled % self.length
+        if self.repeat == "back":
+            return self.length - abs(travelled % (2 * self.length) - self.length)
+        return min(max(travelled, 0.0), self.length)
+
+
+def require_waypoints(places: Waypoints, repeat: str) -> None:
+    """Raise an OptionError on fewer than two places or an unknown way to repeat."""
+    if isinstance(places, str) or len(places) < 2:
+        raise OptionError(f"the path is {places!r}: give two places or more, such as [p, q]")
+    if repeat not in REPEATS:
+        raise OptionError(f"repeat is {repeat!r}: give one of {', '.join(REPEATS)}")
+    for place in places:
+        if not isinstance(place, str):
+            coordinates("a place of the path", place)
+
+
+def shortest(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
+    """Return points (N, 3) of a locally shortest way over a surface.
+
+    The shortest way along edges (Dijkstra) is pulled tight like a string: each point in turn moves
+    to the middle of its neighbours and back onto the surface, first points far apart, then near.
+
+    Raises
+    ------
+    ContactError
+        When no way over the surface joins the two.
+    """
+    way = _resampled(_edge_way(mesh, surface, begin, end), _PIECES)
+    for coarsest in _SPACINGS:
+        points = _tight(surface, way, coarsest)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if steps.max() <= _EVEN * steps.mean():
+            return points
+    # Pulled tight at any spacing it leaps through a thin wall.
+    return way
+
+
+def _tight(surface: Surface, points: Array, coarsest: int) -> Array:
+    for spacing in (size for size in _SPACINGS if size <= coarsest):
+        chosen = points[::spacing]
+        for _ in range(_ROUNDS):
+            chosen = _pulled(surface, chosen)
+        points = _resampled(chosen, _PIECES)
+        points[1:-1] = surface.closest(points[1:-1])[2]
+    return points
+
+
+def _pulled(surface: Surface, points: Array) -> Array:
+    """Move every second point, then the others, to the middle of their neighbours."""
+    points = points.copy()
+    for parity in (1, 2):
+        middles = (points[parity - 1 : -2 : 2] + points[parity + 1 :: 2]) / 2
+        points[parity:-1:2] = surface.closest(middles)[2]
+    return points
+
+
+def _resampled(points: Array, pieces: int) -> Array:
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    lengths = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = np.linspace(0, lengths[-1], pieces + 1)
+    return np.stack([np.interp(wanted, lengths, axis) for axis in points.T], axis=1)
+
+
+def _edge_way(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
+    """Return the shortest way along edges, its ends joined to the corners of their faces."""
+    _, faces, ends = surface.closest(np.stack([begin, end]))
+    if faces[0] == faces[1]:
+        return ends
+    first, last = _nearest_corner(mesh, faces[0], begin), _nearest_corner(mesh, faces[1], end)
+    _, before = dijkstra(_edges(mesh), directed=False, indices=[first], return_predecessors=True)
+    way = [last]
+    while way[-1] != first:
+        way.append(int(before[0, way[-1]]))
+        if way[-1] < 0:
+            raise ContactError(
+                "no way over the surface leads from one place of the path to the next: they lie on "
+                "separate parts; choose both on one"
+            )
+    return np.concatenate([ends[:1], mesh.points[way[::-1]], ends[1:]])
+
+
+def _nearest_corner(mesh: Mesh, face: int, point: Array) -> int:
+    corners = mesh.faces[face]
+    return int(corners[np.argmin(np.linalg.norm(mesh.points[corners] - point, axis=1))])
+
+
+def _edges(mesh: Mesh) -> csr_array:
+    count = len(mesh.points)
+    pairs = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    pairs = np.stack(np.divmod(np.unique(pairs @ np.array([count, 1])), count), axis=1)
+    lengths = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
+    return csr_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(count, count))

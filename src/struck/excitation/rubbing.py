@@ -1,0 +1,199 @@
+"""A contact that moves over a body: the force of its roughness, and where it drives the modes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.excitation.asperities import LEVELS_AN_OCTAVE, RUNGS_AN_OCTAVE, Rubbed, rung
+from struck.excitation.patch import drive_at
+from struck.excitation.path import Path
+from struck.excitation.pushing import Push
+from struck.model import ModalModel
+
+Array = NDArray[np.float64]
+
+FADE = 5e-3
+"""How long a moving contact takes to come on and to lift off, s."""
+
+_CHUNK = 64
+# Lighter contacts follow the force at this load, in proportion, N.
+_LIGHTEST = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """How a contact moves and presses.
+
+    Parameters
+    ----------
+    path : Path
+        Over the body.
+    rubbed : Rubbed
+        The two surfaces.
+    speed, load : function of time
+        m/s and N; s since the contact began.
+    first : int
+        Number of the sample at which it begins.
+    seconds : float or None
+        How long it lasts; None: to the end of the path, without end where that repeats.
+    offset : float
+        Where on the roughness it begins, m.
+    patch : float
+        Radius of the area over which the mode shapes are averaged, m.
+    """
+
+    path: Path
+    rubbed: Rubbed
+    speed: Callable[[float], float]
+    load: Callable[[float], float]
+    first: int
+    seconds: float | None
+    offset: float
+    patch: float
+
+
+class Rubbing:
+    """A `Pushing` that moves.
+
+    Speed and load are asked for every 64 samples, counted from when the contact began, and joined
+    by straight lines, so that the force does not depend on how long the blocks are.
+
+    Parameters
+    ----------
+    motion : Motion
+        What it does.
+    model : ModalModel
+        The body.
+    sample_rate : float
+        Hz.
+    start : int
+        Number of the sample at which the first block begins.
+    """
+
+    def __init__(
+        self, motion: Motion, model: ModalModel, sample_rate: float, *, start: int = 0
+    ) -> None:
+        self._motion = motion
+        self._model = model
+        self._rate = sample_rate
+        self._fade = max(1, round(FADE * sample_rate))
+        self._last = None if motion.seconds is None else round(motion.seconds * sample_rate)
+        self._now = 0
+        self._force = np.zeros(0)
+        self._ways = np.zeros(0)
+        self._way = 0.0
+        self._chunk = 0
+        self._speed, self._load = motion.speed(0.0), motion.load(0.0)
+        self._wait = max(0, motion.first - start)
+        # Tables and kernel are made now, not while the first block is waited for.
+        self._read(self._ways, (self._speed, self._speed), (self._load, self._load))
+        self._skip(max(0, start - motion.first))
+
+    def advance(self, length: int) -> Push | None:
+        """Return the push of the next `length` samples, None where there is no force in them."""
+        waiting = min(self._wait, length)
+        self._wait -= waiting
+        if waiting == length or self.finished:
+            return None
+        force = np.zeros(length)
+        force[waiting:] = self._take(length - waiting)
+        return Push(force=force, drive=self._drive())
+
+    @property
+    def finished(self) -> bool:
+        """Whether no force will come any more."""
+        return self._last is not None and self._now >= self._last + self._fade
+
+    def _skip(self, count: int) -> None:
+        for begin in range(0, count, _CHUNK):
+            self._take(min(_CHUNK, count - begin))
+
+    def _take(self, length: int) -> Array:
+        """Return the next `length` samples of force, faded in and out."""
+        while len(self._force) < length:
+            force, ways = self._next_chunk()
+            self._force = np.concatenate([self._force, force])
+            self._ways = np.concatenate([self._ways, ways])
+        numbers = np.arange(self._now, self._now + length, dtype=np.float64)
+        taken = self._force[:length] * self._envelope(numbers)
+        self._way = float(self._ways[length - 1])
+        self._force, self._ways = self._force[length:], self._ways[length:]
+        self._now += length
+        return taken
+
+    def _next_chunk(self) -> tuple[Array, Array]:
+        """Return force and ways of the next 64 samples; note where the path ends."""
+        self._chunk += 1
+        time = self._chunk * _CHUNK / self._rate
+        speeds = self._speed, self._motion.speed(time)
+        loads = self._load, self._motion.load(time)
+        before = float(self._ways[-1]) if len(self._ways) else self._way
+        steps = np.arange(1, _CHUNK + 1)
+        ways = before + (steps * speeds[0] + steps**2 * ((speeds[1] - speeds[0]) / 2 / _CHUNK)) / (
+            self._rate
+        )
+        self._speed, self._load = speeds[1], loads[1]
+        self._note_end(ways)
+        return self._read(ways, speeds, loads), ways
+
+    def _note_end(self, ways: Array) -> None:
+        motion = self._motion
+        if motion.path.repeat == "once" and ways[-1] >= motion.path.length:
+            reached = int(np.searchsorted(ways, motion.path.length))
+            end = (self._chunk - 1) * _CHUNK + reached
+            self._last = end if self._last is None else min(self._last, end)
+
+    def _read(self, ways: Array, speeds: tuple[float, float], loads: tuple[float, float]) -> Array:
+        from struck.excitation.reading import add_reading
+
+        motion, force = self._motion, np.zeros(len(ways))
+        turns = (motion.offset + ways) / motion.rubbed.roughness.length
+        levels = self._level(speeds[0]), self._level(speeds[1])
+        for number, weights in _rungs(*loads).items():
+            table = rung(motion.rubbed, number)
+            add_reading(
+                table.values, table.starts, table.counts, turns, levels, tuple(weights), force
+            )
+        return force
+
+    def _level(self, speed: float) -> float:
+        """Return the level whose shortest waves pass in two samples or more, between two levels."""
+        passing = 2 * self._motion.rubbed.finest * speed / self._rate
+        return max(0.0, LEVELS_AN_OCTAVE * math.log2(passing) + 1) if passing > 0 else 0.0
+
+    def _envelope(self, numbers: Array) -> Array:
+        rising = np.clip((numbers + 1) / self._fade, 0, 1)
+        falling = 1.0
+        if self._last is not None:
+            falling = np.clip((self._last + self._fade - numbers) / self._fade, 0, 1)
+        return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
+
+    def _drive(self) -> Array:
+        motion = self._motion
+        normal = motion.path.normal(self._way)
+        point = motion.path.at(self._way)
+        return drive_at(self._model, point, normal, -normal, radius=motion.patch)
+
+
+def _rungs(begin: float, end: float) -> dict[int, list[float]]:
+    """Return the tabulated loads that make up two loads, and their weights in each."""
+    rungs: dict[int, list[float]] = {}
+    for which, load in enumerate((begin, end)):
+        for number, weight in _between(load):
+            rungs.setdefault(number, [0.0, 0.0])[which] += weight
+    return rungs
+
+
+def _between(load: float) -> list[tuple[int, float]]:
+    if load <= 0:
+        return []
+    held = max(load, _LIGHTEST)
+    number = math.floor(RUNGS_AN_OCTAVE * math.log2(held))
+    low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
+    share = (held - low) / (high - low)
+    return [(number, (1 - share) * load / held), (number + 1, share * load / held)]

@@ -1,0 +1,110 @@
+"""A scrape: something hard is dragged over a rough body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from struck.excitation.asperities import Rubbed
+from struck.excitation.bounds import require_at_least_zero, require_positive
+from struck.excitation.course import Course, follow, frozen
+from struck.excitation.hertz import Striker, contact_modulus
+from struck.excitation.path import Path, Waypoints, require_waypoints
+from struck.excitation.roughness import Roughness, profile
+from struck.excitation.rubbing import Motion, Rubbing
+from struck.model import ModalModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scrape:
+    """A round tip dragged over the surface of a body.
+
+    The tip rides over the roughness by Hertz's law (`struck.excitation.asperities`): faster is
+    brighter, an octave for twice the speed; heavier is louder, by 2^(1/3) for twice the load on a
+    smooth surface and twice on a rough one. A constant load itself makes no sound and is
+    left out of the force.
+
+    Parameters
+    ----------
+    path : sequence of places
+        Two or more, as `at` of a strike; the tip takes the shortest way over the surface.
+    speed : float, (times, values) or function
+        m/s; see `struck.excitation.course`.
+    load : float, (times, values) or function
+        How hard the tip is held down, N.
+    roughness : str or Roughness
+        Name in ``roughness.toml``, or a profile.
+    striker : str
+        Of what the tip is, a name in ``strikers.toml``.
+    radius : float or None
+        Of the tip, m; None takes the striker's.
+    seconds : float or None
+        How long it lasts; None: to the end of the path, without end where that repeats.
+    repeat : str
+        "once", "back" (there and back) or "loop" (round, from the last place to the first).
+    patch : float
+        Radius of the area over which mode shapes are averaged, m; 0 is a point.
+    time : float
+        When it begins, s. It comes on and lifts off within 5 ms.
+    seed : int
+        Where on the profile it begins.
+
+    Raises
+    ------
+    OptionError
+        On unknown names, or numbers outside their bounds.
+    """
+
+    path: Waypoints
+    speed: Course
+    load: Course
+    roughness: str | Roughness = "sandpaper"
+    striker: str = "steel"
+    radius: float | None = None
+    seconds: float | None = None
+    repeat: str = "once"
+    patch: float = 0.0
+    time: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_waypoints(self.path, self.repeat)
+        object.__setattr__(self, "speed", frozen("speed", self.speed))
+        object.__setattr__(self, "load", frozen("load", self.load))
+        object.__setattr__(self, "roughness", profile(self.roughness))
+        Striker.named(self.striker)
+        require_positive(radius=self.radius, seconds=self.seconds)
+        require_at_least_zero(patch=self.patch, time=self.time, seed=self.seed)
+
+    def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Rubbing:
+        """Begin on a model at sample number `start`; see `struck.excitation.pushing`.
+
+        Raises
+        ------
+        ContactError
+            When the path leaves the body.
+        """
+        require_positive(sample_rate=sample_rate)
+        rubbed = self._rubbed(model)
+        random = np.random.default_rng(self.seed)
+        motion = Motion(
+            path=Path.over(model, self.path, repeat=self.repeat),
+            rubbed=rubbed,
+            speed=follow("speed", self.speed),
+            load=follow("load", self.load),
+            first=round(self.time * sample_rate),
+            seconds=self.seconds,
+            offset=random.uniform(0, rubbed.roughness.length),
+            patch=self.patch,
+        )
+        return Rubbing(motion, model, sample_rate, start=start)
+
+    def _rubbed(self, model: ModalModel) -> Rubbed:
+        tip = Striker.named(self.striker)
+        solids = (tip,) if model.material is None else (tip, model.material)
+        return Rubbed(
+            roughness=profile(self.roughness),
+            modulus=contact_modulus(*solids),
+            radius=self.radius or tip.radius,
+        )

@@ -1,0 +1,287 @@
+"""A touch: a hand, a tool or a haptic device on a body, told from outside at its own rate.
+
+Whoever moves it says 60 to 1000 times a second where it is, how hard it presses and how fast it
+moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
+the load then passes a window of 2 ms: no step, no corner, nothing of the rate of the updates above
+about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same way). A moving contact
+adds the force of roughness, as a scrape does (`struck.excitation.asperities`). A steady load itself
+is silent; what is heard is how it changes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.contact import Contact, Place
+from struck.excitation.asperities import RUNGS_AN_OCTAVE, rung
+from struck.excitation.patch import drive
+from struck.excitation.path import Path
+from struck.excitation.pushing import Push
+from struck.excitation.ramp import Blend, Ramp
+from struck.excitation.rubbing import Motion, Rubbing
+from struck.excitation.tool import Tool, Update, load_of, speed_of
+from struck.model import ModalModel
+
+Array = NDArray[np.float64]
+
+SLOWEST, FASTEST = 60.0, 1000.0
+"""Updates a second between which ramps follow the updates' own rate, Hz."""
+USUAL = 100.0
+"""Updates a second that are expected before there were two."""
+
+LIGHTEST = 1e-3
+"""Lighter touches sound like this one, in proportion, N."""
+
+_WINDOW = 2e-3  # s, that smooths the load
+_CHUNK = 64  # samples between two looks of `Rubbing` at speed and load
+_CALM = 0.25  # how soon the length of ramps follows the rate of updates
+_PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+
+
+class Touching:
+    """A `Pushing` that is told what to do while it pushes.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The body.
+    sample_rate : float
+        Hz.
+    tool : Tool
+        What touches.
+    start : int
+        Number of the sample at which the first block begins.
+
+    Attributes
+    ----------
+    now : int
+        Number of the sample at which the next block begins.
+    ended : bool
+        Set it where no update will come any more.
+    """
+
+    def __init__(
+        self, model: ModalModel, sample_rate: float, *, tool: Tool | None = None, start: int = 0
+    ) -> None:
+        self._model, self._rate = model, sample_rate
+        self.now = start
+        self._tool = tool or Tool()
+        self._rubbed = self._tool.on(model)
+        self._updates: deque[Update] = deque()
+        self._heard: Update | None = None
+        self._said: Update | None = None
+        self._interval = sample_rate / USUAL
+        self._load, self._speed, self._pressed, self._moving = Ramp(), Ramp(), Ramp(), Ramp()
+        self._drive = Blend()
+        self._window = _window(sample_rate)
+        self._before: Array = np.zeros(len(self._window) - 1)
+        self._looks: tuple[int, Array, Array] = (0, np.zeros(0), np.zeros(0))
+        self._rubbing = Rubbing(self._motion(), model, sample_rate)
+        self._rubbed_for, self._skipped, self._still = 0, 0, 0
+        self._prepared = 0.0
+        self.ended = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether no force will come any more: only once `ended` was set and the load is off."""
+        return self.ended and not self._updates and self._is_off()
+
+    def update(
+        self,
+        at: Contact | Place,
+        force: float,
+        velocity: float | ArrayLike = 0.0,
+        *,
+        direction: Place = None,
+        sample: int | None = None,
+    ) -> Update:
+        """Say where the touch is now, how hard it presses and how it moves.
+
+        Parameters
+        ----------
+        at : Contact, array-like or str
+            Place, as for a strike.
+        force : float
+            The load, N; 0 lets go.
+        velocity : float or array-like
+            Along the surface, m/s; only its magnitude counts.
+        direction : array-like (3,), optional
+            Along which the load pushes; straight into the surface unless given.
+        sample : int, optional
+            From which sample on; the next one unless given.
+
+        Returns
+        -------
+        Update
+            As it will be followed.
+
+        Raises
+        ------
+        ContactError
+            Where the touch is off the body.
+        OptionError
+            On a force or a velocity that is not finite, or a force below 0 or above a million N.
+        """
+        word = self.word(at, force, velocity, direction=direction, sample=sample)
+        self.follow(word)
+        return word
+
+    def word(
+        self,
+        at: Contact | Place,
+        force: float,
+        velocity: float | ArrayLike = 0.0,
+        *,
+        direction: Place = None,
+        sample: int | None = None,
+    ) -> Update:
+        """Return what `update` would follow, checked; see there."""
+        load, speed = load_of(force), speed_of(velocity)
+        contact = at if isinstance(at, Contact) else self._model.contact(at, direction)
+        same = self._said is not None and self._said.contact is contact
+        drives = self._said.drive if self._said and same else self._driven(contact)
+        self._prepare(load)
+        number = self.now if sample is None else sample
+        self._said = Update(sample=number, contact=contact, drive=drives, force=load, speed=speed)
+        return self._said
+
+    def follow(self, word: Update) -> None:
+        """Do from its sample on what a word says."""
+        self._updates.append(word)
+
+    def change(self, model: ModalModel) -> None:
+        """Go on with a body that has changed: drives move to those of the new one."""
+        self._model, self._said = model, None
+        if self._heard is not None:
+            self._drive.toward(self._driven(self._heard.contact), max(1, round(self._interval)))
+
+    @property
+    def load(self) -> float:
+        """How hard it presses at the end of the last block, N."""
+        return self._load.value * self._pressed.value
+
+    def advance(self, length: int) -> Push | None:
+        """Return the push of the next `length` samples, None where there is no force in them."""
+        loads, speeds, pressed, moving = courses = np.empty((4, length))
+        first, done = 0 if self._heard else length, 0
+        while self._updates and self._updates[0].sample < self.now + length:
+            word = self._updates.popleft()
+            begin = max(done, word.sample - self.now)
+            self._fill(courses[:, done:begin])
+            first, done = min(first, begin), begin
+            self._take(word)
+        self._fill(courses[:, done:])
+        self.now += length
+        if self._heard is None or self._rests(length, pressed):
+            return None
+        force = self._smooth(loads * pressed)
+        force[first:] += self._noise(loads[first:], speeds[first:]) * moving[first:]
+        return Push(force=force, drive=self._drive.now)
+
+    def _fill(self, courses: Array) -> None:
+        ramps = (self._load, self._speed, self._pressed, self._moving)
+        for course, ramp in zip(courses, ramps, strict=True):
+            course[:] = ramp.take(courses.shape[1])
+        self._drive.go(courses.shape[1])
+
+    def _take(self, word: Update) -> None:
+        """Set out for what a word says."""
+        gap = self._gap(word.sample)
+        jump = self._is_off()
+        if word.force > 0:
+            self._load.toward(word.force, 0 if jump else gap)
+        self._pressed.toward(1.0 if word.force > 0 else 0.0, gap)
+        speed = word.speed if word.force > 0 else 0.0
+        self._speed.toward(speed, 0 if jump else gap)
+        self._moving.toward(1.0 if speed else 0.0, gap)  # at rest the force is the load
+        self._drive.toward(word.drive, 0 if jump else gap)
+        self._heard = word
+
+    def _gap(self, sample: int) -> int:
+        """Return how many samples there are likely to be until the next update."""
+        if self._heard is not None:
+            between = sample - self._heard.sample
+            if self._rate / FASTEST / _PAUSE <= between <= self._rate / SLOWEST * _PAUSE:
+                self._interval += _CALM * (between - self._interval)
+        return max(1, round(self._interval))
+
+    def _is_off(self) -> bool:
+        return self._pressed.value == 0.0 == self._pressed.target
+
+    def _rests(self, length: int, pressed: Array) -> bool:
+        """Tell whether nothing presses and nothing of it is left; keep count of such samples."""
+        if pressed.any():
+            self._still = 0
+            return False
+        self._still += length
+        if self._still < length + len(self._window) + 2 * _CHUNK:
+            return False
+        self._skipped += length
+        return True
+
+    def _smooth(self, loads: Array) -> Array:
+        longer = np.concatenate([self._before, loads])
+        self._before = longer[len(loads) :]
+        return np.convolve(longer, self._window, "valid")
+
+    def _noise(self, loads: Array, speeds: Array) -> Array:
+        """Return the force of the roughness under these loads, N."""
+        missed = self._skipped % _CHUNK
+        self._skipped = 0
+        if missed:  # so that looks go on every 64 samples, counted from the first update
+            self._rub(np.full(missed, loads[0]), np.zeros(missed))
+        return self._rub(loads, speeds)
+
+    def _rub(self, loads: Array, speeds: Array) -> Array:
+        self._looks = (self._rubbed_for, loads, speeds)
+        push = self._rubbing.advance(len(loads)) if len(loads) else None
+        self._rubbed_for += len(loads)
+        return np.zeros(len(loads)) if push is None else push.force
+
+    def _look(self, time: float, *, fast: bool) -> float:
+        """Return speed or load for the end of a chunk: as at its begin, which is known by then."""
+        first, loads, speeds = self._looks
+        values = speeds if fast else loads
+        number = round(time * self._rate) - _CHUNK - first
+        return float(values[min(max(number, 0), len(values) - 1)]) if len(values) else 0.0
+
+    def _motion(self) -> Motion:
+        nowhere = Path(
+            points=np.zeros((2, 3)), normals=np.eye(3)[:2], lengths=np.arange(2.0), repeat="loop"
+        )
+        return Motion(
+            path=nowhere,  # where it drives the modes is this class's own business
+            rubbed=self._rubbed,
+            speed=lambda time: self._look(time, fast=True),
+            load=lambda time: self._look(time, fast=False),
+            first=0,
+            seconds=None,
+            offset=0.0,
+            patch=0.0,
+        )
+
+    def _driven(self, contact: Contact) -> Array:
+        return drive(self._model, contact, radius=self._tool.patch)
+
+    def _prepare(self, load: float) -> None:
+        """Make the tables that this load and those on the way to it need, here and not later."""
+        if load <= 0:
+            return
+        ends = sorted(_rung_at(each) for each in (self._prepared or load, load))
+        for number in range(ends[0], ends[1] + 2):
+            rung(self._rubbed, number)
+        self._prepared = load
+
+
+def _rung_at(load: float) -> int:
+    return math.floor(RUNGS_AN_OCTAVE * math.log2(max(load, LIGHTEST)))
+
+
+def _window(sample_rate: float) -> Array:
+    """Return a Hann window with a sum of 1."""
+    window = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
+    return window / window.sum()

@@ -1,0 +1,1 @@
+"""From samples to the loudspeaker, while they are being made."""

@@ -1,0 +1,291 @@
+"""Where a player's wishes become records: any thread on one side, the feeder on the other.
+
+Wishes wait in a queue until the feeder fills the next block. Within that block they take effect as
+far apart as they were said: what was said just after the last block was filled comes at its first
+sample, what was said just now at its last.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.contact import Place
+from struck.errors import OptionError, StruckError
+from struck.excitation.pulses import LEAD, Samples
+from struck.excitation.pushing import Pushing
+from struck.excitation.tool import Tool, Update
+from struck.excitation.touch import Touching
+from struck.live.body import Body
+from struck.live.level import full_scale
+from struck.live.pushes import Blows
+from struck.live.record import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record
+from struck.live.ring import Ring
+from struck.live.sounding import arena
+from struck.live.touches import Notes
+from struck.live.voices import Voices
+from struck.model import ModalModel
+from struck.synth.bank import Complex, require_session
+from struck.synth.stepped import Stepped
+from struck.synth.store import Body as Column
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Wish = Callable[[int], object]
+"""Given the number of the sample at which it takes effect."""
+
+MOST_AHEAD = 64
+"""Blocks that may be kept ready."""
+MOST_WISHES = 1024
+"""That may wait for the next block; what is beyond is dropped and counted."""
+
+
+class Desk:
+    """The host's side of what is played.
+
+    Parameters
+    ----------
+    models : sequence of ModalModel
+        The bodies.
+    listener : array (3,)
+        Where they are heard, m.
+    sample_rate : float
+        Hz.
+    block, voices : int
+        Samples of a block; excitations at once.
+    volume : float
+        dB.
+    ahead : int
+        Blocks kept ready.
+    clock : callable
+        The time, s.
+
+    Attributes
+    ----------
+    records : Ring
+        For the callback.
+    arena : array
+        For the callback.
+    now : int
+        Number of the sample at which the next block begins.
+
+    Raises
+    ------
+    OptionError
+        On models that are not fit to ring, or numbers outside their bounds.
+    ContactError
+        Where the listener is inside a body.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[ModalModel],
+        *,
+        listener: Array,
+        sample_rate: float,
+        block: int,
+        volume: float,
+        voices: int,
+        ahead: int = 2,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        require_session(sample_rate, block, 1)
+        if voices < 1 or not 1 <= ahead <= MOST_AHEAD:
+            raise OptionError(
+                f"voices is {voices} and ahead {ahead}: give at least 1, and at most {MOST_AHEAD} "
+                "blocks ahead"
+            )
+        self.listener, self.volume = listener, volume
+        self._rate, self._block, self._clock = sample_rate, block, clock
+        self._bodies = [Body(model, sample_rate) for model in models]
+        self._scale = full_scale(self._bodies, listener, sample_rate)
+        self._prepare(voices, ahead)
+        self._voices = Voices(voices)
+        self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
+        self._wishes: deque[tuple[float, Wish]] = deque()
+        self._poles: dict[int, Complex] = {}
+        self._outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
+        self._first = True
+        self._refused, self._dropped, self._lock = 0, 0, threading.Lock()
+        self.now, self._filled = 0, clock()
+
+    def _prepare(self, voices: int, ahead: int) -> None:
+        """Lay out all memory; nothing is allocated later but what excitations make."""
+        self._bank = Stepped(
+            [body.free for body in self._bodies],
+            points=1,
+            block=self._block,
+            voices=voices,
+            sample_rate=self._rate,
+        )
+        memory = self._bank.memory
+        self._layout = Layout.of(memory, 1)
+        self._firsts = memory.bodies[:, Column.FIRST].tolist()
+        self.arena = arena(self._bank, volume=self.gain)
+        # Those ahead, the one that is heard, and the one that is written.
+        self.records = Ring(
+            capacity=ahead + 2, integers=self._layout.integers, reals=self._layout.reals
+        )
+
+    @property
+    def gain(self) -> float:
+        """Of full scale for each Pa."""
+        return self._scale * 10 ** (self.volume / 20)
+
+    @property
+    def bank(self) -> Stepped:
+        """The modes; the callback's alone once it plays."""
+        return self._bank
+
+    @property
+    def idle(self) -> float:
+        """How long ago the last block was filled, s."""
+        return self._clock() - self._filled
+
+    @property
+    def dropped(self) -> int:
+        """Wishes that there was no room or no voice for."""
+        return self._refused + self._dropped
+
+    def body(self, number: int) -> Body:
+        """Return a body; OptionError where there is none of that number."""
+        if not 0 <= number < len(self._bodies):
+            raise OptionError(f"body is {number}: there are 0 to {len(self._bodies) - 1}")
+        return self._bodies[number]
+
+    def raise_trouble(self) -> None:
+        """Raise why an excitation was stopped since this was last asked, if one was."""
+        trouble: StruckError | None = self._voices.trouble
+        self._voices.trouble = None
+        if trouble is not None:
+            raise trouble
+
+    def has_room(self) -> bool:
+        """Tell whether one more wish may wait; where not, it counts as dropped."""
+        if len(self._wishes) < MOST_WISHES:
+            return True
+        with self._lock:
+            self._refused += 1
+        return False
+
+    def strike(self, body: int, drive: Array, pulse: Samples) -> None:
+        """Strike a body with a pulse whose first sample counts from now."""
+        self._wish(lambda sample: self._strike(body, drive, pulse, sample))
+
+    def start(self, body: int, pushing: Pushing) -> None:
+        """Let an excitation begin with the next block."""
+        self._wish(lambda _: self._add(pushing, body, pushing))
+
+    def touching(self, body: int, finger: int, tool: Tool | None) -> tuple[Touching, Notes]:
+        """Return a touch, and what is noted of it; a first one begins."""
+        key = (body, finger)
+        if key not in self._touches:
+            chosen = tool or Tool()
+            touching = Touching(self.body(body).model, self._rate, tool=chosen)
+            self._touches[key] = touching, Notes(chosen)
+        return self._touches[key]
+
+    def touch(self, body: int, finger: int, word: Update) -> None:
+        """Let a touch follow a word from now on."""
+        self._wish(lambda sample: self._touch(body, finger, word, sample))
+
+    def notes(self, body: int, finger: int) -> Notes:
+        """Return what is noted of a touch; OptionError where there was none."""
+        if (body, finger) not in self._touches:
+            raise OptionError(f"finger {finger} has not touched body {body} yet: there is no log")
+        return self._touches[body, finger][1]
+
+    def dampen(self, body: int, at: Place, grip: float) -> None:
+        """Hold a body, or let it go."""
+        held = self.body(body)
+        held.hold(at, grip)
+        logarithms = held.logarithms
+        self._wish(lambda _: self._poles.__setitem__(body, logarithms))
+
+    def change(self, body: int, model: ModalModel) -> None:
+        """Let a body go on as another."""
+        other = self.body(body).changed(model)
+        logarithms, outputs = other.logarithms, other.outputs(self.listener)
+        self._bodies[body] = other
+        self._wish(lambda _: self._change(body, model, logarithms, outputs))
+
+    def listen(self, position: Array) -> None:
+        """Let all bodies be heard elsewhere."""
+        outputs = {n: body.outputs(position) for n, body in enumerate(self._bodies)}
+        self.listener = position
+        self._wish(lambda _: self._outputs.update(outputs))
+
+    def fill(self, integers: Integers, reals: Array) -> None:
+        """Write the record of the next block; the feeder calls it."""
+        self._obey()
+        record = self._layout.record(integers, reals)
+        record.volume[0] = self.gain
+        self._write_bodies(record)
+        self._voices.write(record)
+        self.now += self._block
+
+    def _wish(self, wish: Wish) -> None:
+        if self.has_room():
+            self._wishes.append((self._clock(), wish))
+
+    def _obey(self) -> None:
+        """Do what was wished since the last block was filled."""
+        now = self._clock()
+        last, length = 0, self._block / self._rate
+        for _ in range(len(self._wishes)):
+            said, wish = self._wishes.popleft()
+            place = int((said - self._filled) / length * self._block)
+            last = max(last, min(place, self._block - 1))
+            wish(self.now + last)
+        self._filled = now
+
+    def _write_bodies(self, record: Record) -> None:
+        record.bodies[:] = 0
+        for body, logarithms in self._poles.items():
+            self._put(record.poles, body, logarithms)
+            record.bodies[body] |= NEW_POLES
+        for body, outputs in self._outputs.items():
+            self._put(record.outputs[:, 0], body, outputs)
+            record.bodies[body] |= NEW_OUTPUTS | (FIRST_OUTPUTS if self._first else 0)
+        self._poles, self._outputs, self._first = {}, {}, False
+
+    def _put(self, places: Array, body: int, values: Complex) -> None:
+        modes = slice(self._firsts[body], self._firsts[body] + len(values))
+        places[0, modes], places[1, modes] = values.real, values.imag
+
+    def _strike(self, body: int, drive: Array, pulse: Samples, sample: int) -> None:
+        key = ("strike", body, id(drive))
+        blows = self._voices.find(key)
+        if not isinstance(blows, Blows):
+            blows = Blows(drive, start=self.now)
+            if not self._add(blows, body, key):
+                return
+        if not blows.add(Samples(first=sample + LEAD + pulse.first, force=pulse.force)):
+            self._dropped += 1
+
+    def _touch(self, body: int, finger: int, word: Update, sample: int) -> None:
+        touching, notes = self._touches[body, finger]
+        key = ("touch", body, finger)
+        if self._voices.find(key) is None:
+            touching.now = self.now
+            if not self._add(touching, body, key):
+                return
+        touching.follow(replace(word, sample=sample))
+        notes.add(sample / self._rate, word)
+
+    def _change(self, body: int, model: ModalModel, logarithms: Complex, outputs: Complex) -> None:
+        self._poles[body], self._outputs[body] = logarithms, outputs
+        for (touched, _), (touching, _) in self._touches.items():
+            if touched == body:
+                touching.change(model)
+
+    def _add(self, pushing: Pushing, body: int, key: object) -> bool:
+        added = self._voices.add(pushing, body, key)
+        self._dropped += not added
+        return added

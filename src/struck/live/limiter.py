@@ -1,0 +1,224 @@
+"""A limiter between synthesis and a person's ears: nothing above the ceiling, ever.
+
+It looks ahead: samples leave late by `delay`, so the gain can fall before a peak instead of on it.
+With r(n) = min(1, ceiling / loudest channel at n), each sample's gain takes four steps:
+
+1. hold: m(n), the least r of the last D + 1 + hold samples (D the delay), by a monotonic queue
+   (D. Lemire, "Streaming maximum-minimum filter using no more than three comparisons per
+   element", Nordic Journal of Computing 13(4), 2006);
+2. release: back towards m exponentially, down to m at once;
+3. attack: two moving averages, D + 2 samples long together. All that they average at n + D is at
+   most r(n), so their mean is too: the ceiling holds, and the gain has no corner;
+4. the same gain for all channels: the image does not move.
+
+The moving averages add and subtract whole numbers below 2^53, which float64 does exactly: nothing
+drifts, and a gain that should be 1 is 1. Last, a fade opens or closes the output.
+
+The peaks are those of the samples; what a converter makes between them may be higher (ITU-R
+BS.1770-5, annex 2).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from struck.errors import OptionError
+
+Array = NDArray[np.float64]
+
+# Places in the state. All are float64, so that a scene's whole state can be one array.
+CEILING, RELEASE, FADE_STEP = 0, 1, 2
+CHANNELS, DELAY, HELD, FIRST_LENGTH, SECOND_LENGTH, UNIT = 3, 4, 5, 6, 7, 8
+TIME, RELEASED, FIRST_SUM, SECOND_SUM, OPENING = 9, 10, 11, 12, 13
+OLDEST, NEWEST = 14, 15  # of the queue, both only grow
+REPLACED, LEAST_GAIN = 16, 17  # for whoever watches
+_HEAD = 18
+
+_EXACT = 53  # bits of a whole number that float64 holds
+_NEARLY_OPEN = 1e-9  # the release ends here: -180 dB below a gain of 1
+
+
+def limiter(
+    *,
+    sample_rate: float,
+    channels: int,
+    ceiling: float = 0.89,
+    look_ahead: float = 0.0015,
+    hold: float = 0.010,
+    release: float = 0.2,
+    fade: float = 0.02,
+) -> Array:
+    """Return the state of a limiter that has heard nothing and whose output is closed.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Hz.
+    channels : int
+        Heard together.
+    ceiling : float
+        No output sample is above it in magnitude; rounded down to float32, so that this holds in
+        a device's samples too. The default is -1 dB of full scale.
+    look_ahead : float
+        How long the gain takes to fall, and how late the samples leave, s.
+    hold : float
+        How long the gain stays down before it rises, s: half the period of the lowest tone that
+        does not modulate it.
+    release : float
+        Time constant with which the gain rises again, s.
+    fade : float
+        How long the output takes to open or close, s.
+
+    Returns
+    -------
+    array
+        For `limit`, which changes it.
+
+    Raises
+    ------
+    OptionError
+        On fewer than 1 channel, or a number that is not positive and finite (`hold` may be 0).
+    """
+    _check(sample_rate, channels, ceiling, look_ahead, hold, release, fade)
+    delay = max(1, round(look_ahead * sample_rate))
+    held = delay + 1 + round(hold * sample_rate)
+    first = (delay + 2) // 2
+    second = delay + 2 - first
+    state = np.zeros(_HEAD + first + second + 2 * held + channels * delay)
+    unit = 2.0 ** math.floor(_EXACT - math.log2(first * second))
+    state[[CEILING, RELEASE, FADE_STEP]] = (
+        rounded_down(ceiling),
+        -math.expm1(-1 / (release * sample_rate)),
+        1 / max(1, round(fade * sample_rate)),
+    )
+    state[CHANNELS : UNIT + 1] = channels, delay, held, first, second, unit
+    state[_HEAD : _HEAD + first] = unit
+    state[_HEAD + first : _HEAD + first + second] = unit * first
+    state[[RELEASED, LEAST_GAIN]] = 1
+    state[[FIRST_SUM, SECOND_SUM]] = unit * first, unit * first * second
+    return state
+
+
+def rounded_down(ceiling: float) -> float:
+    """Return the largest float32 that is not above a number."""
+    single = np.float32(ceiling)
+    return float(single if float(single) <= ceiling else np.nextafter(single, np.float32(0)))
+
+
+def _check(sample_rate: float, channels: int, *amounts: float) -> None:
+    if channels < 1:
+        raise OptionError(f"a limiter of {channels} channels: give at least 1")
+    ceiling, look_ahead, hold, release, fade = amounts
+    positive = (sample_rate, ceiling, look_ahead, release, fade)
+    if not (all(0 < amount < math.inf for amount in positive) and 0 <= hold < math.inf):
+        raise OptionError(
+            f"sample_rate {sample_rate} Hz, ceiling {ceiling}, look_ahead {look_ahead} s, hold "
+            f"{hold} s, release {release} s, fade {fade} s: give finite numbers above 0 (hold may "
+            "be 0)"
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 - compiled: positional
+    """Limit a block in place.
+
+    Parameters
+    ----------
+    state : array
+        Of `limiter`.
+    samples : array (channels, block)
+        Any values; those that are not finite become 0 and are counted in `state[REPLACED]`.
+    opened : bool
+        Whether the output opens (or stays open) or closes.
+    """
+    state[LEAST_GAIN] = 1.0
+    for sample in range(samples.shape[1]):
+        peak = _loudest(state, samples, sample)
+        wanted = _held(state, state[CEILING] / peak if peak > state[CEILING] else 1.0)
+        gain = _smoothed(state, _released(state, wanted))
+        state[LEAST_GAIN] = min(state[LEAST_GAIN], gain)
+        _play(state, samples, sample, gain, _fade(state, opened))
+        state[TIME] += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_closed(state: Array) -> bool:
+    """Return whether nothing is heard any more."""
+    return state[OPENING] == 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _loudest(state: Array, samples: Array, sample: int) -> float:
+    peak = 0.0
+    for channel in range(samples.shape[0]):
+        if not np.isfinite(samples[channel, sample]):
+            samples[channel, sample] = 0.0
+            state[REPLACED] += 1
+        peak = max(peak, abs(samples[channel, sample]))
+    return peak
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _held(state: Array, wanted: float) -> float:
+    """Return the least gain wanted of late; the queue holds times and gains that both rise."""
+    size = int(state[HELD])
+    first = _HEAD + int(state[FIRST_LENGTH]) + int(state[SECOND_LENGTH])
+    times, gains = state[first : first + size], state[first + size : first + 2 * size]
+    oldest, newest = int(state[OLDEST]), int(state[NEWEST])
+    if newest > oldest and times[oldest % size] <= state[TIME] - size:
+        oldest += 1
+    while newest > oldest and gains[(newest - 1) % size] >= wanted:
+        newest -= 1
+    times[newest % size] = state[TIME]
+    gains[newest % size] = wanted
+    state[OLDEST], state[NEWEST] = oldest, newest + 1
+    return gains[oldest % size]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _released(state: Array, wanted: float) -> float:
+    gain = state[RELEASED] + state[RELEASE] * (wanted - state[RELEASED])
+    state[RELEASED] = wanted if wanted - gain < _NEARLY_OPEN else gain
+    return state[RELEASED]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smoothed(state: Array, gain: float) -> float:
+    """Return the mean of the means of the last gains."""
+    first, second = int(state[FIRST_LENGTH]), int(state[SECOND_LENGTH])
+    time = int(state[TIME])
+    whole = math.floor(gain * state[UNIT])
+    place = _HEAD + time % first
+    state[FIRST_SUM] += whole - state[place]
+    state[place] = whole
+    place = _HEAD + first + time % second
+    state[SECOND_SUM] += state[FIRST_SUM] - state[place]
+    state[place] = state[FIRST_SUM]
+    return state[SECOND_SUM] / (first * second * state[UNIT])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fade(state: Array, opened: bool) -> float:  # noqa: FBT001 - compiled: positional
+    """Return the next gain of the fade: a raised cosine, 0 to 1."""
+    step = state[FADE_STEP] if opened else -state[FADE_STEP]
+    state[OPENING] = min(1.0, max(0.0, state[OPENING] + step))
+    if state[OPENING] == 1.0:
+        return 1.0
+    return math.sin(0.5 * math.pi * state[OPENING]) ** 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _play(state: Array, samples: Array, sample: int, gain: float, fade: float) -> None:
+    """Exchange a sample of each channel for the one that entered the delay before it."""
+    delay = int(state[DELAY])
+    first = state.size - samples.shape[0] * delay + int(state[TIME]) % delay
+    for channel in range(samples.shape[0]):
+        place = first + channel * delay
+        late = state[place]
+        state[place] = samples[channel, sample]
+        bounded = min(state[CEILING], max(-state[CEILING], late * gain))
+        samples[channel, sample] = bounded * fade

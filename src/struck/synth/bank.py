@@ -1,0 +1,177 @@
+"""What resonators are given, checked before anything changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import OptionError
+from struck.excitation.pushing import Push
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000
+"""Sample rates, Hz."""
+LONGEST_BLOCK = 4096
+STRONGEST = 1e9
+"""The largest force of a sample, N."""
+
+
+class Ringing(Protocol):
+    """What resonators need to know of a body."""
+
+    @property
+    def frequencies(self) -> Array:
+        """Ringing frequencies, Hz (M,)."""
+        ...
+
+    @property
+    def decays(self) -> Array:
+        """1/s (M,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Poles:
+    """The modes of one body as samples carry them.
+
+    Parameters
+    ----------
+    values : array (M,), complex
+        -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate, which are left out.
+    """
+
+    values: Complex
+
+    @classmethod
+    def of(cls, model: Ringing, sample_rate: float) -> Poles:
+        """Check frequencies and decays; OptionError on what cannot ring."""
+        frequencies, decays = np.asarray(model.frequencies), np.asarray(model.decays)
+        if not len(frequencies):
+            raise OptionError("the model has 0 modes: it needs at least one to sound")
+        _require("frequencies", frequencies, above=True)
+        _require("decays", decays, above=False)
+        kept = frequencies < sample_rate / 2
+        return cls(values=np.where(kept, -decays + 2j * np.pi * frequencies, 0))
+
+    @property
+    def dropped(self) -> int:
+        """How many modes were left out."""
+        return int(np.count_nonzero(self.values == 0))
+
+    def require_size(self, values: NDArray[np.generic], what: str) -> None:
+        """Check that there is an entry for each mode (..., M)."""
+        if values.shape[-1] != len(self.values):
+            raise OptionError(
+                f"{what} has {values.shape[-1]} modes, the body {len(self.values)}: give one "
+                "entry for each"
+            )
+
+
+def _require(name: str, values: Array, *, above: bool) -> None:
+    wrong = ~(np.isfinite(values) & ((values > 0) if above else (values >= 0)))
+    if wrong.any():
+        worst, bound = values[wrong][0], "above 0" if above else "at least 0"
+        raise OptionError(
+            f"{np.count_nonzero(wrong)} of {len(values)} {name} are not finite and {bound}, the "
+            f"first {worst}: mend the model"
+        )
+
+
+def require_session(sample_rate: float, block: int, points: int) -> None:
+    """Check what holds for a whole session; OptionError on anything out of bounds."""
+    if not LOWEST_RATE <= sample_rate <= HIGHEST_RATE:
+        raise OptionError(f"sample_rate is {sample_rate}: it must lie from 8000 to 192000 Hz")
+    if not 1 <= block <= LONGEST_BLOCK:
+        raise OptionError(f"block is {block}: it must lie from 1 to {LONGEST_BLOCK} samples")
+    if points < 1:
+        raise OptionError(f"points is {points}: each body needs at least one output")
+
+
+Key = tuple[int, int]
+"""Body and voice."""
+
+
+def require_pushes(
+    pushes: Sequence[Push],
+    poles: Sequence[Poles],
+    block: int,
+    voices: int,
+    last: Mapping[Key, tuple[Array, Array]],
+) -> dict[Key, tuple[Array, Array]]:
+    """Return force and drive by body and voice; OptionError on bad ones.
+
+    A drive that is the very array of the `last` block need not be looked at again.
+    """
+    checked: dict[Key, tuple[Array, Array]] = {}
+    for push in pushes:
+        key = (push.body, push.voice)
+        if not 0 <= push.body < len(poles):
+            raise OptionError(f"a push names body {push.body}: there are 0 to {len(poles) - 1}")
+        if key in checked:
+            raise OptionError(f"body {key[0]} has voice {key[1]} twice: number its pushes apart")
+        drive = push.drive
+        if key not in last or drive is not last[key][1]:
+            drive = _drive(push, poles[push.body])
+        checked[key] = _force(push, block), drive
+    if len(checked) > voices:
+        raise OptionError(
+            f"there are {len(checked)} pushes in a block, more than {voices}: add up forces on the "
+            "same place, or give more voices="
+        )
+    return checked
+
+
+def _force(push: Push, block: int) -> Array:
+    force = np.asarray(push.force, np.float64)
+    if force.shape != (block,):
+        raise OptionError(f"a force has shape {force.shape}: give {block} samples")
+    # NaN compares false.
+    if not -STRONGEST <= force.min() <= force.max() <= STRONGEST:
+        raise OptionError(
+            f"a force reaches {np.abs(force).max():g} N: it must be finite and at most "
+            f"{STRONGEST:g} N"
+        )
+    return force
+
+
+def _drive(push: Push, poles: Poles) -> Array:
+    drive = np.asarray(push.drive, np.float64)
+    poles.require_size(drive, "a drive")
+    if not np.isfinite(drive).all():
+        raise OptionError("a drive is not finite: look at the model's gains")
+    return drive
+
+
+def require_outputs(
+    outputs: Sequence[NDArray[np.generic] | None], poles: Sequence[Poles], points: int
+) -> dict[int, Complex]:
+    """Return outputs (points, M) by body; OptionError on bad ones."""
+    if len(outputs) not in (0, len(poles)):
+        raise OptionError(f"there are outputs for {len(outputs)} of {len(poles)} bodies: give all")
+    return {
+        body: _output(output, poles[body], points)
+        for body, output in enumerate(outputs)
+        if output is not None
+    }
+
+
+def _output(output: NDArray[np.generic], poles: Poles, points: int) -> Complex:
+    gains = np.atleast_2d(np.asarray(output, np.complex128))
+    if gains.ndim != 2 or len(gains) != points:
+        raise OptionError(f"outputs have shape {gains.shape}: give ({points}, modes)")
+    poles.require_size(gains, "an output")
+    if not np.isfinite(gains).all():
+        raise OptionError("an output is not finite: look at the model's gains")
+    return gains
+
+
+def voices_for(bodies: int, voices: int | None) -> int:
+    """Return how many pushes there may be in a block."""
+    if voices is not None and voices < 1:
+        raise OptionError(f"voices is {voices}: there must be room for at least one push")
+    return max(16, 4 * bodies) if voices is None else voices

@@ -1,0 +1,235 @@
+"""All bodies of a scene as one bank of resonators: all that changes while sound plays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import OptionError
+from struck.excitation.pushing import Push
+from struck.synth.bank import (
+    Array,
+    Complex,
+    Key,
+    Poles,
+    Ringing,
+    require_outputs,
+    require_pushes,
+    require_session,
+    voices_for,
+)
+from struck.synth.large import Transformed, fits_transform, gains_by_transform
+from struck.synth.stepped import QUIET, Stepped
+from struck.synth.whole_blocks import Piece
+
+ENGINES = ("auto", "stepped", "transformed")
+
+
+class Resonators:
+    """Modes of all bodies, pushed and heard block after block.
+
+    Parameters
+    ----------
+    models : sequence
+        A body each, with `frequencies` and `decays`. Modes at or above half the sample rate are
+        left out and counted in `dropped`.
+    sample_rate : float
+        8000 to 192000 Hz.
+    block : int
+        Samples that each `process` makes, 1 to 4096.
+    points : int
+        Outputs of each body.
+    voices : int or None
+        Pushes that there may be in one block; None: 4 for each body, at least 16.
+    quiet : float
+        A body that nothing pushes falls asleep once it can be no louder than this share of the
+        loudest that it was, and costs nothing more; it wakes as the one it would have been.
+
+    engine : str
+        "stepped": sample by sample; "transformed": by the block transform, for bodies of thousands
+        of modes; "auto": for each body whichever is faster. Their sounds differ by at most -120 dB.
+
+    Raises
+    ------
+    OptionError
+        On no modes, numbers outside their bounds, or none of a body's modes below half the rate.
+
+    Notes
+    -----
+    A mode with pole s is c[k] = exp(s / rate) c[k-1] + drive F[k] / rate. What is heard is
+    Im[sum of output c[k]] less what a constant force would end in: a body that only bends under a
+    steady load is silent. Gains go linearly, sample by sample, from those of the last block's end
+    to those given.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[Ringing],
+        *,
+        sample_rate: float = 48000,
+        block: int = 128,
+        points: int = 1,
+        voices: int | None = None,
+        quiet: float = QUIET,
+        engine: str = "auto",
+    ) -> None:
+        require_session(sample_rate, block, points)
+        self.sample_rate, self.block, self.points = sample_rate, block, points
+        self._poles = [Poles.of(model, sample_rate) for model in models]
+        self._voices = voices_for(len(models), voices)
+        large = [_by_transform(engine, poles, sample_rate, block) for poles in self._poles]
+        self._large = {
+            body: Transformed(
+                self._poles[body], points=points, block=block, sample_rate=sample_rate, quiet=quiet
+            )
+            for body in np.flatnonzero(large).tolist()
+        }
+        small = [body for body, other in enumerate(large) if not other]
+        self._place = {body: place for place, body in enumerate(small)}
+        self._stepped = Stepped(
+            [self._poles[body] for body in small],
+            points=points,
+            block=block,
+            voices=self._voices,
+            sample_rate=sample_rate,
+            quiet=quiet,
+        )
+        self._last: dict[Key, tuple[Array, Array]] = {}
+        self._arranged: dict[Key, tuple[Array, Array]] = {}
+        self._first = True
+
+    @property
+    def dropped(self) -> tuple[int, ...]:
+        """How many modes of each body lie at or above half the sample rate."""
+        return tuple(poles.dropped for poles in self._poles)
+
+    @property
+    def asleep(self) -> NDArray[np.bool_]:
+        """Which bodies are asleep (bodies,)."""
+        asleep, stepped = np.zeros(len(self._poles), np.bool_), self._stepped.asleep
+        for body, place in self._place.items():
+            asleep[body] = stepped[place]
+        for body, modes in self._large.items():
+            asleep[body] = modes.asleep
+        return asleep
+
+    def states(self, body: int) -> Complex:
+        """Return c of a body's modes after the last block (M,)."""
+        if body in self._large:
+            return self._large[body].states
+        return self._stepped.states(self._place[body])
+
+    def process(
+        self, pushes: Sequence[Push] = (), outputs: Sequence[NDArray[np.generic] | None] = ()
+    ) -> Array:
+        """Make the next block.
+
+        Parameters
+        ----------
+        pushes : sequence of Push
+            Forces (block,), N, and drives (M,) at the end of the block. A body's voice that was
+            there in the last block goes on from its last drive.
+        outputs : sequence of array (points, M), complex, or None
+            For each body its gains at the end of the block; None, or none at all: as they were.
+            Those of the first block hold from its start; without them a body is silent.
+
+        Returns
+        -------
+        array (bodies, points, block)
+            Valid until the next call: copy what shall last.
+
+        Raises
+        ------
+        OptionError
+            On forces, drives or outputs that are not finite or do not fit, before anything is
+            changed.
+        """
+        checked = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
+        gains = require_outputs(outputs, self._poles, self.points)
+        samples = self._stepped.next_block(
+            {
+                (self._place[body], voice): push
+                for (body, voice), push in checked.items()
+                if body in self._place
+            },
+            {self._place[body]: gain for body, gain in gains.items() if body in self._place},
+        )
+        if self._large:
+            samples = self._with_large(samples, checked, gains)
+        self._last, self._first = checked, False
+        return samples
+
+    def change(self, body: int, model: Ringing) -> None:
+        """Let a body go on with other frequencies and decays, from the states that it has.
+
+        Modes that pass half the sample rate fall silent; they come back, at rest, with lower
+        frequencies.
+
+        Raises
+        ------
+        OptionError
+            When the model is not fit to ring, has another number of modes, or decays too much
+            within a block of the block transform.
+        """
+        poles = Poles.of(model, self.sample_rate)
+        self._poles[body].require_size(poles.values, "the changed model")
+        if body in self._large:
+            _require_fit(poles, self.sample_rate, self.block)
+            self._large[body].take(poles)
+            for key in self._arranged.keys() & {(body, voice) for _, voice in self._arranged}:
+                drive = self._arranged[key][0]
+                self._arranged[key] = drive, self._large[body].arranged(drive)
+        else:
+            self._stepped.take_poles(self._place[body], poles)
+        self._poles[body] = poles
+
+    def _with_large(
+        self,
+        stepped: Array,
+        pushes: Mapping[Key, tuple[Array, Array]],
+        outputs: Mapping[int, Complex],
+    ) -> Array:
+        samples = np.zeros((len(self._poles), self.points, self.block))
+        for body, place in self._place.items():
+            samples[body] = stepped[place]
+        pieces = self._pieces(pushes)
+        for body, modes in self._large.items():
+            gains = outputs.get(body)
+            wanted = None if gains is None else modes.arranged(gains)
+            if self._first and wanted is not None:
+                modes.outputs, wanted = wanted, None
+            samples[body] = modes.next_block(pieces.get(body, []), wanted)
+        return samples
+
+    def _pieces(self, pushes: Mapping[Key, tuple[Array, Array]]) -> dict[int, list[Piece]]:
+        """Return what pushes large bodies, with drives in their own order."""
+        pieces: dict[int, list[Piece]] = {body: [] for body in self._large}
+        arranged: dict[Key, tuple[Array, Array]] = {}
+        for key, (force, drive) in pushes.items():
+            if key[0] in self._large:
+                before = self._arranged.get(key)
+                same = before is not None and before[0] is drive
+                now = before[1] if before and same else self._large[key[0]].arranged(drive)
+                arranged[key] = drive, now
+                pieces[key[0]].append((force, before[1] if before else now, now))
+        self._arranged = arranged
+        return pieces
+
+
+def _by_transform(engine: str, poles: Poles, sample_rate: float, block: int) -> bool:
+    if engine not in ENGINES:
+        raise OptionError(f"engine is {engine!r}: give one of {', '.join(ENGINES)}")
+    if engine == "transformed":
+        _require_fit(poles, sample_rate, block)
+        return True
+    return engine == "auto" and gains_by_transform(poles, sample_rate, block)
+
+
+def _require_fit(poles: Poles, sample_rate: float, block: int) -> None:
+    if not fits_transform(poles, sample_rate, block):
+        raise OptionError(
+            f"some modes die within a block of {block} samples, or it is shorter than the block "
+            "transform's 16: take another block, or engine='stepped'"
+        )

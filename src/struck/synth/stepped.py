@@ -1,0 +1,135 @@
+"""Bodies that are stepped sample by sample, in one memory; the host's side of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.synth.bank import Array, Complex, Key, Poles
+from struck.synth.blocks import refresh, settle, wake
+from struck.synth.process import process
+from struck.synth.store import Body, Drive, Level, Mode, Output, Voice, laid_out, rows_for, seen
+
+# Of its loudest, the share below which a body may fall asleep: -120 dB.
+QUIET = 1e-6
+
+
+class Stepped:
+    """The memory of some bodies, filled from checked input and moved on block by block.
+
+    Parameters
+    ----------
+    poles : sequence of Poles
+        Of each body.
+    points, block, voices : int
+        Outputs of a body, samples in a block, pushes at once.
+    sample_rate : float
+        Hz.
+    quiet : float
+        Share of its loudest at which a body falls asleep.
+    """
+
+    def __init__(
+        self,
+        poles: Sequence[Poles],
+        *,
+        points: int,
+        block: int,
+        voices: int,
+        sample_rate: float,
+        quiet: float = QUIET,
+    ) -> None:
+        self._counts = [len(each.values) for each in poles]
+        self._points, self._rate, self._rows = points, sample_rate, rows_for(points)
+        sizes = {"points": points, "voices": voices, "block": block}
+        self._reals, self._wholes = laid_out(tuple(self._counts), **sizes)
+        self.memory = seen(self._reals, self._wholes)
+        self.memory.levels[Level.RATE], self.memory.levels[Level.QUIET] = sample_rate, quiet
+        self.turned, self._first = False, True
+        self._drives: dict[Key, Array] = {}
+        self._slots: dict[Key, int] = {}
+        self._free, self._voices = list(range(voices)), voices
+        for body, each in enumerate(poles):
+            self.take_poles(body, each)
+
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Where the real and the whole numbers lie, for functions without Python."""
+        return self._reals.ctypes.data, self._wholes.ctypes.data
+
+    @property
+    def asleep(self) -> NDArray[np.bool_]:
+        """Which bodies are asleep (bodies,)."""
+        return self.memory.bodies[:, Body.ASLEEP] > 0
+
+    def states(self, body: int) -> Complex:
+        """Return c of a body's modes after the last block; wakes it."""
+        settle(self.memory, body)
+        wake(self.memory, body)
+        modes = self.memory.modes[:, self._range(body)]
+        return modes[Mode.STATE_RE] + 1j * modes[Mode.STATE_IM]
+
+    def next_block(
+        self, pushes: Mapping[Key, tuple[Array, Array]], outputs: Mapping[int, Complex]
+    ) -> Array:
+        """Return the next samples (bodies, points, block), valid until the next call."""
+        for body, gains in outputs.items():
+            self._take_outputs(body, gains)
+        self._take_pushes(pushes)
+        self._first = False
+        process(self._rows, turned=self.turned, voices=self._voices)(self.memory)
+        return self.memory.sounds[:, : self._points]
+
+    def _range(self, body: int) -> slice:
+        first = int(self.memory.bodies[body, Body.FIRST])
+        return slice(first, first + self._counts[body])
+
+    def take_poles(self, body: int, poles: Poles) -> None:
+        """Go on with these poles; work out anew what follows from them, gains too."""
+        settle(self.memory, body)
+        wake(self.memory, body)
+        values, memory, modes = poles.values, self.memory, self._range(body)
+        memory.modes[Mode.LOG_RE, modes] = values.real / self._rate
+        memory.modes[Mode.LOG_IM, modes] = values.imag / self._rate
+        memory.modes[Mode.STATE_RE : Mode.STATE_IM + 1, modes] *= values != 0
+        refresh(memory, body)
+        memory.bodies[body, Body.MOVED] = 1
+        memory.voices[memory.voices[:, Voice.BODY] == body, Voice.MOVED] = 1
+
+    def _take_outputs(self, body: int, gains: Complex) -> None:
+        memory, modes = self.memory, self._range(body)
+        layers = memory.outputs[:, : self._points, modes]
+        layers[Output.TARGET_RE], layers[Output.TARGET_IM] = gains.real, gains.imag
+        if self._first:
+            layers[Output.RE], layers[Output.IM] = gains.real, gains.imag
+        memory.bodies[body, Body.MOVED] = 1
+        self.turned = self.turned or bool(gains.imag.any())
+
+    def _take_pushes(self, pushes: Mapping[Key, tuple[Array, Array]]) -> None:
+        for key in [key for key in self._slots if key not in pushes]:
+            slot = self._slots.pop(key)
+            self.memory.voices[slot, Voice.ACTIVE] = 0
+            self._free.append(slot)
+        for key, (force, drive) in pushes.items():
+            if key in self._slots:
+                moved = drive is not self._drives[key]
+                self._take_push(self._slots[key], force, drive if moved else None)
+            else:
+                self._slots[key] = self._free.pop()
+                self._begin_push(self._slots[key], key[0], force, drive)
+        self._drives = {key: drive for key, (_, drive) in pushes.items()}
+
+    def _begin_push(self, slot: int, body: int, force: Array, drive: Array) -> None:
+        self.memory.voices[slot, Voice.BODY] = body
+        self._take_push(slot, force, drive)
+        self.memory.drives[Drive.NOW, slot, : len(drive)] = drive
+        self.memory.voices[slot, Voice.ACTIVE] = 2
+
+    def _take_push(self, slot: int, force: Array, drive: Array | None) -> None:
+        self.memory.forces[slot] = force
+        self.memory.voices[slot, Voice.ACTIVE] = 1
+        if drive is not None:
+            self.memory.drives[Drive.TARGET, slot, : len(drive)] = drive
+            self.memory.voices[slot, Voice.MOVED] = 1

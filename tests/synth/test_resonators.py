@@ -1,0 +1,342 @@
+"""Resonators against closed forms, SciPy's filters, and plain NumPy that steps no sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from struck.errors import OptionError
+from struck.excitation.pushing import Push
+from struck.synth.reference import ReferenceResonators
+from struck.synth.resonators import Resonators
+from tests.synth.scenes import RATE, Array, Bank, Complex, bank, decibels, exactly
+
+BLOCKS = (1, 17, 64, 128, 4096)
+
+
+def gains(random: np.random.Generator, points: int, modes: int) -> Complex:
+    return random.standard_normal((points, modes)) + 1j * random.standard_normal((points, modes))
+
+
+def played(
+    resonators: Resonators | ReferenceResonators, force: Array, drive: Array, outputs: Complex
+) -> Array:
+    """Return what one body sounds like under a force (points, samples)."""
+    block = resonators.block
+    return np.concatenate(
+        [
+            resonators.process(
+                [Push(force=force[k : k + block], drive=drive)], [outputs] if k == 0 else ()
+            )[0].copy()
+            for k in range(0, len(force), block)
+        ],
+        axis=1,
+    )
+
+
+def test_ring_down_for_ten_seconds_is_the_closed_form() -> None:
+    random = np.random.default_rng(1)
+    modes, seconds = bank(random, 200), 10
+    drive, outputs = random.standard_normal(200), gains(random, 1, 200)
+    resonators = Resonators([modes])
+    blow = np.zeros(128)
+    blow[0] = RATE
+    heard = [resonators.process([Push(force=blow, drive=drive)], [outputs])[0, 0].copy()]
+    heard += [resonators.process()[0, 0].copy() for _ in range(seconds * RATE // 128)]
+    samples = np.concatenate(heard)
+    some = random.integers(1, len(samples), 2000)
+    poles = (-modes.decays + 2j * np.pi * modes.frequencies) / RATE
+    expected = (np.exp(np.outer(some, poles)) @ (drive * outputs[0])).imag
+    assert 20 * np.log10(np.abs(samples[some] - expected).max() / np.abs(samples).max()) <= -190
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_dense_noise_is_what_filters_make(block: int) -> None:
+    random = np.random.default_rng(2)
+    seconds = 0.05 if block == 1 else 10
+    modes, count = bank(random, 40), int(seconds * RATE) // block * block
+    drive, outputs = random.standard_normal(40), gains(random, 2, 40)
+    force = random.standard_normal(count)
+    heard = played(Resonators([modes], block=block, points=2), force, drive, outputs)
+    expected = exactly(modes, outputs, drive, force)
+    assert decibels(heard - expected, expected) <= -200
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_blocks_of_any_length_sound_the_same(block: int) -> None:
+    random = np.random.default_rng(3)
+    modes, count = bank(random, 30), 17 * 4096
+    drive, outputs = random.standard_normal(30), gains(random, 1, 30)
+    force = random.standard_normal(count) * (np.arange(count) % 9000 < 3000)
+    if block == 1:
+        force = force[:6000]
+    heard = played(Resonators([modes], block=block), force, drive, outputs)
+    alike = played(
+        Resonators([modes], block=1024), force[: len(force) // 1024 * 1024], drive, outputs
+    )
+    shared = min(heard.shape[1], alike.shape[1])
+    assert decibels(heard[:, :shared] - alike[:, :shared], alike) <= -200
+
+
+@pytest.mark.parametrize(
+    ("block", "points", "voices"),
+    [
+        (128, 2, 1),
+        (100, 1, 3),
+        (64, 2, 6),
+        (7, 1, 5),
+        pytest.param(64, 3, 6, marks=pytest.mark.prove),
+        pytest.param(17, 9, 9, marks=pytest.mark.prove),
+    ],
+)
+def test_moving_gains_and_poles_as_in_plain_numpy(block: int, points: int, voices: int) -> None:
+    random = np.random.default_rng(4)
+    models = [bank(random, count, highest=30000.0) for count in (30, 51, 8)]
+    sizes = [len(model.frequencies) for model in models]
+    both = (
+        Resonators(models, block=block, points=points, voices=40),
+        ReferenceResonators(models, block=block, points=points, voices=40),
+    )
+    assert both[0].dropped == both[1].dropped
+    heard: Sequence[list[Array]] = ([], [])
+    for step in range(60):
+        pushes = [
+            Push(
+                force=random.standard_normal(block),
+                drive=random.standard_normal(size),
+                body=body,
+                voice=voice,
+            )
+            for body, size in enumerate(sizes)
+            for voice in range(voices if body else 1)
+            if step % 20 < 10
+        ]
+        outputs = [gains(random, points, size) for size in sizes] if step % 7 == 3 else []
+        for resonators, samples in zip(both, heard, strict=True):
+            if step == 35:
+                resonators.change(1, Bank(models[1].frequencies * 1.1, models[1].decays * 3))
+            samples.append(resonators.process(pushes, outputs).copy())
+    expected = np.array(heard[1])
+    assert decibels(np.array(heard[0]) - expected, expected) <= -200
+
+
+def test_the_block_transform_as_plain_numpy_within_its_accuracy() -> None:
+    random = np.random.default_rng(14)
+    models = [bank(random, count, highest=30000.0) for count in (300, 20)]
+    both = (
+        Resonators(models, points=2, engine="transformed", quiet=0.0),
+        ReferenceResonators(models, points=2),
+    )
+    assert both[0].dropped == both[1].dropped != (0, 0)
+    heard: Sequence[list[Array]] = ([], [])
+    for step in range(40):
+        pushes = [
+            Push(force=random.standard_normal(128), drive=random.standard_normal(300), voice=voice)
+            for voice in range(2)
+            if step % 20 < 10
+        ]
+        outputs = [gains(random, 2, 300), gains(random, 2, 20)] if step % 7 == 0 else []
+        for resonators, samples in zip(both, heard, strict=True):
+            if step == 25:
+                resonators.change(0, Bank(models[0].frequencies * 1.1, models[0].decays * 3))
+            samples.append(resonators.process(pushes, outputs).copy())
+    expected = np.array(heard[1])
+    assert decibels(np.array(heard[0]) - expected, expected) <= -120
+    assert both[0].states(0) == pytest.approx(
+        both[1].states(0), abs=1e-6 * np.abs(both[1].states(0)).max()
+    )
+
+
+def test_the_block_transform_sleeps_and_wakes() -> None:
+    random = np.random.default_rng(15)
+    modes = bank(random, 50, decays=(20.0, 200.0))
+    drive, outputs = random.standard_normal(50), gains(random, 1, 50)
+    resonators = Resonators([modes], quiet=1e-4, engine="transformed")
+    force = np.zeros((800, 128))
+    force[0, 0] = force[700, 5] = RATE
+    heard = [
+        resonators.process(
+            [Push(force=some, drive=drive)] if some.any() else [], [outputs] if k == 0 else ()
+        )[0].copy()
+        for k, some in enumerate(force)
+    ]
+    expected = exactly(modes, outputs, drive, force.ravel())[:, 700 * 128 :]
+    assert not heard[650].any()
+    assert decibels(np.hstack(heard[700:]) - expected, expected) <= -120
+
+
+def test_large_bodies_are_transformed_where_that_is_faster() -> None:
+    random = np.random.default_rng(16)
+    models = [bank(random, 5000), bank(random, 10)]
+    blow = [Push(force=random.standard_normal(256), drive=np.ones(5000))]
+    sounds = []
+    for engine in ("auto", "transformed", "stepped"):
+        resonators = Resonators(models, block=256, engine=engine)
+        outputs = [np.ones((1, 5000)), np.ones((1, 10))]
+        sounds.append(resonators.process(blow, outputs)[0].copy())
+    assert np.array_equal(sounds[0], sounds[1])
+    assert not np.array_equal(sounds[0], sounds[2])
+    assert decibels(sounds[0] - sounds[2], sounds[2]) <= -120
+
+
+def test_modes_too_damped_for_the_transform_are_stepped() -> None:
+    modes = bank(np.random.default_rng(17), 2000, decays=(1e4, 2e4))
+    with pytest.raises(OptionError, match=r"die within a block .* engine='stepped'"):
+        Resonators([modes], engine="transformed")
+    Resonators([modes]).process([], [np.ones((1, 2000))])
+    with pytest.raises(OptionError, match="give one of auto, stepped, transformed"):
+        Resonators([modes], engine="fast")
+
+
+def test_a_hundred_bodies_sound_as_they_do_alone() -> None:
+    random = np.random.default_rng(5)
+    models = [bank(random, count) for count in random.integers(1, 40, 100)]
+    force = random.standard_normal(4 * 128)
+    drives = [random.standard_normal(len(model.frequencies)) for model in models]
+    outputs = [gains(random, 1, len(drive)) for drive in drives]
+    together = Resonators(models)
+    heard = [
+        together.process(
+            [
+                Push(force=force[k : k + 128], drive=drive, body=body)
+                for body, drive in enumerate(drives)
+            ],
+            outputs if k == 0 else (),
+        ).copy()
+        for k in range(0, len(force), 128)
+    ]
+    for body in (0, 41, 99):
+        alone = played(Resonators([models[body]]), force, drives[body], outputs[body])
+        assert np.array_equal(np.hstack([each[body] for each in heard]), alone)
+
+
+def test_a_body_sleeps_and_wakes_as_the_one_it_would_have_been() -> None:
+    random = np.random.default_rng(6)
+    modes = bank(random, 50, decays=(20.0, 200.0))
+    drive, outputs = random.standard_normal(50), gains(random, 1, 50)
+    resonators = Resonators([modes], quiet=1e-4)
+    force = np.zeros((800, 128))
+    force[0, 0] = force[700, 5] = RATE
+    heard, asleep = [], []
+    for k, some in enumerate(force):
+        pushes = [Push(force=some, drive=drive)] if some.any() else []
+        heard.append(resonators.process(pushes, [outputs] if k == 0 else ())[0].copy())
+        asleep.append(bool(resonators.asleep[0]))
+    assert [asleep[k] for k in (10, 600, 700)] == [False, True, False]
+    samples, expected = np.hstack(heard), exactly(modes, outputs, drive, force.ravel())
+    bound = 1e-4 * np.abs(drive * outputs[0]).sum() * np.sqrt(2)
+    first = asleep.index(True) * 128
+    assert np.abs(samples - expected)[:, first : 700 * 128].max() <= bound
+    assert decibels((samples - expected)[:, 700 * 128 :], expected) <= -200
+
+
+def test_a_body_at_rest_costs_no_work_until_it_is_pushed() -> None:
+    resonators = Resonators([bank(np.random.default_rng(7), 20)])
+    resonators.process([], [np.ones((1, 20))])
+    resonators.process()
+    assert resonators.asleep[0]
+    resonators.process([Push(force=np.ones(128), drive=np.ones(20))])
+    assert not resonators.asleep[0]
+
+
+def test_a_steady_load_is_silent_and_its_end_is_heard() -> None:
+    modes = bank(np.random.default_rng(8), 30, decays=(50.0, 200.0))
+    resonators, drive = Resonators([modes]), np.ones(30)
+    load = Push(force=np.full(128, 3.0), drive=drive)
+    heard = [resonators.process([load], [np.ones((1, 30))])[0, 0].copy() for _ in range(400)]
+    assert np.abs(heard[-1]).max() < 1e-9 * np.abs(heard[0]).max()
+    assert np.abs(resonators.process()[0, 0]).max() > 0.1 * np.abs(heard[0]).max()
+
+
+def test_energy_never_rises_on_its_own() -> None:
+    random = np.random.default_rng(9)
+    modes = bank(random, 40)
+    resonators, drive = Resonators([modes], quiet=0.0), random.standard_normal(40)
+    resonators.process([Push(force=random.standard_normal(128), drive=drive)], [np.ones((1, 40))])
+    sizes = []
+    for step in range(200):
+        resonators.process()
+        if step % 50 == 20:
+            scale = random.uniform(0.5, 2)
+            resonators.change(0, Bank(modes.frequencies * scale, modes.decays * scale))
+        sizes.append(np.abs(resonators.states(0)))
+    assert np.max(np.diff(np.array(sizes), axis=0)) <= 1e-15
+
+
+def test_a_change_while_it_sounds_does_not_click() -> None:
+    modes = Bank(np.array([440.0, 1000.0]), np.array([1.0, 2.0]))
+    blow = np.zeros(128)
+    blow[0] = RATE
+
+    def second_difference(*, changed: bool) -> float:
+        resonators = Resonators([modes])
+        heard = [resonators.process([Push(force=blow, drive=np.ones(2))], [np.ones((1, 2))]).copy()]
+        for step in range(30):
+            if changed and step == 10:
+                resonators.change(0, Bank(modes.frequencies * 1.05, modes.decays * 20))
+            heard.append(resonators.process().copy())
+        samples = np.concatenate([each[0, 0] for each in heard])
+        return float(np.abs(np.diff(samples[256:], 2)).max())
+
+    assert second_difference(changed=True) <= 1.5 * second_difference(changed=False)
+
+
+NOISE = np.random.default_rng(10).standard_normal(128)
+
+
+@pytest.mark.parametrize("kind", [Resonators, ReferenceResonators])
+@pytest.mark.parametrize(
+    ("push", "message"),
+    [
+        (Push(force=NOISE * np.nan, drive=np.ones(20)), "nan N: it must be finite"),
+        (Push(force=NOISE * np.inf, drive=np.ones(20)), "inf N: it must be finite"),
+        (Push(force=NOISE * 1e12, drive=np.ones(20)), "at most 1e"),
+        (Push(force=NOISE[:100], drive=np.ones(20)), "give 128 samples"),
+        (Push(force=NOISE, drive=np.full(20, np.nan)), "a drive is not finite"),
+        (Push(force=NOISE, drive=np.ones(19)), "19 modes, the body 20"),
+        (Push(force=NOISE, drive=np.ones(20), body=1), "names body 1"),
+    ],
+)
+def test_a_bad_push_is_refused_and_changes_nothing(
+    kind: type[Resonators | ReferenceResonators], push: Push, message: str
+) -> None:
+    modes = bank(np.random.default_rng(11), 20)
+    good = Push(force=NOISE, drive=np.ones(20))
+    hurt, fine = kind([modes]), kind([modes])
+    for resonators in (hurt, fine):
+        resonators.process([good], [np.ones((1, 20))])
+    with pytest.raises(OptionError, match=message):
+        hurt.process([good, Push(force=push.force, drive=push.drive, body=push.body, voice=1)])
+    assert np.array_equal(hurt.process([good]), fine.process([good]))
+
+
+@pytest.mark.parametrize("kind", [Resonators, ReferenceResonators])
+def test_sessions_out_of_bounds_are_refused(
+    kind: type[Resonators | ReferenceResonators],
+) -> None:
+    modes = bank(np.random.default_rng(12), 5)
+    for bad in ({"sample_rate": 7999}, {"sample_rate": 192001}, {"block": 0}, {"block": 4097}):
+        with pytest.raises(OptionError, match=str(next(iter(bad.values())))):
+            kind([modes], **bad)  # type: ignore[arg-type] - that is the point
+    for wrong, message in (
+        (Bank(np.zeros(0), np.zeros(0)), "0 modes"),
+        (Bank(np.ones(2), np.array([1.0, -1.0])), "at least 0, the first -1"),
+        (Bank(np.array([100.0, np.nan]), np.ones(2)), "above 0, the first nan"),
+    ):
+        with pytest.raises(OptionError, match=message):
+            kind([wrong])
+    with pytest.raises(OptionError, match="more than 2"):
+        kind([modes], voices=2).process(
+            [Push(force=NOISE, drive=np.ones(5), voice=voice) for voice in range(3)]
+        )
+
+
+@pytest.mark.parametrize("rate", [8000, 192000])
+def test_modes_past_half_the_rate_are_left_out_and_counted(rate: int) -> None:
+    modes = Bank(np.array([1000.0, 5000.0, 95000.0, 99000.0]), np.ones(4))
+    resonators = Resonators([modes], sample_rate=rate)
+    assert resonators.dropped == ((3,) if rate == 8000 else (1,))
+    resonators.process([Push(force=NOISE, drive=np.ones(4))], [np.ones((1, 4))])
+    assert np.count_nonzero(resonators.states(0)) == 4 - resonators.dropped[0]

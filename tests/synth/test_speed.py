@@ -1,0 +1,111 @@
+"""No kernel is slow by accident: a harmless edit can keep the compiler from making vectors.
+
+That costs 4 to 15 times. What is measured is processor time of the thread, the least of some turns,
+beside NumPy's product of a matrix and a vector, which has to load what it multiplies.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from struck.excitation.pushing import Push
+from struck.synth.kernels import PUSHES, kernel, samples_of
+from struck.synth.resonators import Resonators
+from tests.synth.scenes import RATE, Array, bank
+
+MODES, BLOCK = 2048, 128
+SHAPE = (64, 1024)
+PRODUCTS = SHAPE[0] * SHAPE[1]
+TURNS = 9
+
+
+def times(*calls: Callable[[], object]) -> list[float]:
+    """Return the least processor time of each, s; they take turns of about half a millisecond."""
+    for call in calls:
+        call()
+    counts = [max(1, int(5e-4 / max(spent(call, 1), 1e-6))) for call in calls]
+    turns = [
+        [spent(call, count) / count for call, count in zip(calls, counts, strict=True)]
+        for _ in range(TURNS)
+    ]
+    return np.min(turns, axis=0).tolist()
+
+
+def spent(call: Callable[[], object], count: int) -> float:
+    begun = time.thread_time()
+    for _ in range(count):
+        call()
+    return time.thread_time() - begun
+
+
+def products() -> Callable[[], object]:
+    """Return a call that makes `PRODUCTS` products and sums."""
+    random = np.random.default_rng(1)
+    matrix, vector = random.standard_normal(SHAPE), random.standard_normal(SHAPE[1])
+    sums = np.zeros(SHAPE[0])
+    return lambda: np.matmul(matrix, vector, out=sums)
+
+
+def spread(count: int) -> Array:
+    """Return rows of zeros that begin with a cache line, and not at the same place of a page."""
+    line = 8
+    width = MODES + 3 * line
+    room = np.zeros(count * width + line)
+    skipped = (-room.ctypes.data // room.itemsize) % line
+    return room[skipped : skipped + count * width].reshape(count, width)[:, :MODES]
+
+
+def playing(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Callable[[], object]:
+    """Return a call of a kernel for a block of all modes."""
+    random, modes = np.random.default_rng(2), bank(np.random.default_rng(3), MODES)
+    gains = pushes + outputs * (2 if turned else 1)
+    rows = spread(4 + gains * (2 if ramped else 1))
+    rows[0], rows[1] = 2 * modes.turns.real, -(np.abs(modes.turns) ** 2)
+    rows[2:4] = random.standard_normal((2, MODES))
+    rows[4 : 4 + gains] = random.uniform(0.5, 1.0, (gains, MODES))
+    forces, sounds = random.standard_normal((pushes, BLOCK)), np.zeros((outputs, BLOCK))
+    frames = BLOCK // samples_of(pushes, outputs, turned=turned, ramped=ramped)
+    played = kernel(pushes, outputs, turned=turned, ramped=ramped)
+    return lambda: played(frames, *rows, *forces, *sounds)
+
+
+@pytest.mark.parametrize("outputs", [1, 2])
+@pytest.mark.parametrize("pushes", PUSHES)
+@pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
+@pytest.mark.parametrize("ramped", [False, True], ids=["still", "ramped"])
+def test_a_kernel_multiplies_no_slower_than_numpy(
+    outputs: int, pushes: int, *, turned: bool, ramped: bool
+) -> None:
+    gains = pushes + outputs * (2 if turned else 1)
+    operations = 2 + gains * (2 if ramped else 1)
+    played, numpy = times(playing(pushes, outputs, turned=turned, ramped=ramped), products())
+    assert played / (operations * BLOCK * MODES) <= numpy / PRODUCTS
+
+
+@pytest.mark.parametrize("points", [1, 2])
+def test_resonators_take_little_more_than_their_kernel(points: int) -> None:
+    random = np.random.default_rng(4)
+    resonators = Resonators([bank(random, MODES)], points=points, engine="stepped")
+    push = [Push(force=random.standard_normal(BLOCK), drive=np.ones(MODES))]
+    resonators.process(push, [np.ones((points, MODES))])
+    whole, alone = times(
+        lambda: resonators.process(push), playing(1, points, turned=False, ramped=False)
+    )
+    assert whole <= 3.0 * alone
+
+
+def test_the_block_transform_is_faster_where_it_is_chosen() -> None:
+    random = np.random.default_rng(5)
+    modes, block = bank(random, 4 * MODES), 512
+    push = [Push(force=random.standard_normal(block), drive=np.ones(4 * MODES))]
+    calls = []
+    for engine in ("stepped", "auto"):
+        resonators = Resonators([modes], sample_rate=RATE, block=block, engine=engine)
+        resonators.process(push, [np.ones((1, 4 * MODES))])
+        calls.append(lambda resonators=resonators: resonators.process(push))
+    stepped, transformed = times(*calls)
+    assert transformed <= stepped
