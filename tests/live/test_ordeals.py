@@ -18,6 +18,7 @@ from struck.material import Material
 from struck.model import ModalModel
 from tests.live.hand import BLOCK, CEILING, RATE, HandPlayer, Make, ball, by_hand
 from tests.live.servers import Server, judge
+from tests.live.watchdog import stalls
 
 __all__ = ["by_hand"]
 
@@ -152,10 +153,14 @@ def test_a_soak_of_five_seconds(jack: Server, capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.prove
 def test_a_soak_of_a_minute(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
-    underflows, stopped, late, strikes = soak(jack, 60)
+    with stalls() as late_wakes:
+        underflows, stopped, late, strikes = soak(jack, 60)
     with capsys.disabled():
         sys.stdout.write(
             f"{underflows} underflows ({stopped} of the server's clock), {late} late blocks, "
-            f"{strikes} strikes on {multiprocessing.cpu_count()} processors\n"
+            f"{strikes} strikes on {multiprocessing.cpu_count()} processors; the machine stood "
+            f"still {len(late_wakes)} times: {late_wakes} ms\n"
         )
-    assert underflows == 0
+    assert strikes > 60 * 200 * 0.9
+    # None but where the machine gave no thread its time.
+    assert underflows <= len(late_wakes)

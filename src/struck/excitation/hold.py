@@ -20,7 +20,7 @@ class Hold:
     """A soft grip that takes energy from the modes that move where it holds.
 
     A grip of c N s/m resists motion at its place in every direction. It raises the decay of a mode
-    by c |phi|^2 / 2, phi being the mass-normalised shape there: modes with a node under the hand
+    by c / 2 times the square of its mass-normalised shape there: modes with a node under the hand
     ring on.
 
     Parameters

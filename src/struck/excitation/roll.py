@@ -39,8 +39,8 @@ class Roll:
 
     Parameters
     ----------
-    path : sequence of places
-        Two or more, as `at` of a strike; the roller takes the shortest way over the surface.
+    path : sequence of str or array-like
+        Two places or more, as `at` of a strike; the roller takes the shortest way over the surface.
     radius : float
         Of the roller, m.
     mass : float or None

@@ -27,8 +27,8 @@ class Scrape:
 
     Parameters
     ----------
-    path : sequence of places
-        Two or more, as `at` of a strike; the tip takes the shortest way over the surface.
+    path : sequence of str or array-like
+        Two places or more, as `at` of a strike; the tip takes the shortest way over the surface.
     speed : float, (times, values) or function
         m/s; see `struck.excitation.course`.
     load : float, (times, values) or function

@@ -50,13 +50,6 @@ class Player(Running):
         Excitations at once; strikes at one place share one.
     ahead : int
         Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
-
-    Attributes
-    ----------
-    listener : array (3,)
-        Where all bodies are heard, m; set it, and gains move there without a click.
-    volume : float
-        dB; may be set.
     """
 
     def __init__(
