@@ -229,7 +229,7 @@ def test_beside_a_busy_interpreter_nothing_underflows(
 ) -> None:
     # A shared machine now and then stops everybody, the server's clock too. A callback that had to
     # wait for Python would underflow hundreds of times in each of the windows.
-    for _ in range(3):
+    for _ in range(2):
         player = Player(modes=MODES)
         late = jack.late()
         with PortAudio() as portaudio, busy_interpreter():
