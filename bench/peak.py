@@ -39,11 +39,11 @@ CYCLES = 3 * 8 * _TURNS
 
 
 @intrinsic
-def _chains(_context: Any, turns: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ANN401
+def _chains(_context: Any, turns: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ANN401 - numba has no types
     """_chains(turns): the sum of all chains after so many turns."""
     kind = ir.VectorType(_DOUBLE, WIDTH)
 
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
         fused = cgutils.get_or_insert_function(
             builder.module, ir.FunctionType(kind, [kind] * 3), f"llvm.fmuladd.v{WIDTH}f64"
         )

@@ -103,7 +103,7 @@ class Stopwatch:
     def within(self, stage: str, work: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function whose time counts for `stage` and not for the one around it."""
 
-        def watched(*arguments: Any) -> Any:  # noqa: ANN401
+        def watched(*arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
             around = self._current
             self(stage)
             result = work(*arguments)

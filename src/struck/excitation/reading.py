@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201
+def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201 - compiled
     """Add what a table in several levels holds at `turns` of its period.
 
     Parameters
@@ -38,7 +38,7 @@ def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: A
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202
+def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202 - compiled
     """Return the cubic through the four points about a place (Lagrange)."""
     place = (turn - np.floor(turn)) * count
     whole = int(place)
