@@ -128,7 +128,7 @@ def stages(case: Case, path: Path) -> tuple[str, dict[str, Cost]]:
     watch, surface = Stopwatch(), bird()
     Body.depths = watch.within("distance", Body.depths)
     watch("mesh")
-    meshing.ACCURACIES = {"bench": meshing.Accuracy(nodes=case.asked, most=200_000)}
+    meshing.ACCURACIES = {"bench": meshing.Accuracy(nodes=case.asked, most=200_000, error=1.0)}
     filling = meshing.filled(Body(mesh=surface, wall=WALL), "bench")
     modes = vibration_modes(filling.mesh, MATERIAL, BAND, progress=watch)
     watch("")

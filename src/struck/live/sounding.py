@@ -59,7 +59,7 @@ def _count(address: int, last: NDArray[np.generic]) -> int:
 def _call(_typing, address, memory):  # noqa: ANN001, ANN202 - numba's own types
     """Call a compiled function of one argument by its address."""
 
-    def generate(context, builder, signature, arguments):  # noqa: ANN001, ANN202
+    def generate(context, builder, signature, arguments):  # noqa: ANN001, ANN202 - compiled
         kind = context.call_conv.get_function_type(types.none, signature.args[1:])
         pointer = builder.inttoptr(arguments[0], kind.as_pointer())
         context.call_conv.call_function(
