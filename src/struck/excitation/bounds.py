@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
+from struck.contact import Place
 from struck.errors import OptionError
+
+
+class Placed(Protocol):
+    """What acts at a place."""
+
+    @property
+    def at(self) -> Place:
+        """Coordinates in m, a name, or None for the loudest."""
+        ...
 
 
 def require_positive(**numbers: float | None) -> None:
@@ -46,3 +58,20 @@ def unit_vector(name: str, values: object) -> tuple[float, ...]:
     if len(vector) != 3 or not length:
         raise OptionError(f"{name} is {values!r}: give a vector (x, y, z) with a length")
     return tuple(part / length for part in vector)
+
+
+def freeze_place(excitation: Placed, *names: str) -> None:
+    """Turn `at`, and what else is named of a frozen excitation's directions, into plain tuples.
+
+    Raises
+    ------
+    OptionError
+        On numbers that are no place or no direction.
+    """
+    at = excitation.at
+    if at is not None and not isinstance(at, str):
+        object.__setattr__(excitation, "at", coordinates("at", at))
+    for name in names:
+        if getattr(excitation, name) is not None:
+            vector = unit_vector(name, getattr(excitation, name))
+            object.__setattr__(excitation, name, vector)

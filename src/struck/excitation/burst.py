@@ -2,13 +2,50 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.contact import Place
+from struck.excitation.bounds import require_positive
+from struck.excitation.patch import drive
 from struck.excitation.pulses import Samples
 from struck.excitation.pushing import Push
+from struck.model import ModalModel
 
 Array = NDArray[np.float64]
+
+
+class Sampled(Protocol):
+    """A force at one place that is known beforehand."""
+
+    @property
+    def at(self) -> Place:
+        """Where it acts."""
+        ...
+
+    @property
+    def direction(self) -> Place:
+        """Which way it pushes."""
+        ...
+
+    @property
+    def patch(self) -> float:
+        """Radius of the area of contact, m."""
+        ...
+
+    def sampled(self, sample_rate: float) -> Samples:
+        """Return the force, N."""
+        ...
+
+
+def burst_of(excitation: Sampled, model: ModalModel, sample_rate: float, *, start: int) -> Burst:
+    """Begin a force on a model; ContactError when it touches no body."""
+    require_positive(sample_rate=sample_rate)
+    contact = model.contact(excitation.at, excitation.direction)
+    samples = excitation.sampled(sample_rate)
+    return Burst(samples, drive(model, contact, radius=excitation.patch), start=start)
 
 
 class Burst:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.contact import Place
-from struck.excitation.bounds import coordinates, require_at_least_zero, require_positive
+from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
 from struck.excitation.patch import drive_at
 from struck.model import ModalModel
 
@@ -49,8 +49,7 @@ class Hold:
     patch: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.at is not None and not isinstance(self.at, str):
-            object.__setattr__(self, "at", coordinates("at", self.at))
+        freeze_place(self)
         require_positive(seconds=self.seconds)
         require_at_least_zero(grip=self.grip, time=self.time, patch=self.patch)
 

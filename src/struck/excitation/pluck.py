@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from struck.contact import Place
 from struck.excitation.bounds import (
-    coordinates,
+    freeze_place,
     require_at_least_zero,
     require_positive,
-    unit_vector,
 )
-from struck.excitation.burst import Burst
-from struck.excitation.patch import drive
+from struck.excitation.burst import Burst, burst_of
 from struck.excitation.pulses import LEAD, Samples, low_pass
 from struck.model import ModalModel
 
@@ -63,10 +61,7 @@ class Pluck:
     patch: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.at is not None and not isinstance(self.at, str):
-            object.__setattr__(self, "at", coordinates("at", self.at))
-        if self.direction is not None:
-            object.__setattr__(self, "direction", unit_vector("direction", self.direction))
+        freeze_place(self, "direction")
         require_positive(force=self.force, rise=self.rise)
         require_at_least_zero(time=self.time, patch=self.patch)
 
@@ -81,10 +76,7 @@ class Pluck:
         ContactError
             When it touches no body.
         """
-        require_positive(sample_rate=sample_rate)
-        contact = model.contact(self.at, self.direction)
-        samples = self.sampled(sample_rate)
-        return Burst(samples, drive(model, contact, radius=self.patch), start=start)
+        return burst_of(self, model, sample_rate, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
         """Return the force, N."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.excitation.asperities import Rubbed
 from struck.excitation.bounds import require_at_least_zero, require_positive
 from struck.excitation.course import Course, follow, frozen
-from struck.excitation.hertz import Striker, contact_modulus
+from struck.excitation.hertz import Striker
 from struck.excitation.path import Path, Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
 from struck.excitation.rubbing import Motion, Rubbing
+from struck.excitation.tool import Tool
 from struck.model import ModalModel
 
 
@@ -86,7 +86,8 @@ class Scrape:
             When the path leaves the body.
         """
         require_positive(sample_rate=sample_rate)
-        rubbed = self._rubbed(model)
+        tool = Tool(roughness=self.roughness, striker=self.striker, radius=self.radius)
+        rubbed = tool.on(model)
         random = np.random.default_rng(self.seed)
         motion = Motion(
             path=Path.over(model, self.path, repeat=self.repeat),
@@ -99,12 +100,3 @@ class Scrape:
             patch=self.patch,
         )
         return Rubbing(motion, model, sample_rate, start=start)
-
-    def _rubbed(self, model: ModalModel) -> Rubbed:
-        tip = Striker.named(self.striker)
-        solids = (tip,) if model.material is None else (tip, model.material)
-        return Rubbed(
-            roughness=profile(self.roughness),
-            modulus=contact_modulus(*solids),
-            radius=self.radius or tip.radius,
-        )

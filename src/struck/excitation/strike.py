@@ -9,10 +9,9 @@ import numpy as np
 from struck.contact import Contact, Place
 from struck.errors import OptionError
 from struck.excitation.bounds import (
-    coordinates,
+    freeze_place,
     require_at_least_zero,
     require_positive,
-    unit_vector,
 )
 from struck.excitation.burst import Burst
 from struck.excitation.hertz import (
@@ -110,10 +109,7 @@ class Strike:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.at is not None and not isinstance(self.at, str):
-            object.__setattr__(self, "at", coordinates("at", self.at))
-        if self.direction is not None:
-            object.__setattr__(self, "direction", unit_vector("direction", self.direction))
+        freeze_place(self, "direction")
         if self.striker is not None:
             Striker.named(self.striker)
         require_shape(self.shape)
