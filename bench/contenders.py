@@ -20,7 +20,7 @@ from struck.synth.kernels import kernel, samples_of
 from struck.synth.process import Process, process
 from struck.synth.resonators import Resonators
 from struck.synth.stepped import Stepped
-from struck.synth.store import Memory, rows_for
+from struck.synth.store import Index, rows_for
 
 Array = NDArray[np.float64]
 TURN = 2e-3
@@ -81,10 +81,18 @@ def spent(call: Callable[[], object], count: int = 1) -> float:
 
 
 def repeated(call: Call, blocks: int = 1) -> Measure:
-    """Return how to measure a call that makes so many blocks, after a first one."""
+    """Return how to measure a call that makes so many blocks.
+
+    Each turn begins with one that does not count: the others have filled the caches.
+    """
     call()
     count = max(1, round(TURN / max(spent(call), 1e-6)))
-    return lambda: spent(call, count) / (count * blocks)
+
+    def measure() -> float:
+        call()
+        return spent(call, count) / (count * blocks)
+
+    return measure
 
 
 def bank(modes: int) -> Bank:
@@ -98,10 +106,13 @@ def operations(pushes: int, outputs: int, *, turned: bool) -> int:
     return 2 + pushes + (2 * outputs if turned else outputs)
 
 
-def described(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> str:
+def described(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False) -> str:
     """Return in words what a kernel does."""
     gains = "complex" if turned else "real"
-    return f"{pushes} in {outputs} out, {gains}{', ramped' if ramped else ''}"
+    options = {"ramped": ramped, "steady": unit}
+    return ", ".join(
+        [f"{pushes} in {outputs} out", gains, *(name for name, on in options.items() if on)]
+    )
 
 
 def spread(count: int, length: int) -> Array:
@@ -114,20 +125,26 @@ def spread(count: int, length: int) -> Array:
 
 
 def bare(
-    modes: int, pushes: int = 1, outputs: int = 1, *, turned: bool = False, ramped: bool = False
+    modes: int,
+    pushes: int = 1,
+    outputs: int = 1,
+    *,
+    turned: bool = False,
+    ramped: bool = False,
+    unit: bool = False,
 ) -> Contender:
     """Let a kernel alone play."""
-    gains = pushes + outputs * (2 if turned else 1)
+    gains = (0 if unit else pushes) + outputs * (2 if turned else 1)
     rung = bank(modes)
     radii, turns = np.exp(-rung.decays / RATE), 2 * np.pi * rung.frequencies / RATE
     rows = spread(4 + 2 * gains, modes)
     rows[0], rows[1], rows[4 : 4 + gains] = 2 * radii * np.cos(turns), -(radii**2), 1 / modes
     forces = np.random.default_rng(3).standard_normal((pushes, BLOCK))
-    played = kernel(pushes, outputs, turned=turned, ramped=ramped)
+    played = kernel(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
     frames = BLOCK // samples_of(pushes, outputs, turned=turned, ramped=ramped)
     used = rows if ramped else rows[: 4 + gains]
     arguments = (*used, *forces, *np.zeros((outputs, BLOCK)))
-    what = described(pushes, outputs, turned=turned, ramped=ramped)
+    what = described(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
     return Contender(
         name=f"{KERNEL}, {what}",
         modes=modes,
@@ -145,20 +162,20 @@ def compiled(modes: int, block: int = BLOCK) -> Contender:
     force, drive = np.random.default_rng(3).standard_normal(block), np.ones(modes)
     engine.next_block({(0, 0): (force, drive)}, {0: np.ones((1, modes), np.complex128)})
     engine.next_block({(0, 0): (force, drive)}, {})  # from here on nothing moves
-    memory, make, blocks = engine.memory, process(rows_for(1), turned=False), 16
+    make, blocks = process(rows_for(1), turned=False), 16
     return Contender(
         name=ENGINE,
         modes=modes,
         block=block,
         operations=operations(1, 1, turned=False),
-        measure=repeated(lambda: _several(make, memory, blocks), blocks),
+        measure=repeated(lambda: _several(make, *engine.numbers, blocks), blocks),
     )
 
 
 @njit
-def _several(make: Process, memory: Memory, blocks: int) -> None:
+def _several(make: Process, reals: Array, wholes: Index, blocks: int) -> None:
     for _ in range(blocks):
-        make(memory)
+        make(reals, wholes)
 
 
 def whole(

@@ -38,6 +38,7 @@ def ours(*, quick: bool) -> Iterator[Contender]:
     """Yield the time domain: by size, by pushes and outputs and gains, by block."""
     for modes in (FEW, GRID, MANY):
         yield bare(modes)
+        yield bare(modes, unit=True)
         yield compiled(modes)
         yield whole(modes)
     yield bare(MANY, outputs=2)
@@ -116,7 +117,8 @@ def show(contenders: Iterable[Contender]) -> None:
         )
     print(
         "Of the peak: two products a sample of a mode and one for each push and real output, two "
-        "for each complex output; ramps not counted."
+        "for each complex output; ramps not counted. One steady push does without its product, "
+        "so that more than 1 is possible."
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.live import atomics, ring
 from struck.live.ring import Ring
+from struck.synth import addresses
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -128,5 +129,5 @@ def test_loads_and_stores_are_ordered(
 
 def test_memory_is_reached_by_its_address() -> None:
     integers, reals = np.arange(4), np.linspace(0, 1, 4)
-    assert np.array_equal(atomics.integers_at(integers.ctypes.data, 4), integers)
-    assert np.array_equal(atomics.reals_at(reals.ctypes.data, 4), reals)
+    assert np.array_equal(addresses.integers_at(integers.ctypes.data, 4), integers)
+    assert np.array_equal(addresses.reals_at(reals.ctypes.data, 4), reals)

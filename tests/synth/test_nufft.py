@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from struck.errors import OptionError
-from struck.synth.nufft import BLOCKS, HEAVIEST, BlockTransform, wins
+from struck.synth.nufft import BlockTransform
+from struck.synth.nufft_bounds import BLOCKS, HEAVIEST, suits, wins
 
 RATE = 48000.0
 PROMISED = -120.0
@@ -174,8 +175,8 @@ def test_real_outputs_are_complex_outputs_without_a_turn() -> None:
 def test_modes_that_decay_too_fast_do_not_suit() -> None:
     limit = HEAVIEST * RATE / 512
     poles = np.array([-1.0, -limit, -limit * (1 + 1e-9)]) + 1000j
-    assert BlockTransform.suits(poles, RATE, 512).tolist() == [True, True, False]
-    assert BlockTransform.suits(poles, RATE, 256).all()
+    assert suits(poles, RATE, 512).tolist() == [True, True, False]
+    assert suits(poles, RATE, 256).all()
     with pytest.raises(OptionError, match="mode 2 decays by more than 16 nepers in a block of 512"):
         BlockTransform(poles, RATE, 512)
 

@@ -122,6 +122,51 @@ def test_moving_gains_and_poles_as_in_plain_numpy(block: int, points: int, voice
     assert decibels(np.array(heard[0]) - expected, expected) <= -200
 
 
+@pytest.mark.parametrize(
+    ("block", "points", "engine", "bound"),
+    [
+        (128, 1, "stepped", -200),
+        (64, 2, "stepped", -200),
+        (8, 8, "stepped", -200),
+        (100, 1, "stepped", -200),
+        (7, 1, "stepped", -200),
+        (64, 2, "transformed", -120),
+    ],
+)
+def test_pushes_that_stay_as_they_are_and_change_by_chance(
+    block: int, points: int, engine: str, bound: float
+) -> None:
+    random = np.random.default_rng(14)
+    size = 41
+    model = bank(random, size, highest=30000.0)
+    both = (
+        Resonators([model], block=block, points=points, engine=engine),
+        ReferenceResonators([model], block=block, points=points),
+    )
+    # Half of the modes of each drive have a node there.
+    drives = [random.standard_normal(size) * random.integers(0, 2, size) for _ in range(4)]
+    heard: Sequence[list[Array]] = ([], [])
+    voices = {0: drives[0]}
+    for step in range(300):
+        if random.random() < 0.2:
+            count = random.choice(3, p=[0.2, 0.6, 0.2])
+            chosen = random.choice(3, count, replace=False).tolist()
+            voices = {voice: drives[random.integers(4)] for voice in chosen}
+        pushes = [
+            Push(force=random.standard_normal(block), drive=drive, voice=voice)
+            for voice, drive in voices.items()
+        ]
+        moves = step == 0 or random.random() < 0.1
+        outputs = [gains(random, points, size)] if moves else []
+        changed = Bank(model.frequencies * random.uniform(0.9, 1.1), model.decays)
+        for resonators, samples in zip(both, heard, strict=True):
+            if step % 40 == 39:
+                resonators.change(0, changed)
+            samples.append(resonators.process(pushes, outputs).copy())
+    expected = np.array(heard[1])
+    assert decibels(np.array(heard[0]) - expected, expected) <= bound
+
+
 def test_the_block_transform_as_plain_numpy_within_its_accuracy() -> None:
     random = np.random.default_rng(14)
     models = [bank(random, count, highest=30000.0) for count in (300, 20)]

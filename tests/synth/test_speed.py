@@ -59,17 +59,19 @@ def spread(count: int) -> Array:
     return room[skipped : skipped + count * width].reshape(count, width)[:, :MODES]
 
 
-def playing(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Callable[[], object]:
+def playing(
+    pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False
+) -> Callable[[], object]:
     """Return a call of a kernel for a block of all modes."""
     random, modes = np.random.default_rng(2), bank(np.random.default_rng(3), MODES)
-    gains = pushes + outputs * (2 if turned else 1)
+    gains = outputs * (2 if turned else 1) + (0 if unit else pushes)
     rows = spread(4 + gains * (2 if ramped else 1))
     rows[0], rows[1] = 2 * modes.turns.real, -(np.abs(modes.turns) ** 2)
     rows[2:4] = random.standard_normal((2, MODES))
     rows[4 : 4 + gains] = random.uniform(0.5, 1.0, (gains, MODES))
     forces, sounds = random.standard_normal((pushes, BLOCK)), np.zeros((outputs, BLOCK))
     frames = BLOCK // samples_of(pushes, outputs, turned=turned, ramped=ramped)
-    played = kernel(pushes, outputs, turned=turned, ramped=ramped)
+    played = kernel(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
     return lambda: played(frames, *rows, *forces, *sounds)
 
 
@@ -84,6 +86,15 @@ def test_a_kernel_multiplies_no_slower_than_numpy(
     operations = 2 + gains * (2 if ramped else 1)
     played, numpy = times(playing(pushes, outputs, turned=turned, ramped=ramped), products())
     assert played / (operations * BLOCK * MODES) <= numpy / PRODUCTS
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
+def test_a_kernel_of_unit_gain_is_no_slower_than_one_that_multiplies(*, turned: bool) -> None:
+    unit, multiplied = times(
+        playing(1, 1, turned=turned, ramped=False, unit=True),
+        playing(1, 1, turned=turned, ramped=False),
+    )
+    assert unit <= 1.1 * multiplied
 
 
 @pytest.mark.parametrize("points", [1, 2])

@@ -1,4 +1,4 @@
-"""Atomic integers and memory at an address, for compiled code that shares memory with Python.
+"""Atomic integers, for compiled code that shares memory with Python.
 
 A plain store may be reordered by compiler and processor alike. A release store may not sink below
 nor an acquire load rise above what surrounds them: who sees the stored value also sees all that
@@ -11,16 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.base import BaseContext
 from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
-from numba.np.numpy_support import carray
-from numpy.typing import NDArray
 
 Generator = Callable[[BaseContext, ir.IRBuilder, Signature, Sequence[ir.Value]], ir.Value | None]
 Typed = tuple[Signature, Generator]
@@ -108,32 +105,3 @@ def add(_typing: object, array: types.Type, index: types.Type, value: types.Type
         return builder.atomic_rmw("add", pointer, number, "acq_rel")
 
     return types.int64(array, index, value), generate
-
-
-@_intrinsic
-def pointer_to(_typing: object, address: types.Type) -> Typed:
-    """Return an address held as an integer as an untyped pointer."""
-    if not isinstance(address, types.Integer):
-        raise TypingError(f"an address is an integer, not {address}")
-
-    def generate(
-        context: BaseContext,
-        builder: ir.IRBuilder,
-        signature: Signature,
-        arguments: Sequence[ir.Value],
-    ) -> ir.Value | None:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.voidptr(address), generate
-
-
-@njit(nogil=True, error_model="numpy")
-def integers_at(address: int, count: int) -> NDArray[np.int64]:
-    """Return the int64 array (count,) that begins at an address; it must outlive its use."""
-    return carray(pointer_to(address), (count,), np.int64)
-
-
-@njit(nogil=True, error_model="numpy")
-def reals_at(address: int, count: int) -> NDArray[np.float64]:
-    """Return the float64 array (count,) that begins at an address; it must outlive its use."""
-    return carray(pointer_to(address), (count,), np.float64)

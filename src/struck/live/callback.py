@@ -18,8 +18,9 @@ from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from struck.live import limiter, ring
-from struck.live.atomics import integers_at, load, reals_at
+from struck.live.atomics import load
 from struck.live.portaudio import COMPLETE, CONTINUE, OUTPUT_UNDERFLOW
+from struck.synth.addresses import integers_at, reals_at
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

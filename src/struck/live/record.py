@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.synth.blocks import refresh, settle, wake
+from struck.synth.blocks import refresh, settle, stand, wake
 from struck.synth.compiling import jitted
 from struck.synth.store import Body, Drive, Memory, Mode, Output, Voice
 
@@ -183,6 +183,8 @@ def _take_outputs(memory: Memory, record: Record, body: int) -> None:
             if record.bodies[body] & FIRST_OUTPUTS:
                 memory.outputs[Output.RE, point, n] = real
                 memory.outputs[Output.IM, point, n] = imag
+    if record.bodies[body] & FIRST_OUTPUTS:
+        stand(memory, body)
     memory.bodies[body, Body.MOVED] = 1
 
 

@@ -9,8 +9,8 @@ from numba import njit, typeof, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from struck.live.atomics import integers_at, reals_at
 from struck.live.record import apply, hold, parted_compiled
+from struck.synth.addresses import integers_at, reals_at
 from struck.synth.compiling import jitted
 from struck.synth.process import process
 from struck.synth.stepped import Stepped
@@ -30,9 +30,9 @@ def arena(bank: Stepped, *, volume: float) -> Array:
     """Return what the callback is given to find the modes, which must outlive it."""
     places = np.zeros(_ARENA)
     whole = places.view(np.int64)
-    reals, wholes = bank.addresses
-    whole[_REALS : _REALS + 2] = reals, _count(reals, bank.memory.levels)
-    whole[_WHOLES : _WHOLES + 2] = wholes, _count(wholes, bank.memory.voices)
+    reals, wholes = bank.numbers
+    whole[_REALS : _REALS + 2] = reals.ctypes.data, reals.size
+    whole[_WHOLES : _WHOLES + 2] = wholes.ctypes.data, wholes.size
     whole[_POINTS] = 1
     whole[_PROCESS] = _address(bank)
     places[VOLUME] = volume
@@ -45,19 +45,14 @@ def _address(bank: Stepped) -> int:
     Were it called by name, all kernels would be compiled anew with whatever calls it.
     """
     run: Any = process(rows_for(1), turned=True)  # for as long as Python runs
-    run.compile((typeof(bank.memory),))
+    run.compile(tuple(typeof(numbers) for numbers in bank.numbers))
     made = next(iter(run.overloads.values()))
     return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
-def _count(address: int, last: NDArray[np.generic]) -> int:
-    """Return how many numbers of 8 bytes there are up to the end of the store's last part."""
-    return (last.ctypes.data + last.nbytes - address) // 8
-
-
 @intrinsic
-def _call(_typing, address, memory):  # noqa: ANN001, ANN202 - numba's own types
-    """Call a compiled function of one argument by its address."""
+def _call(_typing, address, reals, wholes):  # noqa: ANN001, ANN202 - numba's own types
+    """Call a compiled function of two arrays by its address."""
 
     def generate(context, builder, signature, arguments):  # noqa: ANN001, ANN202 - compiled
         kind = context.call_conv.get_function_type(types.none, signature.args[1:])
@@ -67,17 +62,16 @@ def _call(_typing, address, memory):  # noqa: ANN001, ANN202 - numba's own types
         )
         return context.get_dummy_value()
 
-    return types.none(address, memory), generate
+    return types.none(address, reals, wholes), generate
 
 
 @njit(nogil=True, error_model="numpy")  # not cached: a cache would not see a change in `record`
 def sound(arena: Array, integers: Integers, reals: Array, fresh: bool, outputs: Array) -> None:  # noqa: FBT001 - compiled: positional
     """Make a block; see `callback.compiled`."""
     whole = arena.view(np.int64)
-    memory = view(
-        reals_at(whole[_REALS], whole[_REALS + 1]),
-        integers_at(whole[_WHOLES], whole[_WHOLES + 1]),
-    )
+    store_reals = reals_at(whole[_REALS], whole[_REALS + 1])
+    store_wholes = integers_at(whole[_WHOLES], whole[_WHOLES + 1])
+    memory = view(store_reals, store_wholes)
     sizes = (
         memory.voices.shape[0] - 1,
         memory.bodies.shape[0],
@@ -91,7 +85,7 @@ def sound(arena: Array, integers: Integers, reals: Array, fresh: bool, outputs: 
         apply(memory, record)
     else:
         hold(memory, record)
-    _call(whole[_PROCESS], memory)  # type: ignore[call-arg] # numba adds the typing context
+    _call(whole[_PROCESS], store_reals, store_wholes)  # type: ignore[call-arg] # numba adds the typing context
     mix(memory.sounds, arena, record.volume[0], whole[_POINTS], outputs)
 
 

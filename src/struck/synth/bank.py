@@ -130,8 +130,8 @@ def _force(push: Push, block: int) -> Array:
     force = np.asarray(push.force, np.float64)
     if force.shape != (block,):
         raise OptionError(f"a force has shape {force.shape}: give {block} samples")
-    # NaN compares false.
-    if not -STRONGEST <= force.min() <= force.max() <= STRONGEST:
+    # One sum of squares, small and no NaN, tells the same of nearly every block in less time.
+    if not (force @ force <= STRONGEST**2 or -STRONGEST <= force.min() <= force.max() <= STRONGEST):
         raise OptionError(
             f"a force reaches {np.abs(force).max():g} N: it must be finite and at most "
             f"{STRONGEST:g} N"
@@ -151,7 +151,9 @@ def require_outputs(
     outputs: Sequence[NDArray[np.generic] | None], poles: Sequence[Poles], points: int
 ) -> dict[int, Complex]:
     """Return outputs (points, M) by body; OptionError on bad ones."""
-    if len(outputs) not in (0, len(poles)):
+    if not len(outputs):
+        return {}
+    if len(outputs) != len(poles):
         raise OptionError(f"there are outputs for {len(outputs)} of {len(poles)} bodies: give all")
     return {
         body: _output(output, poles[body], points)

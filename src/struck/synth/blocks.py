@@ -2,7 +2,8 @@
 
 Between blocks a mode's state is its complex c, exact whatever comes: a body that sleeps or rings
 freely is moved on by powers of z, and one whose frequencies or decays change goes on from the same
-c. Within a block the kernels take it as the pair (Im[z c], Im c).
+c. Within a block the kernels take it as the pair (Im[z c], Im c), and leave it so while a body is
+pushed.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.synth.compiling import jitted
-from struck.synth.store import LEVELS, Body, Drive, Level, Memory, Mode, Output, Voice
+from struck.synth.store import LEVELS, Body, Drive, HeldAs, Level, Memory, Mode, Output, Voice
 
 Array = NDArray[np.float64]
+FAINTEST = 1e-100
+"""A gain for those of nothing: what is divided by it stays finite, what it multiplies is lost."""
 
 
 @jitted
@@ -32,6 +35,8 @@ def refresh(memory: Memory, body: int) -> None:
         modes[Mode.INVERSE, n] = 1 / turn.imag if turn.imag > 0 else 0.0
         hold = 1 / (1 - turn) / rate if turn.imag > 0 else 0j
         modes[Mode.HOLD_RE, n], modes[Mode.HOLD_IM, n] = hold.real, hold.imag
+        if turn.imag <= 0:
+            memory.outputs[Output.STILL, :, n] = 0.0
 
 
 @jitted
@@ -86,9 +91,33 @@ def pack(memory: Memory, first: int, last: int, kept: float) -> None:
 @jitted
 def settle(memory: Memory, body: int) -> None:
     """See that a body's state is its c."""
-    if memory.bodies[body, Body.PAIRED]:
-        pack(memory, memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST], 0.0)
-        memory.bodies[body, Body.PAIRED] = 0
+    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    if memory.bodies[body, Body.HELD_AS] == HeldAs.UNIT_PAIRS:
+        memory.modes[Mode.LATEST, first:last] *= memory.modes[Mode.UNIT, first:last]
+        memory.modes[Mode.PREVIOUS, first:last] *= memory.modes[Mode.UNIT, first:last]
+    if memory.bodies[body, Body.HELD_AS] != HeldAs.STATE:
+        pack(memory, first, last, 0.0)
+        memory.bodies[body, Body.HELD_AS] = HeldAs.STATE
+
+
+@jitted
+def measure(memory: Memory, body: int, voice: int) -> None:
+    """Turn states into pairs in units of a voice's gains, and outputs to fit."""
+    modes, outputs = memory.modes, memory.outputs
+    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    if memory.bodies[body, Body.HELD_AS] == HeldAs.STATE:
+        unpack(memory, first, last)
+    for n in range(first, last):
+        gain = memory.drives[Drive.GAIN, voice, n - first]
+        modes[Mode.UNIT, n] = gain if abs(gain) > FAINTEST else FAINTEST
+        modes[Mode.LATEST, n] /= modes[Mode.UNIT, n]
+        modes[Mode.PREVIOUS, n] /= modes[Mode.UNIT, n]
+    for row in range(outputs.shape[1]):
+        for n in range(first, last):
+            unit = modes[Mode.UNIT, n]
+            outputs[Output.UNIT_WEIGHT, row, n] = outputs[Output.WEIGHT, row, n] * unit
+            outputs[Output.UNIT_TURNED, row, n] = outputs[Output.TURNED, row, n] * unit
+    memory.bodies[body, Body.HELD_AS] = HeldAs.UNIT_PAIRS
 
 
 @jitted
@@ -149,9 +178,19 @@ def end_outputs(memory: Memory, body: int) -> None:
             outputs[Output.TURNED, row, n] = turned
             outputs[Output.WEIGHT, row, n] = real - turned * modes[Mode.TURN_RE, n]
             outputs[Output.WEIGHT_SLOPE, row, n] = outputs[Output.TURNED_SLOPE, row, n] = 0.0
+    stand(memory, body)
+    memory.bodies[body, Body.MOVED] = 0
+
+
+@jitted
+def stand(memory: Memory, body: int) -> None:
+    """Work out anew, for outputs as they are, what constant unit forces would end in."""
+    modes, outputs = memory.modes, memory.outputs
+    for row in range(outputs.shape[1]):
+        for n in range(memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]):
+            real, imag = outputs[Output.RE, row, n], outputs[Output.IM, row, n]
             hold_re, hold_im = modes[Mode.HOLD_RE, n], modes[Mode.HOLD_IM, n]
             outputs[Output.STILL, row, n] = -(real * hold_im + imag * hold_re)
-    memory.bodies[body, Body.MOVED] = 0
 
 
 @jitted
@@ -185,14 +224,13 @@ def end_drive(memory: Memory, voice: int) -> None:
 
 
 @jitted
-def feed(memory: Memory, body: int, voice: int) -> None:
-    """Work out anew how loudly a voice's force is heard directly."""
-    fresh = memory.voices[voice, Voice.ACTIVE] > 1
+def feed(memory: Memory, body: int, voice: int, end: int) -> None:
+    """Work out anew how loudly a voice's force is heard directly: at the end, or begin, of a block.
+
+    A block begins with what the poles before would end in: a force stays silent when they change.
+    """
     for row in range(memory.outputs.shape[1]):
-        target = _still(memory, body, voice, row)
-        memory.feeds[1, voice, row] = target
-        if fresh:
-            memory.feeds[0, voice, row] = target
+        memory.feeds[end, voice, row] = _still(memory, body, voice, row)
 
 
 @jitted

@@ -6,10 +6,12 @@ A mode is c[k] = z c[k-1] + drive F[k] / rate, heard as Im[a c[k]]. With v[k] = 
     Im[a c[k]] = weight v[k-1] + turned v[k],          turned = Im a / Im z,
                                                        weight = Re a - turned Re z,
 
-so a real output takes four operations a sample and a complex one five. Each kernel takes several
-samples at a time and loops over the modes inside, with one sum for each sample and output in
-registers: the loop over modes is what the compiler turns into vectors, and a state crosses memory
-once for all these samples. Gains may change linearly from sample to sample.
+so a real output takes four operations a sample and a complex one five. Under one steady push the
+pair is kept in units of the gain, v / gain: that push then needs no product of its own, and a real
+output takes three. Each kernel takes several samples at a time and loops over the modes inside,
+with one sum for each sample and output in registers: the loop over modes is what the compiler turns
+into vectors, and a state crosses memory once for all these samples. Gains may change linearly from
+sample to sample.
 """
 
 from __future__ import annotations
@@ -28,9 +30,10 @@ OUTPUTS = (1, 2, 4, 8)
 _REGISTERS = 32
 
 
-def name_of(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> str:
+def name_of(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False) -> str:
     """Return the name of a specialised kernel."""
-    return f"kernel_{pushes}_{outputs}{'_turned' if turned else ''}{'_ramped' if ramped else ''}"
+    options = {"turned": turned, "ramped": ramped, "unit": unit}
+    return "_".join([f"kernel_{pushes}_{outputs}", *(name for name, on in options.items() if on)])
 
 
 def samples_of(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> int:
@@ -45,7 +48,7 @@ def samples_of(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> int:
 
 
 @cache
-def kernel(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Kernel:
+def kernel(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False) -> Kernel:
     """Return the compiled kernel for so many pushes and outputs.
 
     Parameters
@@ -58,6 +61,8 @@ def kernel(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Kernel:
         Whether outputs are complex.
     ramped : bool
         Whether gains change within the block.
+    unit : bool
+        Whether the states are in units of the pushes' gains, which are then not taken.
 
     Returns
     -------
@@ -66,14 +71,16 @@ def kernel(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Kernel:
         each push and (weight, [its slope, turned, its slope,] samples) for each output; adds to
         samples and moves the states on by frames times `samples_of`.
     """
-    name = name_of(pushes, outputs, turned=turned, ramped=ramped)
-    source = "\n".join(_source(name, pushes, outputs, turned=turned, ramped=ramped))
+    name = name_of(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
+    source = "\n".join(_source(name, pushes, outputs, turned=turned, ramped=ramped, unit=unit))
     return from_source(name, source, {})
 
 
-def _source(name: str, pushes: int, outputs: int, *, turned: bool, ramped: bool) -> Iterator[str]:
+def _source(
+    name: str, pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool
+) -> Iterator[str]:
     samples = samples_of(pushes, outputs, turned=turned, ramped=ramped)
-    gains = [f"gain{p}" for p in range(pushes)]
+    gains = [] if unit else [f"gain{p}" for p in range(pushes)]
     weights = [f"weight{o}" for o in range(outputs)]
     if turned:
         weights += [f"turned{o}" for o in range(outputs)]
@@ -98,7 +105,7 @@ def _source(name: str, pushes: int, outputs: int, *, turned: bool, ramped: bool)
         if ramped and k:
             yield from (f"   x_{each} += s_{each}" for each in changing)
         yield from (f"   sum{o}_{k} += x_weight{o} * {old}" for o in range(outputs))
-        pushed = "".join(f" + x_gain{p} * f{p}_{k}" for p in range(pushes))
+        pushed = "".join(f" + {'' if unit else f'x_gain{p} * '}f{p}_{k}" for p in range(pushes))
         yield f"   {new} = p1 * {old} + (p2 * {new}{pushed})"
         if turned:
             yield from (f"   sum{o}_{k} += x_turned{o} * {new}" for o in range(outputs))

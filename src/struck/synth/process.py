@@ -15,15 +15,18 @@ from struck.synth.kernels import (
     name_of,
     samples_of,
 )
-from struck.synth.store import Body, Drive, Memory, Mode, Output, Voice
+from struck.synth.store import Array, Body, Drive, HeldAs, Index, Memory, Mode, Output, Voice, view
 
-Process = Callable[[Memory], None]
+Process = Callable[[Array, Index], None]
 _MOST = PUSHES[-1]
 
 
 @cache
 def process(rows: int, *, turned: bool, voices: int = _MOST) -> Process:
     """Return the function that makes one block of all bodies' sounds in their memory.
+
+    It takes the real and the whole numbers of `struck.synth.store`, as two arrays cost less to hand
+    to compiled code than their many parts.
 
     Parameters
     ----------
@@ -37,21 +40,37 @@ def process(rows: int, *, turned: bool, voices: int = _MOST) -> Process:
     group, most = min(rows, OUTPUTS[-1]), next((n for n in PUSHES if n >= voices), _MOST)
     run = _run(group, most, turned=turned)
     name = f"process_{rows}_{most}{'_turned' if turned else ''}"
-    source = _PROCESS.format(name=name, run=run.__name__, rows=rows, group=group, most=most)
-    known = {each.__name__: each for each in (begin, end, few, rest, tail, run)}
-    known |= {
-        each: getattr(blocks, each)
-        for each in ("unpack", "clear", "pack", "leap", "link", "settle")
-    }
+    samples = samples_of(1, group, turned=turned, ramped=False)
+    source = _PROCESS.format(
+        name=name, run=run.__name__, rows=rows, group=group, most=most, samples=samples
+    )
+    steps = (
+        begin,
+        end,
+        few,
+        lone,
+        rest,
+        steady,
+        tail,
+        run,
+        *(getattr(blocks, each) for each in _STEPS),
+    )
+    known = {each.__name__: each for each in steps} | {"view": view}
     return from_source(name, source, known)
 
 
-_STEPS = ("link", "settle", "unpack", "clear", "pack", "leap")
+_STEPS = ("link", "direct", "settle", "measure", "unpack", "clear", "pack", "leap")
 _PROCESS = """
-def {name}(memory):
+def {name}(reals, wholes):
+ memory = view(reals, wholes)
  link(memory)
  memory.sounds[:] = 0.0
  for body in range(memory.bodies.shape[0]):
+  if steady(memory, body):
+   voice = memory.bodies[body, 5]
+   {run}(memory, body, 0, voice, voice, voice, voice, 1, False, True)
+   direct(memory, body, voice)
+   continue
   if rest(memory, body):
    continue
   ramped = begin(memory, body)
@@ -59,7 +78,11 @@ def {name}(memory):
   voice = memory.bodies[body, 5]
   # A body that few voices push stays as pairs from block to block.
   paired = {rows} == {group} and few(memory, body, {most})
-  if not paired:
+  unit = paired and not ramped and lone(memory, body, {samples})
+  held_as = memory.bodies[body, 6]
+  if unit and held_as < 2:
+   measure(memory, body, voice)
+  elif not paired or (held_as == 2 and not unit):
    settle(memory, body)
   again = False
   while True:
@@ -72,10 +95,10 @@ def {name}(memory):
      clear(memory, first, last)
     elif not memory.bodies[body, 6]:
      unpack(memory, first, last)
-    done = {run}(memory, body, row, v0, v1, v2, v3, count, ramped)
+    done = {run}(memory, body, row, v0, v1, v2, v3, count, ramped, unit)
     tail(memory, body, row, {group}, (v0, v1, v2, v3), count, done)
    if paired:
-    memory.bodies[body, 6] = 1
+    memory.bodies[body, 6] = 2 if unit else 1
    elif count == 0 and not again:
     leap(memory, first, last)
    else:
@@ -97,22 +120,25 @@ def _run(rows: int, most: int, *, turned: bool) -> Kernel:
         for pushes in _up_to(most)
         for ramped in (False, True)
     }
+    alone = {"turned": turned, "ramped": False, "unit": True}
+    known[name_of(1, rows, **alone)] = kernel(1, rows, **alone)
     return from_source(name, "\n".join(_run_source(name, rows, most, turned=turned)), known)
 
 
 def _run_source(name: str, rows: int, most: int, *, turned: bool) -> Iterator[str]:
-    yield f"def {name}(memory, body, row, v0, v1, v2, v3, count, ramped):"
+    yield f"def {name}(memory, body, row, v0, v1, v2, v3, count, ramped, unit):"
     yield " modes = memory.modes; out = memory.outputs; drives = memory.drives"
     yield " sounds = memory.sounds; forces = memory.forces; block = forces.shape[1]"
     yield " first = memory.bodies[body, 0]; last = memory.bodies[body, 1]; count_of = last - first"
-    for pushes in _up_to(most):
-        for ramped in (True, False):
-            samples = samples_of(pushes, rows, turned=turned, ramped=ramped)
-            kernel_name = name_of(pushes, rows, turned=turned, ramped=ramped)
-            rows_of = ", ".join(_arguments(pushes, rows, turned=turned, ramped=ramped))
-            yield f" if count <= {pushes} and ramped == {ramped}:"
-            yield f"  {kernel_name}(block // {samples}, {rows_of})"
-            yield f"  return block // {samples} * {samples}"
+    forms = [(1, False, True)]
+    forms += [(pushes, ramped, False) for pushes in _up_to(most) for ramped in (True, False)]
+    for pushes, ramped, unit in forms:
+        options = {"turned": turned, "ramped": ramped, "unit": unit}
+        samples = samples_of(pushes, rows, turned=turned, ramped=ramped)
+        rows_of = ", ".join(_arguments(pushes, rows, **options))
+        yield f" if count <= {pushes} and ramped == {ramped} and unit == {unit}:"
+        yield f"  {name_of(pushes, rows, **options)}(block // {samples}, {rows_of})"
+        yield f"  return block // {samples} * {samples}"
     yield " return 0"
 
 
@@ -120,19 +146,32 @@ def _up_to(most: int) -> Iterator[int]:
     return (pushes for pushes in PUSHES if pushes <= most)
 
 
-def _arguments(pushes: int, rows: int, *, turned: bool, ramped: bool) -> Iterator[str]:
+def _arguments(pushes: int, rows: int, *, turned: bool, ramped: bool, unit: bool) -> Iterator[str]:
     """Yield what a kernel takes, in its order."""
     for each in (Mode.FEEDBACK, Mode.LOSS, Mode.LATEST, Mode.PREVIOUS):
         yield f"modes[{each.value}, first:last]"
     layers = [(Drive.GAIN, Output.WEIGHT, Output.TURNED)]
     if ramped:
         layers.append((Drive.SLOPE, Output.WEIGHT_SLOPE, Output.TURNED_SLOPE))
+    if unit:
+        layers = [(Drive.GAIN, Output.UNIT_WEIGHT, Output.UNIT_TURNED)]
     for drive, weight, turn in layers:
-        yield from (f"drives[{drive.value}, v{p}, :count_of]" for p in range(pushes))
+        driven = () if unit else range(pushes)
+        yield from (f"drives[{drive.value}, v{p}, :count_of]" for p in driven)
         for layer in (weight, turn) if turned else (weight,):
             yield from (f"out[{layer.value}, row + {o}, first:last]" for o in range(rows))
     yield from (f"forces[v{p}]" for p in range(pushes))
     yield from (f"sounds[body, row + {o}]" for o in range(rows))
+
+
+@jitted
+def steady(memory: Memory, body: int) -> bool:
+    """Tell whether all is as in the last block, and that had one steady push."""
+    bodies, voices, voice = memory.bodies, memory.voices, memory.bodies[body, Body.VOICE]
+    if bodies[body, Body.HELD_AS] != HeldAs.UNIT_PAIRS or bodies[body, Body.MOVED] or voice < 0:
+        return False
+    still = voices[voice, Voice.ACTIVE] == 1 and not voices[voice, Voice.MOVED]
+    return still and voices[voice, Voice.NEXT] < 0
 
 
 @jitted
@@ -153,9 +192,10 @@ def begin(memory: Memory, body: int) -> bool:
     blocks.begin_outputs(memory, body)
     voice = memory.bodies[body, Body.VOICE]
     while voice >= 0:
-        fresh = memory.voices[voice, Voice.ACTIVE] > 1
-        moves = moves or memory.voices[voice, Voice.MOVED] != 0 or fresh
-        blocks.begin_drive(memory, voice)
+        if memory.voices[voice, Voice.ACTIVE] > 1 or memory.voices[voice, Voice.MOVED]:
+            moves = True
+            blocks.feed(memory, body, voice, 0)
+            blocks.begin_drive(memory, voice)
         voice = memory.voices[voice, Voice.NEXT]
     return moves
 
@@ -170,6 +210,13 @@ def few(memory: Memory, body: int, most: int) -> bool:
 
 
 @jitted
+def lone(memory: Memory, body: int, samples: int) -> bool:
+    """Tell whether one voice alone pushes, and kernels of so many samples leave nothing over."""
+    voice = memory.bodies[body, Body.VOICE]
+    return memory.voices[voice, Voice.NEXT] < 0 and memory.forces.shape[1] % samples == 0
+
+
+@jitted
 def end(memory: Memory, body: int, moved: int) -> None:
     """Arrive at all gains of a body, and let it sleep when it has become silent."""
     blocks.end_outputs(memory, body)
@@ -179,7 +226,7 @@ def end(memory: Memory, body: int, moved: int) -> None:
     while voice >= 0:
         blocks.end_drive(memory, voice)
         if moved:
-            blocks.feed(memory, body, voice)
+            blocks.feed(memory, body, voice, 1)
         blocks.direct(memory, body, voice)
         voice = memory.voices[voice, Voice.NEXT]
 

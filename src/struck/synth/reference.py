@@ -19,7 +19,7 @@ from struck.synth.bank import (
     require_session,
     voices_for,
 )
-from struck.synth.whole_blocks import Index, Piece, WholeBlocks
+from struck.synth.whole_blocks import Index, Outputs, Piece, WholeBlocks
 
 
 class Tabled(WholeBlocks):
@@ -31,11 +31,11 @@ class Tabled(WholeBlocks):
         self._powers = np.exp(np.outer(np.arange(self.size + 1), logs)) * (logs != 0)
         return np.arange(len(poles))
 
-    def rung(self, outputs: Complex) -> Array:
+    def rung(self, outputs: Outputs) -> Array:
         """Return what the states sound like by themselves in the next block (points, block)."""
         return np.imag(outputs @ (self._powers[:-1] * self.ahead).T)
 
-    def answered(self, outputs: Complex, force: Array, drive: Array) -> Array:
+    def answered(self, outputs: Outputs, force: Array, drive: Array) -> Array:
         """Return what a force sounds like in its own block (points, block)."""
         answers: Array = np.imag(outputs @ (self._powers[:-1] * drive).T) / self.rate
         heard = [np.convolve(force, answer)[: self.size] for answer in answers]

@@ -148,16 +148,10 @@ class Resonators:
         """
         checked = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
         gains = require_outputs(outputs, self._poles, self.points)
-        samples = self._stepped.next_block(
-            {
-                (self._place[body], voice): push
-                for (body, voice), push in checked.items()
-                if body in self._place
-            },
-            {self._place[body]: gain for body, gain in gains.items() if body in self._place},
-        )
         if self._large:
-            samples = self._with_large(samples, checked, gains)
+            samples = self._with_large(checked, gains)
+        else:
+            samples = self._stepped.next_block(checked, gains)
         self._last, self._first = checked, False
         return samples
 
@@ -180,20 +174,24 @@ class Resonators:
             self._large[body].take(poles)
             for key in self._arranged.keys() & {(body, voice) for _, voice in self._arranged}:
                 drive = self._arranged[key][0]
-                self._arranged[key] = drive, self._large[body].arranged(drive)
+                self._arranged[key] = drive, self._large[body].kept(drive)
         else:
             self._stepped.take_poles(self._place[body], poles)
         self._poles[body] = poles
 
     def _with_large(
-        self,
-        stepped: Array,
-        pushes: Mapping[Key, tuple[Array, Array]],
-        outputs: Mapping[int, Complex],
+        self, pushes: Mapping[Key, tuple[Array, Array]], outputs: Mapping[int, Complex]
     ) -> Array:
         samples = np.zeros((len(self._poles), self.points, self.block))
-        for body, place in self._place.items():
-            samples[body] = stepped[place]
+        if self._place:
+            samples[list(self._place)] = self._stepped.next_block(
+                {
+                    (self._place[body], voice): push
+                    for (body, voice), push in pushes.items()
+                    if body in self._place
+                },
+                {self._place[body]: gain for body, gain in outputs.items() if body in self._place},
+            )
         pieces = self._pieces(pushes)
         for body, modes in self._large.items():
             gains = outputs.get(body)
@@ -211,7 +209,7 @@ class Resonators:
             if key[0] in self._large:
                 before = self._arranged.get(key)
                 same = before is not None and before[0] is drive
-                now = before[1] if before and same else self._large[key[0]].arranged(drive)
+                now = before[1] if before and same else self._large[key[0]].kept(drive)
                 arranged[key] = drive, now
                 pieces[key[0]].append((force, before[1] if before else now, now))
         self._arranged = arranged

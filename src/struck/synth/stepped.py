@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.synth.bank import Array, Complex, Key, Poles
-from struck.synth.blocks import refresh, settle, wake
-from struck.synth.process import process
+from struck.synth.blocks import refresh, settle, stand, wake
+from struck.synth.process import Process, process
 from struck.synth.store import Body, Drive, Level, Mode, Output, Voice, laid_out, rows_for, seen
 
 # Of its loudest, the share below which a body may fall asleep: -120 dB.
@@ -48,16 +48,18 @@ class Stepped:
         self.memory = seen(self._reals, self._wholes)
         self.memory.levels[Level.RATE], self.memory.levels[Level.QUIET] = sample_rate, quiet
         self.turned, self._first = False, True
-        self._drives: dict[Key, Array] = {}
+        self._make: Process | None = None
+        self._forces = list(self.memory.forces)
         self._slots: dict[Key, int] = {}
+        self._drives: dict[Key, Array] = {}
         self._free, self._voices = list(range(voices)), voices
         for body, each in enumerate(poles):
             self.take_poles(body, each)
 
     @property
-    def addresses(self) -> tuple[int, int]:
-        """Where the real and the whole numbers lie, for functions without Python."""
-        return self._reals.ctypes.data, self._wholes.ctypes.data
+    def numbers(self) -> tuple[Array, NDArray[np.int64]]:
+        """The real and the whole numbers of its memory, for functions without Python."""
+        return self._reals, self._wholes
 
     @property
     def asleep(self) -> NDArray[np.bool_]:
@@ -77,9 +79,14 @@ class Stepped:
         """Return the next samples (bodies, points, block), valid until the next call."""
         for body, gains in outputs.items():
             self._take_outputs(body, gains)
-        self._take_pushes(pushes)
+        if pushes.keys() != self._slots.keys():
+            self._free_slots(pushes)
+        for key, (force, drive) in pushes.items():
+            self._take_push(key, force, drive)
         self._first = False
-        process(self._rows, turned=self.turned, voices=self._voices)(self.memory)
+        if self._make is None:
+            self._make = process(self._rows, turned=self.turned, voices=self._voices)
+        self._make(self._reals, self._wholes)
         return self.memory.sounds[:, : self._points]
 
     def _range(self, body: int) -> slice:
@@ -104,32 +111,33 @@ class Stepped:
         layers[Output.TARGET_RE], layers[Output.TARGET_IM] = gains.real, gains.imag
         if self._first:
             layers[Output.RE], layers[Output.IM] = gains.real, gains.imag
+            stand(memory, body)
         memory.bodies[body, Body.MOVED] = 1
-        self.turned = self.turned or bool(gains.imag.any())
+        if not self.turned and gains.imag.any():
+            self.turned, self._make = True, None
 
-    def _take_pushes(self, pushes: Mapping[Key, tuple[Array, Array]]) -> None:
-        for key in [key for key in self._slots if key not in pushes]:
+    def _free_slots(self, pushes: Mapping[Key, tuple[Array, Array]]) -> None:
+        for key in self._slots.keys() - pushes.keys():
             slot = self._slots.pop(key)
+            del self._drives[key]
             self.memory.voices[slot, Voice.ACTIVE] = 0
             self._free.append(slot)
-        for key, (force, drive) in pushes.items():
-            if key in self._slots:
-                moved = drive is not self._drives[key]
-                self._take_push(self._slots[key], force, drive if moved else None)
-            else:
-                self._slots[key] = self._free.pop()
-                self._begin_push(self._slots[key], key[0], force, drive)
-        self._drives = {key: drive for key, (_, drive) in pushes.items()}
 
-    def _begin_push(self, slot: int, body: int, force: Array, drive: Array) -> None:
-        self.memory.voices[slot, Voice.BODY] = body
-        self._take_push(slot, force, drive)
-        self.memory.drives[Drive.NOW, slot, : len(drive)] = drive
-        self.memory.voices[slot, Voice.ACTIVE] = 2
+    def _take_push(self, key: Key, force: Array, drive: Array) -> None:
+        slot = self._slots.get(key)
+        if slot is None:
+            slot = self._slots[key] = self._free.pop()
+            self.memory.voices[slot, Voice.BODY] = key[0]
+            self.memory.voices[slot, Voice.ACTIVE] = 2
+            self.memory.drives[Drive.NOW, slot, : len(drive)] = drive
+            self._take_drive(key, slot, drive)
+        else:
+            self.memory.voices[slot, Voice.ACTIVE] = 1
+            if drive is not self._drives[key]:
+                self._take_drive(key, slot, drive)
+        self._forces[slot][:] = force
 
-    def _take_push(self, slot: int, force: Array, drive: Array | None) -> None:
-        self.memory.forces[slot] = force
-        self.memory.voices[slot, Voice.ACTIVE] = 1
-        if drive is not None:
-            self.memory.drives[Drive.TARGET, slot, : len(drive)] = drive
-            self.memory.voices[slot, Voice.MOVED] = 1
+    def _take_drive(self, key: Key, slot: int, drive: Array) -> None:
+        self.memory.drives[Drive.TARGET, slot, : len(drive)] = drive
+        self.memory.voices[slot, Voice.MOVED] = 1
+        self._drives[key] = drive

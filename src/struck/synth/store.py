@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.synth.addresses import part
 from struck.synth.compiling import jitted
 from struck.synth.kernels import OUTPUTS
 
@@ -40,6 +41,7 @@ class Mode(IntEnum):
     LATEST = 14
     PREVIOUS = 15
     LOUDNESS = 16
+    UNIT = 17
 
 
 class Output(IntEnum):
@@ -54,6 +56,8 @@ class Output(IntEnum):
     WEIGHT_SLOPE = 6
     TURNED_SLOPE = 7
     STILL = 8
+    UNIT_WEIGHT = 9
+    UNIT_TURNED = 10
 
 
 class Drive(IntEnum):
@@ -74,7 +78,15 @@ class Body(IntEnum):
     SLEPT = 3
     MOVED = 4
     VOICE = 5
-    PAIRED = 6
+    HELD_AS = 6
+
+
+class HeldAs(IntEnum):
+    """Where the state of a body's modes is."""
+
+    STATE = 0
+    PAIRS = 1
+    UNIT_PAIRS = 2
 
 
 class Voice(IntEnum):
@@ -101,8 +113,10 @@ class Memory(NamedTuple):
     modes : array (fields, N)
         LOG is the logarithm of what a sample turns a mode by, TURN that itself, LEAP a block's;
         FEEDBACK, LOSS and INPUT (Im z / rate) are coefficients, INVERSE is 1 / Im z; HOLD is what
-        a constant unit force ends in. LATEST and PREVIOUS are the state as kernels take it.
+        a constant unit force ends in. LATEST and PREVIOUS are the state as kernels take it, in
+        units of UNIT while one push alone is steady.
     outputs : array (layers, rows, N)
+        UNIT_WEIGHT and UNIT_TURNED are for states in units of UNIT.
     drives : array (layers, voices + 1, modes of the largest body)
         The last voice is silent.
     forces : array (voices + 1, block)
@@ -113,8 +127,8 @@ class Memory(NamedTuple):
         Sample rate; the share of its loudest at which a body falls asleep; each body's loudest.
     bodies : array (bodies, columns), int64
         The range of its modes, whether it is asleep and for how many samples, whether its outputs
-        move in this block, the first of its voices in it (or -1), and whether LATEST and PREVIOUS
-        hold its state, not STATE.
+        move in this block, the first of its voices in it (or -1), and as what its state is held:
+        as c in STATE, or as pairs in LATEST and PREVIOUS.
     voices : array (voices + 1, columns), int64
         Body, whether it pushes in this block, whether its drive moves, the body's next voice.
     """
@@ -193,15 +207,15 @@ def seen(reals: Array, wholes: Index) -> Memory:
     f = e + _lines(bodies * rows * block)
     table = _HEADER + bodies * _PER_BODY
     return Memory(
-        reals[:a].reshape((_PER_MODE, modes)),
-        reals[a:b].reshape((_PER_OUTPUT, rows, modes)),
-        reals[b:c].reshape((_PER_DRIVE, slots, width)),
-        reals[c : c + slots * block].reshape((slots, block)),
-        reals[d : d + 2 * slots * rows].reshape((2, slots, rows)),
-        reals[e : e + bodies * rows * block].reshape((bodies, rows, block)),
-        reals[f : f + LEVELS + bodies],
-        wholes[_HEADER:table].reshape((bodies, _PER_BODY)),
-        wholes[table : table + slots * _PER_VOICE].reshape((slots, _PER_VOICE)),
+        part(reals, 0, (_PER_MODE, modes)),
+        part(reals, a, (_PER_OUTPUT, rows, modes)),
+        part(reals, b, (_PER_DRIVE, slots, width)),
+        part(reals, c, (slots, block)),
+        part(reals, d, (2, slots, rows)),
+        part(reals, e, (bodies, rows, block)),
+        part(reals, f, (LEVELS + bodies,)),
+        part(wholes, _HEADER, (bodies, _PER_BODY)),
+        part(wholes, table, (slots, _PER_VOICE)),
     )
 
 
