@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from struck._api import load, play, save, show, tune
     from struck.analysis import analyze
     from struck.damping import Damping, InternalFriction, Measured, Rayleigh
+    from struck.ears.listeners import Binaural, Mono, Stereo
+    from struck.ears.reverberation import Reverberation
+    from struck.ears.room import Room
     from struck.excitation.hold import Hold
     from struck.excitation.pluck import Pluck
     from struck.excitation.roll import Roll
@@ -32,9 +35,12 @@ if TYPE_CHECKING:
     from struck.mesh import Mesh
     from struck.model import ModalModel
     from struck.rendering import render
+    from struck.scene.body import Body
     from struck.sound import Sound
 
 __all__ = [
+    "Binaural",
+    "Body",
     "Damping",
     "ForceTrack",
     "Hold",
@@ -43,12 +49,16 @@ __all__ = [
     "Measured",
     "Mesh",
     "ModalModel",
+    "Mono",
     "Pluck",
     "Rayleigh",
+    "Reverberation",
     "Roll",
+    "Room",
     "Roughness",
     "Scrape",
     "Sound",
+    "Stereo",
     "Strike",
     "analyze",
     "errors",
@@ -67,6 +77,9 @@ _HOMES = {
     "struck.analysis": ("analyze",),
     "struck.rendering": ("render",),
     "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
+    "struck.ears.listeners": ("Binaural", "Mono", "Stereo"),
+    "struck.ears.reverberation": ("Reverberation",),
+    "struck.ears.room": ("Room",),
     "struck.excitation.hold": ("Hold",),
     "struck.excitation.pluck": ("Pluck",),
     "struck.excitation.roll": ("Roll",),
@@ -77,6 +90,7 @@ _HOMES = {
     "struck.material": ("Material", "materials"),
     "struck.mesh": ("Mesh",),
     "struck.model": ("ModalModel",),
+    "struck.scene.body": ("Body",),
     "struck.sound": ("Sound",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

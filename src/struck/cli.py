@@ -16,6 +16,7 @@ from struck.arguments import body_named, material_named, numbers, writable
 from struck.cache_command import declare_cache
 from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
+from struck.listener_arguments import add_listener, listener, room
 from struck.play_command import declare_play
 from struck.progress import TerminalProgress
 from struck.tables import HEADINGS, aligned, modes_rows
@@ -158,11 +159,12 @@ def _render(commands: argparse._SubParsersAction) -> None:
         _run_render,
         "render",
         "strike, scrape, roll on, pluck or hold a model and save the sound",
-        "bell.struck --strike rim --striker wood --speed 1 -o bell.wav",
+        "bell.struck --strike rim --striker wood --speed 1 --listener 0,2,0 --facing 1,0,0 "
+        "--hrtf kemar -o bell.wav",
     )
     parser.add_argument("model")
     add_touches(parser)
-    parser.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
+    add_listener(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument("--level", default="peak", help="peak (default) or absolute (1.0 = 20 Pa)")
@@ -179,7 +181,8 @@ def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Resu
         touches(options),
         seconds=options.seconds,
         sample_rate=options.rate,
-        listener=options.listener,
+        listener=listener(options),
+        room=room(options),
     )
     factor = sound.save(output, level=options.level, encoding=options.encoding)
     text = "\n".join((*sound.notes, f"wrote {output} ({sound.duration:.2f} s)"))

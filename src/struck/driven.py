@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -51,6 +51,8 @@ class Driven:
     holds : sequence of Hold
     sample_rate : int
         Hz.
+    moving : callable or None
+        Outputs at a time, s, where they change.
     """
 
     model: ModalModel
@@ -58,6 +60,7 @@ class Driven:
     excitations: Sequence[Excitation]
     holds: Sequence[Hold]
     sample_rate: int
+    moving: Callable[[float], Complex] | None = None
     _pushings: list[Pushing] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -103,8 +106,11 @@ class Driven:
             for voice, push in enumerate(each.advance(_BLOCK) for each in self._pushings)
             if push is not None
         ]
-        samples = self._resonators.process(pushes, [self.outputs] if first else ())
         self._now += _BLOCK
+        if self.moving is not None:
+            self.outputs = self.moving(self._now / self.sample_rate)
+        given = first or self.moving is not None
+        samples = self._resonators.process(pushes, [self.outputs] if given else ())
         return samples[0].copy()
 
     def _take_holds(self) -> None:

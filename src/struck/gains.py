@@ -56,6 +56,11 @@ class Gains(ABC):
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
 
     @property
+    def directional(self) -> bool:
+        """Whether places of the same distance hear differently: whether there is a timbre field."""
+        return False
+
+    @property
     def rank(self) -> int:
         """How many products there are, R."""
         return 1
@@ -76,6 +81,11 @@ class ExpandedGains(Gains):
     """
 
     products: Gains
+
+    @property
+    def directional(self) -> bool:
+        """As of the products."""
+        return self.products.directional
 
     @property
     def calibrated(self) -> bool:

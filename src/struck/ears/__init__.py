@@ -1,0 +1,1 @@
+"""Ears: how a listener hears bodies in space. The only place where bodies are mixed."""

@@ -1,0 +1,146 @@
+"""Delay lines: what bodies sounded like, read again when it arrives, and what ears do to it.
+
+A line keeps what one body sounds like at 1 m. A path reads it as late as the way to an ear takes,
+between samples too, as loudly as the distance leaves it, and convolves that with the ear's
+response. Delays and gains go along a parabola within a stretch of time, so that motion is heard as
+it is, with its Doppler shift; responses fade from those of its begin to those of its end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Index = NDArray[np.int64]
+
+READ = 32
+"""Samples that a value between samples is made of."""
+_FINE = 256
+_STEEPNESS = 9.0
+_GROUP = 8
+
+
+@cache
+def between() -> Single:
+    """Return the weights of `READ` samples for places between two of them (257, 32).
+
+    A sinc under Kaiser's window: true to -85 dB up to 0.4 of the sample rate (Laakso et al. 1996).
+    """
+    shares = np.arange(_FINE + 1)[:, None] / _FINE
+    places = np.arange(READ) - (READ // 2 - 1) - shares
+    inside = np.sqrt(np.clip(1 - (places / (READ / 2)) ** 2, 0, None))
+    weights = np.sinc(places) * np.i0(_STEEPNESS * inside) / np.i0(_STEEPNESS)
+    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+@dataclass(kw_only=True)
+class Paths:
+    """Ways from lines to ears, as they are in a stretch of time.
+
+    Parameters
+    ----------
+    lines, ears : array (P,), int64
+        From which line, to which ear.
+    delays : array (P, 3)
+        Samples, at the begin, middle and end of the stretch.
+    gains : array (P, 3)
+    before, after : array (P, taps), float32
+        Responses at the begin and at the end.
+    stretch : int
+        Samples.
+    """
+
+    lines: Index
+    ears: Index
+    delays: Array
+    gains: Array
+    before: Single
+    after: Single
+    stretch: int
+
+
+class DelayLines:
+    """All lines of a scene, and what is on its way through the ears' responses.
+
+    Parameters
+    ----------
+    lines : int
+        How many.
+    paths : int
+        How many.
+    block : int
+        Samples that are read and written at a time, at most.
+    longest : float
+        Of the delays, samples; `lengthen` allows for more.
+    taps : int
+        Of the responses.
+    """
+
+    def __init__(self, *, lines: int, paths: int, block: int, longest: float, taps: int) -> None:
+        self.block, self._now = block, 0
+        self._lines = np.zeros((lines, 2 * self._length(longest)), np.float32)
+        padded = -(-taps // _GROUP) * _GROUP
+        self._history = np.zeros((paths, padded - 1 + block), np.float32)
+
+    @property
+    def longest(self) -> int:
+        """The longest delay that can be read, samples."""
+        return self._lines.shape[1] // 2 - self.block - READ
+
+    def _length(self, longest: float) -> int:
+        return 1 << int(np.ceil(np.log2(longest + self.block + READ + 1)))
+
+    def lengthen(self, longest: float) -> None:
+        """Make room for longer delays.
+
+        What was written longer ago than could be read is lost: a way that grows at less than the
+        speed of sound never asks for it.
+        """
+        if longest <= self.longest:
+            return
+        old, half = self._lines, self._lines.shape[1] // 2
+        length = self._length(longest)
+        numbers = np.arange(self._now - half, self._now)
+        self._lines = np.zeros((len(old), 2 * length), np.float32)
+        for copy in (0, length):
+            self._lines[:, copy + numbers % length] = old[:, numbers % half]
+
+    def next_block(self, samples: Array, paths: Paths, ears: int, *, since: int = 0) -> Array:
+        """Write samples (lines, n) and return what the ears hear in the meantime (ears, n).
+
+        A delay of `READ` / 2 samples or more reads what has been written by then. `since` says how
+        many samples of the paths' stretch are over.
+        """
+        count, half = samples.shape[1], self._lines.shape[1] // 2
+        places = np.arange(self._now, self._now + count) % half
+        self._lines[:, places] = samples
+        self._lines[:, places + half] = samples
+        heard = np.zeros((ears, count), np.float32)
+        _hear()(
+            *(self._lines, self._now, between(), paths.lines, paths.ears, paths.delays),
+            *(paths.gains, self._padded(paths.before), self._padded(paths.after)),
+            *(since, paths.stretch, self._history, heard),
+        )
+        self._now += count
+        return heard.astype(np.float64)
+
+    def _padded(self, responses: Single) -> Single:
+        taps = self._history.shape[1] - self.block + 1
+        if responses.shape[1] == taps:
+            return responses
+        return np.pad(responses, ((0, 0), (0, taps - responses.shape[1])))
+
+
+@cache
+def _hear():  # noqa: ANN202 - compiled, or plain NumPy
+    """Return what reads and filters: compiled, or plain NumPy where numba is missing."""
+    try:
+        from struck.ears.lines_compiled import hear
+    except ImportError:  # numba comes late to new versions of Python
+        from struck.ears.lines_plain import hear
+    return hear

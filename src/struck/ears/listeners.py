@@ -1,0 +1,252 @@
+"""Who listens: one point, two ears on a ball, or two ears that were measured."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from struck.ears.head import Array, Filters, Head, Single
+from struck.ears.sphere import HEAD_RADIUS
+from struck.ears.trajectory import Course3, Trajectory
+from struck.errors import OptionError
+
+_LARGEST_HEAD = 0.5
+_TAPS = 8
+UP = (0.0, 0.0, 1.0)
+
+
+class Listener(Protocol):
+    """Someone somewhere who looks somewhere."""
+
+    @property
+    def position(self) -> Course3 | None:
+        """Of the head's centre, m; None: as for a bare position of `render`."""
+        ...
+
+    @property
+    def facing(self) -> Course3 | None:
+        """Where it looks, of any length; None: at the bodies as they are at first."""
+        ...
+
+    @property
+    def up(self) -> Course3:
+        """Which way its head points, of any length; what is along `facing` is left out."""
+        ...
+
+    @property
+    def ear_points(self) -> Array:
+        """Places of the ears in the head's frame (ears, 3), m."""
+        ...
+
+    def filters(self, sample_rate: float) -> Filters:
+        """Return what the head does to sound."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mono:
+    """One ear without a head.
+
+    Parameters
+    ----------
+    position : array-like (3,), (times, points) or function of time
+        m; see `struck.ears.trajectory`. None: on the x axis of the first body through its centre,
+        1 m or two of its radii away.
+
+    Raises
+    ------
+    OptionError
+        On a position that is none.
+    """
+
+    position: Course3 | None = None
+
+    def __post_init__(self) -> None:
+        _require_course(position=self.position)
+
+    @property
+    def facing(self) -> Course3:
+        """Anywhere."""
+        return (1.0, 0.0, 0.0)
+
+    @property
+    def up(self) -> Course3:
+        """Upwards."""
+        return UP
+
+    @property
+    def ear_points(self) -> Array:
+        """The place itself."""
+        return np.zeros((1, 3))
+
+    def filters(self, sample_rate: float) -> Filters:
+        """Return filters that change nothing."""
+        del sample_rate
+        return Unchanged(ears=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stereo:
+    """Two ears on a rigid ball: delays and levels by formula.
+
+    Parameters
+    ----------
+    position, facing, up : array-like (3,), (times, points) or function of time
+        See `Listener`. Left is up x facing.
+    head : str
+        "exact": sound around a rigid sphere, near sources too (Duda and Martens 1998);
+        "woodworth": the delay of the shortest way around it (Woodworth 1938), the level by a filter
+        of first order (Brown and Duda 1998); "simple1998": that delay alone, the left-right
+        localisation of van den Doel and Pai (1998).
+    radius : float
+        Of the ball, m.
+
+    Raises
+    ------
+    OptionError
+        On an unknown head, or arguments outside their bounds.
+    """
+
+    position: Course3 | None = None
+    facing: Course3 | None = None
+    up: Course3 = UP
+    head: str = "exact"
+    radius: float = HEAD_RADIUS
+
+    def __post_init__(self) -> None:
+        _require_course(position=self.position, facing=self.facing, up=self.up)
+        _require_radius(self.radius)
+        _ball(self.head, self.radius)
+
+    @property
+    def ear_points(self) -> Array:
+        """Left and right on the ball."""
+        return _on_sides(self.radius)
+
+    def filters(self, sample_rate: float) -> Filters:
+        """Return those of the ball."""
+        return _ball(self.head, self.radius).prepared(sample_rate)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Binaural:
+    """Two ears whose responses were measured: for headphones.
+
+    Parameters
+    ----------
+    position, facing, up : array-like (3,), (times, points) or function of time
+        See `Listener`. Left is up x facing.
+    hrtf : str or path
+        "kemar": the dummy head of Gardner and Martin (1994), which comes with struck; or a SOFA
+        file of the convention SimpleFreeFieldHRIR.
+    radius : float
+        Half the distance of the ears, m: where bodies with a timbre field are heard, and for what
+        sources near the head change.
+
+    Raises
+    ------
+    OptionError
+        On arguments outside their bounds.
+    FileFormatError
+        On a file that is no such set.
+    """
+
+    position: Course3 | None = None
+    facing: Course3 | None = None
+    up: Course3 = UP
+    hrtf: str | os.PathLike[str] = "kemar"
+    radius: float = HEAD_RADIUS
+
+    def __post_init__(self) -> None:
+        _require_course(position=self.position, facing=self.facing, up=self.up)
+        _require_radius(self.radius)
+
+    @property
+    def ear_points(self) -> Array:
+        """Left and right of the head's centre."""
+        return _on_sides(self.radius)
+
+    def filters(self, sample_rate: float) -> Filters:
+        """Return those of the measured head."""
+        from struck.ears.measured_head import MeasuredHead
+
+        if str(self.hrtf) == "kemar":
+            return MeasuredHead.named("kemar").prepared(sample_rate)
+        return MeasuredHead.read(os.fspath(self.hrtf)).prepared(sample_rate)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unchanged:
+    """Filters that change nothing.
+
+    Parameters
+    ----------
+    ears : int
+    """
+
+    ears: int
+
+    @property
+    def taps(self) -> int:
+        """A vector's worth."""
+        return _TAPS
+
+    def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
+        """Return no delays, and unit impulses."""
+        del distances
+        responses = np.zeros((len(directions), self.ears, _TAPS), np.float32)
+        responses[:, :, 0] = 1
+        return np.zeros((len(directions), self.ears)), responses
+
+
+def axes(facing: Array, up: Array) -> Array:
+    """Return the head's axes in the scene (n, 3, 3): rows forward, left and up.
+
+    Raises
+    ------
+    OptionError
+        Where someone looks along the axis of his own head.
+    """
+    forward = _normal("facing", facing)
+    left = _normal("the part of up across facing", _across(_normal("up", up), forward))
+    return np.stack([forward, left, _across(forward, left)], axis=1)
+
+
+def _across(first: Array, second: Array) -> Array:
+    """Return cross products (n, 3): in a third of the time of NumPy's, which serves all shapes."""
+    a, b = first[:, [1, 2, 0]], second[:, [2, 0, 1]]
+    return a * b - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
+
+
+def _normal(name: str, vectors: Array) -> Array:
+    lengths = np.sqrt(np.einsum("nd,nd->n", vectors, vectors))[:, None]
+    if lengths.min() < 1e-9:
+        raise OptionError(f"{name} is {vectors[np.argmin(lengths)]}: give one with a length")
+    return vectors / lengths
+
+
+def _on_sides(radius: float) -> Array:
+    return np.array([[0.0, radius, 0.0], [0.0, -radius, 0.0]])
+
+
+def _ball(name: str, radius: float) -> Head:
+    from struck.ears.sphere_head import SimpleHead, SphereHead, WoodworthHead
+
+    heads = {"exact": SphereHead, "woodworth": WoodworthHead, "simple1998": SimpleHead}
+    if name not in heads:
+        raise OptionError(f"head is {name!r}: give one of {', '.join(heads)}")
+    return heads[name](radius=radius)
+
+
+def _require_course(**courses: Course3 | None) -> None:
+    for name, course in courses.items():
+        if course is not None:
+            Trajectory.of(name, course)
+
+
+def _require_radius(radius: float) -> None:
+    if not 0 < radius <= _LARGEST_HEAD:
+        raise OptionError(f"radius is {radius} m: a head's lies above 0 and at most at 0.5")

@@ -1,0 +1,154 @@
+"""Where a listener is and looks, and where bodies are when they sent what arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from struck.air import AIR
+from struck.ears.head import Array
+from struck.ears.listeners import Listener, axes
+from struck.ears.room import Room
+from struck.ears.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Emitter:
+    """Where the sound of a body comes from.
+
+    Parameters
+    ----------
+    centre : Trajectory
+        Where it seems to come from, m.
+    radius : float
+        Of the ball about it that nobody may enter, m.
+    field : bool
+        Whether the body's own gains tell what each ear gets: then it has a line for each ear, and
+        no distance law and no head shadow comes on top.
+    """
+
+    centre: Trajectory
+    radius: float = 0.0
+    field: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pose:
+    """A listener's head over time.
+
+    Parameters
+    ----------
+    position, facing, up : Trajectory
+    ear_points : array (ears, 3)
+        In the head's frame, m.
+    """
+
+    position: Trajectory
+    facing: Trajectory
+    up: Trajectory
+    ear_points: Array
+
+    @classmethod
+    def of(cls, listener: Listener, emitters: Sequence[Emitter]) -> Pose:
+        """Return that of a listener; where he does not say, beside the first body, facing all."""
+        start = np.zeros(1)
+        centres = np.concatenate([each.centre.at(start) for each in emitters])
+        aside = np.array([max(1.0, 2 * emitters[0].radius), 0.0, 0.0])
+        given = listener.position
+        position = Trajectory.of("position", centres[0] + aside if given is None else given)
+        ahead = centres.mean(axis=0) - position.at(start)[0]
+        facing = listener.facing
+        return cls(
+            position=position,
+            facing=Trajectory.of("facing", ahead if facing is None else facing),
+            up=Trajectory.of("up", listener.up),
+            ear_points=listener.ear_points,
+        )
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether it may change."""
+        return self.position.moves or self.facing.moves or self.up.moves
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return the places of the head's centre and the ears, and its axes.
+
+        Returns
+        -------
+        places : array (n, 1 + ears, 3)
+        axes : array (n, 3, 3)
+            Rows forward, left and up.
+        """
+        if self.moves:
+            return self._at(times)
+        places, turned = self._rest
+        return np.repeat(places, len(times), axis=0), np.repeat(turned, len(times), axis=0)
+
+    @cached_property
+    def _rest(self) -> tuple[Array, Array]:
+        """What `at` says of who stays where he is."""
+        return self._at(np.zeros(1))
+
+    def _at(self, times: Array) -> tuple[Array, Array]:
+        turned = axes(self.facing.at(times), self.up.at(times))
+        centre = self.position.at(times)[:, None]
+        return np.concatenate([centre, centre + self.ear_points @ turned], axis=1), turned
+
+
+class Sources:
+    """Bodies and their mirror images.
+
+    Parameters
+    ----------
+    emitters : sequence of Emitter
+    signs, offsets : array (I, 3)
+        An image of what is at p is at signs * p + offsets; the first is the body itself.
+    """
+
+    def __init__(self, emitters: Sequence[Emitter], signs: Array, offsets: Array) -> None:
+        self._emitters, self._signs, self._offsets = emitters, signs, offsets
+        images = len(signs)
+        self.emitter = np.repeat(np.arange(len(emitters)), images)
+        self.image = np.tile(np.arange(images), len(emitters))
+        self.direct = images * self.emitter
+        self.field = np.repeat([each.field for each in emitters], images)
+        self.radius = np.repeat([each.radius for each in emitters], images)
+
+    @classmethod
+    def of(cls, emitters: Sequence[Emitter], room: Room | None) -> Sources:
+        """Return bodies alone, or with the images that walls make."""
+        if room is None:
+            return cls(emitters, np.ones((1, 3)), np.zeros((1, 3)))
+        images = room.images()
+        return cls(emitters, images.signs, images.offsets)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any body may move."""
+        return any(each.centre.moves for each in self._emitters)
+
+    def at(self, times: Array, ways: Array) -> Array:
+        """Return where sources were when they sent what has gone a way.
+
+        Parameters
+        ----------
+        times : array (n,)
+            Of arrival, s.
+        ways : array (n, sources)
+            m.
+
+        Returns
+        -------
+        array (n, sources, 3)
+        """
+        sent = times[:, None] - ways / AIR.sound_speed
+        images = len(self._signs)
+        places = np.empty((*ways.shape, 3))
+        for number, emitter in enumerate(self._emitters):
+            mine = slice(images * number, images * (number + 1))
+            centres = emitter.centre.at(sent[:, mine].ravel()).reshape(len(times), images, 3)
+            places[:, mine] = self._signs * centres + self._offsets
+        return places

@@ -1,0 +1,245 @@
+"""The late sound of a room: noise that dies away at the same rate everywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.air import AIR
+from struck.errors import OptionError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Single = NDArray[np.float32]
+
+EAR_SPACING = 0.175
+"""m; twice the radius 8.75 cm of the sphere that stands for a head."""
+SABINE = 24 * math.log(10) / AIR.sound_speed
+"""s/m; the reverberation time is this times volume over absorption area (0.161 s/m)."""
+_AMPLITUDE = 3 * math.log(10)
+"""Exponent by which an amplitude falls by 60 dB."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reverberation:
+    """A diffuse field: the same sound from everywhere, dying away exponentially.
+
+    Parameters
+    ----------
+    seconds : float or mapping of float to float
+        Time in which the sound dies away by 60 dB; or one such time for each centre of a band, Hz.
+        Between two centres the bands fade into one another over the logarithm of the frequency;
+        the lowest and the highest reach to the ends of the spectrum.
+    volume : float, optional
+        Of the room, m^3: gives the level.
+    level : float, optional
+        In place of the volume: energy of the whole decay in dB over that of the direct sound at
+        1 m from the source.
+    seed : int
+        Of the noise.
+
+    Raises
+    ------
+    OptionError
+        When a time, a band or the volume is not positive, or not one of volume and level is given.
+
+    Notes
+    -----
+    A source that radiates equally to all sides, of mean square pressure p^2 at 1 m, fills a room
+    of absorption area A with a mean square pressure 16 pi p^2 / A; direct sound and reverberation
+    are equal at the critical distance sqrt(A / (16 pi)). With A from Sabine's formula the decay
+    after an impulse starts at an energy of 4 pi c / V a second, whatever the reverberation time
+    (H. Kuttruff, Room Acoustics, 5th ed., Spon Press, 2009, chapter 5).
+    """
+
+    seconds: float | Mapping[float, float]
+    volume: float | None = None
+    level: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if (self.volume is None) == (self.level is None):
+            raise OptionError(
+                f"volume is {self.volume} and level is {self.level}: give one of them"
+            )
+        if self.volume is not None and not 0 < self.volume < math.inf:
+            raise OptionError(f"a volume of {self.volume} m^3 is no room's: give a positive one")
+        if self.level is not None and not math.isfinite(self.level):
+            raise OptionError(f"level is {self.level}: give decibels, as -20")
+        bands = self.bands()
+        if not len(bands):
+            raise OptionError("seconds names no band: give a time for one at least, as {1000: 0.6}")
+        for value in bands.ravel():
+            if not 0 < value < math.inf:
+                raise OptionError(
+                    f"seconds holds {value}: frequencies and times are positive and finite"
+                )
+
+    def bands(self) -> Array:
+        """Return centre (Hz) and reverberation time (s) of each band, rising: (bands, 2).
+
+        One time for all bands stands at 1 kHz.
+        """
+        times = self.seconds if isinstance(self.seconds, Mapping) else {1000.0: self.seconds}
+        return np.array(sorted(times.items()), dtype=np.float64).reshape(-1, 2)
+
+    def absorption_areas(self) -> Array:
+        """Return the absorption area of each band, m^2: (bands,).
+
+        From the volume by Sabine's formula, else from the level.
+        """
+        if self.level is not None:
+            return np.full(len(self.bands()), 16 * math.pi / 10 ** (self.level / 10))
+        assert self.volume is not None  # noqa: S101  # one of both is given
+        return SABINE * self.volume / self.bands()[:, 1]
+
+    def critical_distances(self) -> Array:
+        """Return where direct sound and reverberation are equally loud, band by band, m: (bands,).
+
+        Kuttruff 2009, chapter 5, for a source without direction.
+        """
+        return np.sqrt(self.absorption_areas() / (16 * math.pi))
+
+    def tail(
+        self,
+        sample_rate: float,
+        channels: int = 2,
+        *,
+        start: float = 0.0,
+        ear_spacing: float = EAR_SPACING,
+    ) -> Single:
+        """Return the response of the room to an impulse that is 1 at 1 m from the source.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Hz.
+        channels : int
+            1, or 2 for both ears, each as loud as the one.
+        start : float
+            Time of the first sample after the impulse left the source, s: the mixing time, when
+            reflections told one by one end. What is before it is left out, the rest stays as is.
+        ear_spacing : float
+            m; the ears are coherent as two points so far apart in a diffuse field, sin(k d) / (k d)
+            (R. K. Cook et al., J. Acoust. Soc. Am. 27(6), 1072-1077, 1955).
+
+        Returns
+        -------
+        array (channels, n), float32
+            Until 60 dB down after the longest reverberation time; none when that is before
+            `start`.
+
+        Raises
+        ------
+        OptionError
+            When an argument is out of its bound.
+        """
+        _require(sample_rate, channels, start, ear_spacing)
+        count = max(0, math.ceil((self.bands()[:, 1].max() - start) * sample_rate))
+        if count == 0:
+            return np.zeros((channels, 0), np.float32)
+        white = np.random.default_rng(self.seed).standard_normal((channels, count))
+        noise = _coherent(np.fft.rfft(white), sample_rate, ear_spacing)
+        times = start + np.arange(count) / sample_rate
+        return self._decaying(noise, sample_rate, times).astype(np.float32)
+
+    def _decaying(self, spectra: Complex, sample_rate: float, times: Array) -> Array:
+        """Weigh each band of white noise with its own decay, and add them up."""
+        total = np.zeros((len(spectra), len(times)))
+        frequencies = np.fft.rfftfreq(len(times), 1 / sample_rate)
+        centres, seconds = self.bands().T
+        energies = 16 * math.pi / self.absorption_areas() * 2 * _AMPLITUDE / seconds  # a second
+        shares = band_shares(frequencies, centres)
+        for energy, time, share in zip(energies, seconds, shares, strict=True):
+            envelope = math.sqrt(energy / sample_rate) * np.exp(-_AMPLITUDE * times / time)
+            total += envelope * np.fft.irfft(spectra * share, len(times))
+        return total
+
+
+def band_shares(frequencies: ArrayLike, centres: Array) -> Array:
+    """Return what each band has of each frequency: 1 at its centre, 1 in sum.
+
+    Neighbours fade into one another as cos^2 over the logarithm of the frequency.
+
+    Parameters
+    ----------
+    frequencies : array (F,)
+        Hz.
+    centres : array (bands,)
+        Hz, rising.
+
+    Returns
+    -------
+    array (bands, F)
+    """
+    lowest = centres[0]
+    place = np.log(np.clip(frequencies, lowest, centres[-1]) / lowest)
+    triangles = [np.interp(place, np.log(centres / lowest), unit) for unit in np.eye(len(centres))]
+    return np.sin(np.pi / 2 * np.array(triangles)) ** 2
+
+
+def diffuse_coherence(frequencies: ArrayLike, spacing: float) -> Array:
+    """Return the coherence sin(k d) / (k d) of two points in a diffuse field (Cook et al. 1955)."""
+    return np.sinc(2 * np.asarray(frequencies) * spacing / AIR.sound_speed)
+
+
+def statistical_time(
+    volume: float, areas: Array, absorptions: Array, formula: str = "eyring"
+) -> Array:
+    """Return the reverberation time to expect of a room, band by band.
+
+    Infinite where nothing is absorbed; 0 by Eyring's formula where all is. Air absorbs nothing.
+
+    Parameters
+    ----------
+    volume : float
+        m^3.
+    areas : array (walls,)
+        m^2.
+    absorptions : array (walls, bands)
+        Absorbed share of the energy.
+    formula : {"eyring", "sabine"}
+        Sabine's holds where little is absorbed (Kuttruff 2009, chapter 5).
+
+    Returns
+    -------
+    array (bands,)
+        s.
+
+    Raises
+    ------
+    OptionError
+        When the formula is another.
+    """
+    mean = areas @ absorptions / areas.sum()
+    if formula not in {"eyring", "sabine"}:
+        raise OptionError(f"no formula is called {formula!r}: there are eyring and sabine")
+    with np.errstate(divide="ignore"):
+        lost = mean if formula == "sabine" else -np.log1p(-mean)
+        return SABINE * volume / (areas.sum() * lost)
+
+
+def _coherent(spectra: Complex, sample_rate: float, spacing: float) -> Complex:
+    """Mix two independent noises into two as coherent as in a diffuse field."""
+    if len(spectra) == 1:
+        return spectra
+    frequencies = np.linspace(0, sample_rate / 2, spectra.shape[1])
+    coherence = diffuse_coherence(frequencies, spacing)
+    common = np.sqrt((1 + coherence) / 2) * spectra[0]
+    opposite = np.sqrt((1 - coherence) / 2) * spectra[1]
+    return np.stack([common + opposite, common - opposite])
+
+
+def _require(sample_rate: float, channels: int, start: float, ear_spacing: float) -> None:
+    if not 0 < sample_rate < math.inf:
+        raise OptionError(f"a sample rate of {sample_rate} Hz is none: give a positive one")
+    if channels not in {1, 2}:
+        raise OptionError(f"{channels} channels: a tail has 1, or 2 for both ears")
+    if not 0 <= start < math.inf:
+        raise OptionError(f"a tail that starts at {start} s: give 0 or later")
+    if not 0 < ear_spacing < math.inf:
+        raise OptionError(f"ears {ear_spacing} m apart: give a positive spacing, as {EAR_SPACING}")

@@ -1,0 +1,300 @@
+"""A room as a box: reflections as images of the source behind the walls."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.air import AIR
+from struck.ears.reverberation import Reverberation, statistical_time
+from struck.errors import MissingDependencyError, OptionError
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Counts = NDArray[np.int64]
+Wall = str | float
+
+WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")
+"""Names of the walls: z0 is the floor, z1 the ceiling."""
+BANDS = 125.0 * 2.0 ** np.arange(7)
+"""Centres of the octave bands in which absorption is given, Hz: (7,)."""
+_FAINTEST = 1e-5  # a logarithm needs something: 100 dB down is nothing
+_SPECTRUM = 8192  # points of the circle on which a short response is built
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Images:
+    """Where the images of any source in a box are; the first is the source itself.
+
+    Parameters
+    ----------
+    signs, offsets : array (images, 3)
+        The image of a source at p is at signs * p + offsets, m; signs are 1, or -1 if mirrored.
+    counts : array (images, 6)
+        How often the sound met each of `WALLS`.
+    """
+
+    signs: Array
+    offsets: Array
+    counts: Counts
+
+    def __len__(self) -> int:
+        return len(self.signs)
+
+    @property
+    def reflections(self) -> Counts:
+        """How often the sound met a wall: (images,)."""
+        return self.counts.sum(axis=1)
+
+    def at(self, positions: ArrayLike) -> Array:
+        """Return the images of sources: (..., 3) -> (..., images, 3), m."""
+        return self.signs * np.asarray(positions, np.float64)[..., None, :] + self.offsets
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Room:
+    """A box with one corner at the origin of the scene, along its axes.
+
+    Parameters
+    ----------
+    size : (3,) floats
+        m.
+    walls : str, float or mapping of str to them
+        Material by name (see `wall_materials`), or absorbed share of the energy in all bands, 0 to
+        1; for all walls, or for each of "x0", "x1", "y0", "y1", "z0" (floor), "z1" (ceiling).
+    order : int
+        Reflections up to so many walls are told one by one.
+    reverberation : Reverberation, optional
+        What comes after them; `expected_reverberation` makes one from the walls.
+    corner : (3,) floats
+        The corner with the lowest coordinates, m.
+
+    Raises
+    ------
+    OptionError
+        When an argument is out of its bound, or a wall is unknown or missing.
+
+    Notes
+    -----
+    Images: J. B. Allen and D. A. Berkley, J. Acoust. Soc. Am. 65(4), 943-950, 1979. A wall
+    reflects the pressure by sqrt(1 - absorption), whatever the angle; air absorbs nothing.
+    """
+
+    size: tuple[float, float, float]
+    walls: Wall | Mapping[str, Wall] = "brick"
+    order: int = 2
+    reverberation: Reverberation | None = None
+    corner: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 3 or not all(0 < edge < math.inf for edge in self.size):
+            raise OptionError(f"a room of size {self.size}: give three positive lengths, m")
+        if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
+            raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
+        if self.order != int(self.order) or self.order < 0:
+            raise OptionError(f"reflections up to order {self.order}: give 0, 1, 2, ...")
+        self.absorptions()
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return math.prod(self.size)
+
+    @property
+    def areas(self) -> Array:
+        """Of each of `WALLS`, m^2: (6,)."""
+        return np.repeat(self.volume / np.array(self.size), 2)
+
+    def absorptions(self) -> Array:
+        """Return the absorbed share of the energy, wall by wall and band by band: (6, 7)."""
+        walls = self.walls if isinstance(self.walls, Mapping) else dict.fromkeys(WALLS, self.walls)
+        if set(walls) != set(WALLS):
+            raise OptionError(f"walls are given for {', '.join(walls)}: give {', '.join(WALLS)}")
+        return np.array([_absorption(walls[name]) for name in WALLS])
+
+    def require_inside(self, positions: ArrayLike, name: str) -> None:
+        """Refuse places (..., 3), m, that are not all inside; `name` says of what they are.
+
+        Raises
+        ------
+        OptionError
+            With the first place outside.
+        """
+        points = np.asarray(positions, np.float64).reshape(-1, 3)
+        low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
+        outside = ~np.all((points >= low) & (points <= high), axis=1)
+        if outside.any():
+            raise OptionError(
+                f"the {name} at {points[outside][0].tolist()} m is outside the room, which reaches "
+                f"from {low.tolist()} to {high.tolist()} m: move it in, or make the room larger"
+            )
+
+    def images(self) -> Images:
+        """Return the images up to the order, those of fewer reflections first."""
+        span = range(-self.order, self.order + 1)
+        cells = [c for c in itertools.product(span, repeat=3) if sum(map(abs, c)) <= self.order]
+        cell = np.array(sorted(cells, key=lambda c: sum(map(abs, c))))
+        odd = cell % 2
+        signs = 1.0 - 2 * odd
+        offsets = (cell + odd) * np.array(self.size) + 2 * odd * np.array(self.corner)
+        # A way over m rooms to the right meets the right wall first, then both in turn.
+        near, far = (np.abs(cell) + (cell < 0)) // 2, (np.abs(cell) + (cell > 0)) // 2
+        counts = np.stack([near, far], axis=2).reshape(-1, 6).astype(np.int64)
+        return Images(signs=signs, offsets=offsets, counts=counts)
+
+    def responses(self, sample_rate: float, taps: int = 64) -> Single:
+        """Return what the walls do to each image, as short filters of minimum phase: no delay.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Hz.
+        taps : int
+            Length. 64 at 48 kHz follow each reflection within 0.1 dB up to 16 kHz, of curtains
+            within 0.3 dB.
+
+        Returns
+        -------
+        array (images, taps), float32
+            Of the source itself 1, 0, 0, ...; what is below -100 dB is at -100 dB.
+
+        Raises
+        ------
+        OptionError
+            When the sample rate is not positive, or there are less than 1 or more than 4096 taps.
+        """
+        if not 0 < sample_rate < math.inf:
+            raise OptionError(f"a sample rate of {sample_rate} Hz is none: give a positive one")
+        if not 1 <= taps <= _SPECTRUM // 2:
+            raise OptionError(f"filters of {taps} taps: give 1 to {_SPECTRUM // 2}")
+        frequencies = sample_rate * np.arange(_SPECTRUM // 2 + 1) / _SPECTRUM
+        place = np.log(np.maximum(frequencies, BANDS[0]))
+        kept = [1 - np.interp(place, np.log(BANDS), row) for row in self.absorptions()]
+        logarithms = 0.5 * np.log(np.maximum(kept, _FAINTEST**2))
+        distinct, which = np.unique(self.images().counts, axis=0, return_inverse=True)
+        magnitudes = np.maximum(distinct @ logarithms, math.log(_FAINTEST))
+        return _minimum_phase(magnitudes)[which.ravel(), :taps].astype(np.float32)
+
+    def reverberation_time(self, formula: str = "eyring") -> Array:
+        """Return the `statistical_time` of decay to expect in each of `BANDS`, s: (7,)."""
+        return statistical_time(self.volume, self.areas, self.absorptions(), formula)
+
+    def expected_reverberation(self, seed: int = 0) -> Reverberation:
+        """Return the reverberation to expect of these walls by Eyring's formula.
+
+        Raises
+        ------
+        OptionError
+            When in some band the walls absorb nothing or all.
+        """
+        times = dict(zip(BANDS.tolist(), self.reverberation_time().tolist(), strict=True))
+        return Reverberation(seconds=times, volume=self.volume, seed=seed)
+
+    def mixing_time(self) -> float:
+        """Return when the reverberation takes over from the images, s after the emission.
+
+        That is when sound has met `order` + 1 walls on average, with a mean free path of 4 V / S
+        (Kuttruff 2009, chapter 5).
+        """
+        return (self.order + 1) * 4 * self.volume / float(self.areas.sum()) / AIR.sound_speed
+
+    def full_responses(
+        self, source: ArrayLike, listeners: ArrayLike, sample_rate: float, order: int = 12
+    ) -> Single:
+        """Return whole responses of the room by pyroomacoustics, images up to a high order.
+
+        Parameters
+        ----------
+        source, listeners : array (3,), array (listeners, 3)
+            m, scene frame.
+        sample_rate, order : float, int
+            Whole Hz; as of the room.
+
+        Returns
+        -------
+        array (listeners, n), float32
+            From the emission on, of an impulse that is 1 at 1 m; without what is below 10 Hz.
+
+        Raises
+        ------
+        OptionError
+            When source or listener is outside the room, or the sample rate is not whole.
+        MissingDependencyError
+            When pyroomacoustics is not installed.
+        """
+        points = np.asarray(listeners, np.float64).reshape(-1, 3)
+        self.require_inside(source, "source")
+        self.require_inside(points, "listener")
+        if not sample_rate > 0 or sample_rate % 1:
+            raise OptionError(f"a sample rate of {sample_rate} Hz: give a whole one, as 48000")
+        library = _pyroomacoustics()
+        walls = self._materials(library)
+        box = library.ShoeBox(self.size, fs=int(sample_rate), materials=walls, max_order=order)
+        box.set_sound_speed(AIR.sound_speed)
+        box.add_source(np.asarray(source, np.float64) - self.corner)
+        box.add_microphone_array((points - self.corner).T)
+        box.compute_rir()
+        lead = library.constants.get("frac_delay_length") // 2
+        rows = [row[0][lead:] for row in box.rir]
+        longest = max(map(len, rows))
+        return np.stack([np.pad(row, (0, longest - len(row))) for row in rows]).astype(np.float32)
+
+    def _materials(self, library: ModuleType) -> dict[str, Any]:
+        names = ("west", "east", "south", "north", "floor", "ceiling")
+        tables = [{"coeffs": row, "center_freqs": BANDS.tolist()} for row in self.absorptions()]
+        return dict(zip(names, map(library.Material, tables), strict=True))
+
+
+@cache
+def wall_materials() -> Mapping[str, Mapping[str, Any]]:
+    """Return the table of wall materials by name: absorption (7 bands) and its source."""
+    text = resources.files("struck.ears").joinpath("walls.toml").read_text("utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
+def _absorption(wall: Wall) -> Array:
+    if isinstance(wall, str):
+        entry = wall_materials().get(wall.strip().lower())
+        if entry is None:
+            known = wall_materials()
+            near = difflib.get_close_matches(wall.lower(), known, n=3, cutoff=0.5)
+            offer = f"did you mean {' or '.join(near)}? " if near else ""
+            raise OptionError(f"no wall is called {wall!r}: {offer}there are {', '.join(known)}")
+        return np.array(entry["absorption"])
+    if not 0 <= wall <= 1:
+        raise OptionError(f"a wall that absorbs {wall} of the energy: give 0 to 1, or a name")
+    return np.full(len(BANDS), float(wall))
+
+
+def _minimum_phase(logarithms: Array) -> Array:
+    """Return responses of minimum phase from the logarithms of their magnitudes.
+
+    A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, 3rd ed., 2010, chapter 13:
+    the complex cepstrum of minimum phase is twice the causal half of the real one.
+    """
+    count = 2 * (logarithms.shape[1] - 1)
+    cepstra = np.fft.irfft(logarithms, count)
+    cepstra[:, 1 : count // 2] *= 2
+    cepstra[:, count // 2 + 1 :] = 0
+    return np.fft.irfft(np.exp(np.fft.rfft(cepstra)), count)
+
+
+def _pyroomacoustics() -> ModuleType:
+    try:
+        import pyroomacoustics  # pyright: ignore[reportMissingImports]  # an extra
+    except ImportError as error:
+        raise MissingDependencyError(
+            'full responses of a room are made by pyroomacoustics: pip install "struck[room]"'
+        ) from error
+    return pyroomacoustics

@@ -1,0 +1,66 @@
+"""Who listens, as people say it in the shell."""
+
+from __future__ import annotations
+
+import argparse
+
+from numpy.typing import ArrayLike
+
+from struck.arguments import numbers
+from struck.ears.listeners import Binaural, Listener, Stereo
+from struck.ears.reverberation import Reverberation
+from struck.ears.room import Room
+from struck.errors import OptionError
+
+
+def add_listener(parser: argparse.ArgumentParser) -> None:
+    """Declare where someone listens, with which ears, and in which room."""
+    group = parser.add_argument_group("listener")
+    group.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
+    group.add_argument("--facing", type=numbers(3), help="where the listener looks: x,y,z")
+    group.add_argument("--hrtf", help="two measured ears: kemar, or a SOFA file")
+    group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
+    group.add_argument("--room", type=numbers(3), help="size x,y,z of a room, m, corner at 0,0,0")
+    group.add_argument("--walls", default="brick", help="of the room: brick, wood, carpet, ...")
+    group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")
+
+
+def listener(options: argparse.Namespace) -> Listener | ArrayLike | None:
+    """Return who was asked for.
+
+    Raises
+    ------
+    OptionError
+        On ears of two kinds, or a direction for one ear.
+    """
+    if options.hrtf and options.head:
+        raise OptionError(
+            f"--hrtf {options.hrtf} and --head {options.head} are two heads: give one"
+        )
+    place = {"position": options.listener, "facing": options.facing}
+    if options.hrtf:
+        return Binaural(**place, hrtf=options.hrtf)
+    if options.head:
+        return Stereo(**place, head=options.head)
+    if options.facing:
+        raise OptionError("--facing needs two ears: give --hrtf kemar, or --head exact")
+    return options.listener
+
+
+def room(options: argparse.Namespace) -> Room | None:
+    """Return the room that was asked for, if any.
+
+    Raises
+    ------
+    OptionError
+        On a reverberation without a room, or a room that cannot be.
+    """
+    if options.room is None:
+        if options.reverberation is not None:
+            raise OptionError("--reverberation needs a room: give --room x,y,z")
+        return None
+    x, y, z = options.room
+    late = None
+    if options.reverberation is not None:
+        late = Reverberation(seconds=options.reverberation, volume=x * y * z)
+    return Room(size=(x, y, z), walls=options.walls, reverberation=late)

@@ -1,0 +1,140 @@
+"""Offline sound of bodies in space, as a listener hears them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.air import AIR
+from struck.driven import Driven
+from struck.ears.hearing import Hearing
+from struck.ears.listeners import Listener
+from struck.ears.pose import Pose
+from struck.ears.room import Room
+from struck.excitation.hold import Hold
+from struck.model import Array
+from struck.radiating import finite, left_out, radiated
+from struck.scene.body import Body
+from struck.sound import Sound
+from struck.synth.ring_down import below_nyquist
+
+Complex = NDArray[np.complex128]
+_BLOCK = 4096
+
+
+def mixed(
+    bodies: Sequence[Body],
+    listener: Listener,
+    *,
+    seconds: float | None,
+    sample_rate: int,
+    room: Room | None = None,
+) -> Sound:
+    """Return what a listener hears; see `struck.rendering.render`."""
+    emitters = [body.emitter for body in bodies]
+    pose = Pose.of(listener, emitters)
+    sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]
+    hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
+    rows = _of_one_length([samples for samples, _ in sent])
+    samples = _heard(hearing, rows, None if seconds is None else round(seconds * sample_rate))
+    if room is not None:
+        samples += _reverberated(room, rows, (len(samples), samples.shape[1]), sample_rate)
+    calibrated = [body.model.calibrated for body in bodies]
+    return Sound(
+        samples=samples.astype(np.float32),
+        sample_rate=sample_rate,
+        calibrated=all(calibrated),
+        notes=_notes([notes for _, notes in sent], calibrated),
+    )
+
+
+def _sent(
+    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+) -> tuple[Array, tuple[str, ...]]:
+    """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
+    if body.model.gains.directional:
+        return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
+    far = max(1.0, 2 * body.radius)
+    place = body.centre + np.array([far, 0.0, 0.0])
+    arrived = radiated(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
+    return far * arrived.samples[None], arrived.notes
+
+
+def _sent_to_ears(
+    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+) -> tuple[Array, tuple[str, ...]]:
+    model = body.model.expanded()
+    outputs = _toward_ears(body, pose)
+    driven = Driven(
+        model=model,
+        outputs=outputs(0.0),
+        excitations=[each for each in body.actions if not isinstance(each, Hold)],
+        holds=[each for each in body.actions if isinstance(each, Hold)],
+        sample_rate=sample_rate,
+        moving=outputs if pose.moves or body.emitter.centre.moves else None,
+    )
+    kept = below_nyquist(model.frequencies, sample_rate)
+    return driven.samples(seconds, at_least=0.0), left_out(kept, sample_rate)
+
+
+def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
+    """Return a function of the time of sending: gains toward the ears when that arrives."""
+    centre, gains = body.emitter.centre, body.model.gains.expanded()
+    back = np.asarray(body.rotation).T
+
+    def outputs(time: float) -> Complex:
+        now = np.array([time])
+        place = centre.at(now)
+        way = float(np.linalg.norm(pose.at(now)[0][0, 0] - place))
+        ears = pose.at(now + way / AIR.sound_speed)[0][0, 1:]
+        return finite(gains.toward((ears - place) @ back.T + body.centre)[:, 0])
+
+    return outputs
+
+
+def _of_one_length(rows: Sequence[Array]) -> Array:
+    longest = max(each.shape[1] for each in rows)
+    return np.concatenate([np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in rows])
+
+
+def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
+    """Return what the ears hear (ears, n); of unsaid length, until all has arrived."""
+    blocks, done = [], 0
+    while length is None or done < length + hearing.lead:
+        part = rows[:, done : done + _BLOCK]
+        blocks.append(hearing.next_block(np.pad(part, ((0, 0), (0, _BLOCK - part.shape[1])))))
+        done += _BLOCK
+        if length is None and done >= rows.shape[1]:
+            length = rows.shape[1] + hearing.longest
+    return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
+
+
+def _reverberated(room: Room, rows: Array, shape: tuple[int, int], sample_rate: int) -> Array:
+    """Return the late sound of a room, after that of its images (ears, n)."""
+    from scipy.signal import oaconvolve
+
+    late, start = np.zeros(shape), round(room.mixing_time() * sample_rate)
+    if room.reverberation is None or start >= shape[1]:
+        return late
+    tail = room.reverberation.tail(sample_rate, shape[0], start=start / sample_rate)
+    if tail.size:
+        heard = oaconvolve(rows.sum(axis=0)[None], tail, axes=1)[:, : shape[1] - start]
+        late[:, start : start + heard.shape[1]] = heard
+    return late
+
+
+def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:
+    many = len(notes) > 1
+    told = [
+        f"body {number}: {note}" if many else note
+        for number, some in enumerate(notes)
+        for note in some
+    ]
+    if any(calibrated) and not all(calibrated):
+        told.append(
+            f"{calibrated.count(False)} of {len(calibrated)} bodies have relative gains, the "
+            "others Pa: their levels cannot be compared"
+        )
+    return tuple(told)

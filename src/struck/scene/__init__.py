@@ -1,0 +1,1 @@
+"""Scenes: bodies, where they are and what happens to them."""

@@ -1,0 +1,60 @@
+"""Ears and rooms as the shell takes them."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+import pytest
+
+from struck.ears.listeners import Binaural, Stereo
+from struck.errors import OptionError
+from struck.listener_arguments import add_listener, listener, room
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_listener(parser)
+    return parser.parse_args(words)
+
+
+def test_a_bare_position_stays_one() -> None:
+    assert listener(parsed("--listener", "1,2,3")) == (1, 2, 3)
+    assert listener(parsed()) is None
+
+
+def test_heads_are_taken_by_name_and_by_file() -> None:
+    words = ("--listener", "0,2,0", "--facing", "1,0,0")
+    assert listener(parsed(*words, "--hrtf", "kemar")) == Binaural(
+        position=(0, 2, 0), facing=(1, 0, 0)
+    )
+    assert listener(parsed(*words, "--head", "woodworth")) == Stereo(
+        position=(0, 2, 0), facing=(1, 0, 0), head="woodworth"
+    )
+
+
+def test_a_room_has_walls_and_a_reverberation() -> None:
+    given = room(parsed("--room", "5,4,3", "--walls", "wood", "--reverberation", "0.8"))
+    assert given is not None
+    assert given.walls == "wood"
+    assert given.reverberation is not None
+    np.testing.assert_allclose(given.reverberation.volume, 60.0)
+    assert room(parsed()) is None
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--hrtf", "kemar", "--head", "exact"), "two heads"),
+        (("--facing", "1,0,0"), "--facing needs two ears"),
+        (("--head", "round"), "head is 'round'"),
+    ],
+)
+def test_what_makes_no_listener_is_refused(words: tuple[str, ...], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        listener(parsed(*words))
+
+
+def test_a_reverberation_without_a_room_is_refused() -> None:
+    with pytest.raises(OptionError, match="--reverberation needs a room"):
+        room(parsed("--reverberation", "1"))
