@@ -16,7 +16,7 @@ from struck.ears.room import Room
 from struck.excitation.hold import Hold
 from struck.model import Array
 from struck.radiating import finite, left_out, radiated
-from struck.scene.body import Body
+from struck.scene.body import Body, aside, centre_of
 from struck.sound import Sound
 from struck.synth.ring_down import below_nyquist
 
@@ -56,10 +56,10 @@ def _sent(
     """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
     if body.model.gains.directional:
         return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
-    far = max(1.0, 2 * body.radius)
-    place = body.centre + np.array([far, 0.0, 0.0])
+    far = aside(body.model)
+    place = centre_of(body.model) + far
     arrived = radiated(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
-    return far * arrived.samples[None], arrived.notes
+    return far[0] * arrived.samples[None], arrived.notes
 
 
 def _sent_to_ears(
@@ -89,7 +89,7 @@ def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
         place = centre.at(now)
         way = float(np.linalg.norm(pose.at(now)[0][0, 0] - place))
         ears = pose.at(now + way / AIR.sound_speed)[0][0, 1:]
-        return finite(gains.toward((ears - place) @ back.T + body.centre)[:, 0])
+        return finite(gains.toward((ears - place) @ back.T + centre_of(body.model))[:, 0])
 
     return outputs
 
@@ -107,7 +107,7 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
         blocks.append(hearing.next_block(np.pad(part, ((0, 0), (0, _BLOCK - part.shape[1])))))
         done += _BLOCK
         if length is None and done >= rows.shape[1]:
-            length = rows.shape[1] + hearing.longest
+            length = rows.shape[1] + hearing.ways.longest
     return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
 
 

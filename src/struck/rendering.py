@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.driven import LONGEST_RING, SHORTEST_RING
-from struck.ears.listeners import Listener, Mono
+from struck.ears.listeners import Listener, Mono, is_listener
 from struck.ears.room import Room
 from struck.errors import OptionError
 from struck.mixing import mixed
 from struck.model import Array, ModalModel
 from struck.radiating import radiated
-from struck.scene.body import Action, Body
+from struck.scene.body import Action, Body, aside, centre_of
 from struck.sound import Sound
 
 __all__ = ["LONGEST_RING", "LONGEST_SOUND", "SHORTEST_RING", "Action", "render"]
@@ -74,9 +74,9 @@ def render(
     through `struck.synth.resonators`, strikes too where a hand holds the body.
     """
     _require_bounds(seconds, sample_rate)
-    if isinstance(model, ModalModel) and not (room or _is_someone(listener)):
+    if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         body = Body(model=model, excitations=excitations)
-        place = _default_listener(body) if listener is None else _position(listener)
+        place = centre_of(model) + aside(model) if listener is None else _position(listener)
         arrived = radiated(model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
         return Sound(
             samples=arrived.samples.astype(np.float32),
@@ -106,12 +106,8 @@ def _bodies(
     return bodies
 
 
-def _is_someone(listener: object) -> TypeGuard[Listener]:
-    return callable(getattr(listener, "filters", None))
-
-
 def _someone(listener: Listener | ArrayLike | None) -> Listener:
-    if listener is None or _is_someone(listener):
+    if listener is None or is_listener(listener):
         return listener or Mono()
     return Mono(position=tuple(_position(listener).tolist()))
 
@@ -128,7 +124,3 @@ def _position(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
     if position.shape != (3,) or not np.isfinite(position).all():
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
     return position
-
-
-def _default_listener(body: Body) -> Array:
-    return body.centre + np.array([max(1.0, 2 * body.radius), 0.0, 0.0])

@@ -74,8 +74,8 @@ class HandPlayer(Player):
     def __init__(self, models: Sequence[ModalModel], **options: Any) -> None:  # noqa: ANN401 - of `Player`
         self.hand = Hand()
         super().__init__(models, outlet=self.hand, **options)
-        self._desk._clock = lambda: 0.0
-        self._desk._filled = 0.0
+        self._desk._wishes._clock = lambda: 0.0
+        self._desk._wishes._obeyed = 0.0
 
     def hear(
         self, blocks: int, between: Callable[[int], None] | None = None

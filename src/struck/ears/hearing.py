@@ -5,23 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.air import AIR
-from struck.ears.head import Array, Single
-from struck.ears.lines import READ, DelayLines, Paths
+from struck.ears.head import Array
+from struck.ears.lines import DelayLines
 from struck.ears.listeners import Listener
-from struck.ears.pose import Emitter, Pose, Sources
+from struck.ears.pose import Emitter, Pose
 from struck.ears.room import Room
-from struck.errors import ContactError, OptionError
-
-STRETCH = 512
-"""Samples from one look at where all are to the next; in between they go on smoothly."""
-LONGEST_WAY = 10_000.0
-"""The largest distance between a body, or its image, and a listener, m."""
-# How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
-_EARLIEST, _WAITING = 1e-3, 16
-_ROUNDS = 8
+from struck.ears.ways import STRETCH, Ways
 
 
 class Hearing:
@@ -38,12 +28,8 @@ class Hearing:
 
     Attributes
     ----------
-    lines : int
-        Rows that `next_block` takes: one for each body, or for each ear of one with a timbre field.
-    ears : int
-        Rows that it returns.
-    lead : int
-        Samples that they come late.
+    ways : Ways
+        From bodies to ears.
 
     Raises
     ------
@@ -66,46 +52,32 @@ class Hearing:
         sample_rate: float,
         room: Room | None = None,
     ) -> None:
-        self._rate = sample_rate
-        self._pose = Pose.of(listener, emitters)
-        self._filters = listener.filters(sample_rate)
-        self._walls = None if room is None else room.responses(sample_rate)
-        self._sources, self._room = Sources.of(emitters, room), room
-        self.ears = len(listener.ear_points)
-        self._lines_of, self.lines = self._numbered(emitters)
-        self._start()
-
-    def _numbered(self, emitters: Sequence[Emitter]) -> tuple[NDArray[np.int64], int]:
-        """Return the line of each source and ear (sources, ears), and how many there are."""
-        sizes = np.array([self.ears if each.field else 1 for each in emitters])
-        firsts = (np.cumsum(sizes) - sizes)[self._sources.emitter]
-        return firsts[:, None] + np.outer(self._sources.field, np.arange(self.ears)), sizes.sum()
-
-    def _start(self) -> None:
-        self.lead = READ // 2 + _WAITING + int(np.ceil(_EARLIEST * self._rate))
-        self._now, self._rates = -self.lead / self._rate, np.zeros(len(self._sources.emitter))
-        self._guess = self._rates
-        start = np.array([self._now])
-        for _ in range(_ROUNDS):
-            self._guess = self._distances(start)[0][0, :, 0]
-        delays, gains, responses = self._arriving(start)
-        self._begin = delays[-1], gains[-1], responses
-        self._still = not (self._pose.moves or self._sources.moves)
-        self._lines = DelayLines(
-            lines=self.lines,
-            paths=self._lines_of.size,
-            block=STRETCH,
-            longest=float(delays.max()),
-            taps=responses.shape[-1],
+        self.ways = Ways(
+            emitters,
+            Pose.of(listener, emitters),
+            listener.filters(sample_rate),
+            sample_rate=sample_rate,
+            room=room,
         )
-        self._paths = self._paths_from(self._begin, delays[[-1, -1]], gains[[-1, -1]])
-        self._since = 0 if self._still else STRETCH
+        paths = self.ways.paths
+        self._lines = DelayLines(
+            lines=self.ways.lines,
+            paths=len(paths.lines),
+            block=STRETCH,
+            longest=float(paths.delays.max()),
+            taps=paths.after.shape[1],
+        )
+        self._since = 0 if self.ways.still else STRETCH
 
     @property
-    def longest(self) -> int:
-        """How late the last of what is sent now arrives, samples."""
-        delays, _, responses = self._begin
-        return int(np.ceil(delays.max())) + responses.shape[-1]
+    def lines(self) -> int:
+        """Rows that `next_block` takes: one for each body, or for each ear with a timbre field."""
+        return self.ways.lines
+
+    @property
+    def lead(self) -> int:
+        """Samples that `next_block` is late."""
+        return self.ways.lead
 
     def next_block(self, samples: Array) -> Array:
         """Return what is heard (ears, n), `lead` samples late.
@@ -117,115 +89,17 @@ class Hearing:
         """
         heard, done = [], 0
         while done < samples.shape[1]:
-            if self._since == self._paths.stretch:
-                self._paths, self._since = self._next_paths(), 0
-            count = min(samples.shape[1] - done, self._paths.stretch - self._since)
+            if self._since == STRETCH:
+                self._go_on()
+            count = min(samples.shape[1] - done, STRETCH - self._since)
             part = samples[:, done : done + count]
-            heard.append(self._lines.next_block(part, self._paths, self.ears, since=self._since))
+            paths, ears = self.ways.paths, self.ways.ears
+            heard.append(self._lines.next_block(part, paths, ears, since=self._since))
             self._since += count
             done += count
         return np.concatenate(heard, axis=1)
 
-    def _next_paths(self) -> Paths:
-        """Return the ways for the next stretch of time."""
-        if self._still:
-            return self._paths
-        stretch = STRETCH / self._rate
-        delays, gains, responses = self._arriving(self._now + np.array([stretch / 2, stretch]))
-        self._lines.lengthen(float(delays.max()))
-        self._now += stretch
-        before, self._begin = self._begin, (delays[-1], gains[-1], responses)
-        return self._paths_from(before, delays, gains)
-
-    def _paths_from(
-        self, before: tuple[Array, Array, Single], delays: Array, gains: Array
-    ) -> Paths:
-        count = self._lines_of.size
-        return Paths(
-            lines=self._lines_of.ravel(),
-            ears=np.tile(np.arange(self.ears), len(self._lines_of)),
-            delays=_in_turn(before[0], delays).reshape(count, 3),
-            gains=_in_turn(before[1], gains).reshape(count, 3),
-            before=before[2].reshape(count, -1),
-            after=self._begin[2].reshape(count, -1),
-            stretch=STRETCH,
-        )
-
-    def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
-        """Return delays, samples, and gains (n, sources, ears), and the last one's responses."""
-        distances, seen = self._distances(times)
-        self._require_outside(distances[..., 0])
-        if len(times) > 1:
-            self._rates = np.diff(distances[-2:, :, 0], axis=0)[0] / (times[-1] - times[-2])
-        self._guess = distances[-1, :, 0]
-        field = self._sources.field[:, None]
-        ways = np.where(field, distances[..., 1:], distances[..., :1])
-        gains = np.where(field, ways[:, self._sources.direct] / ways, 1 / ways)
-        later, responses = self._filtered(seen[-1], distances[-1, :, 0])
-        if len(times) > 1:  # what heads add moves straight from block to block
-            later = np.stack([(self._later + later) / 2, later])
-        self._later = later[-1] if later.ndim > 2 else later
-        return self.lead + (ways / AIR.sound_speed + later) * self._rate, gains, responses
-
-    def _distances(self, times: Array) -> tuple[Array, Array]:
-        """Return distances to the head's centre and the ears, and directions in its frame.
-
-        Returns
-        -------
-        distances : array (n, sources, 1 + ears)
-            m.
-        directions : array (n, sources, 3)
-        """
-        places, turned = self._pose.at(times)
-        ways = self._guess + np.outer(times - self._now, self._rates)
-        sources = self._sources.at(times, ways)
-        if self._room is not None:
-            self._room.require_inside(places[:, 0], "listener")
-            self._room.require_inside(sources[:, np.unique(self._sources.direct)], "body")
-        apart = sources[:, :, None] - places[:, None]
-        distances = np.sqrt(np.einsum("nsed,nsed->nse", apart, apart))
-        seen = np.einsum("nsd,nad->nsa", apart[:, :, 0], turned)
-        return distances, seen / np.maximum(distances[..., :1], 1e-9)
-
-    def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return what the head adds to delays, s (sources, ears), and all responses."""
-        later, responses = self._filters.toward(directions, distances)
-        field = self._sources.field
-        if field.any():
-            later = np.where(field[:, None], 0, later)
-            responses = np.where(field[:, None, None], _unit(responses.shape[-1]), responses)
-        if self._walls is not None:
-            responses = _convolved(responses, self._walls[self._sources.image])
-        return later, responses
-
-    def _require_outside(self, distances: Array) -> None:
-        inside = distances < np.maximum(self._sources.radius, 1e-3)
-        if inside.any():
-            time, source = np.argwhere(inside)[0]
-            raise ContactError(
-                f"the listener is {distances[time, source]:.3g} m from the centre of body "
-                f"{self._sources.emitter[source]}, inside its radius of "
-                f"{self._sources.radius[source]:.3g} m: move one of them away"
-            )
-        if not distances.max() <= LONGEST_WAY:
-            raise OptionError(
-                f"a body is {distances.max():.4g} m from the listener: at most {LONGEST_WAY:g} m"
-            )
-
-
-def _in_turn(begin: Array, rest: Array) -> Array:
-    """Return three values of each path, at begin, middle and end (sources, ears, 3)."""
-    return np.stack([begin, rest[0], rest[1]], axis=-1)
-
-
-def _unit(taps: int) -> Single:
-    response = np.zeros(taps, np.float32)
-    response[0] = 1
-    return response
-
-
-def _convolved(responses: Single, walls: Single) -> Single:
-    """Return responses (sources, ears, taps) after those of walls (sources, taps)."""
-    taps = responses.shape[-1] + walls.shape[-1] - 1
-    spectra = np.fft.rfft(responses, taps) * np.fft.rfft(walls, taps)[:, None]
-    return np.fft.irfft(spectra, taps).astype(np.float32)
+    def _go_on(self) -> None:
+        self._since = 0
+        if not self.ways.still:
+            self._lines.lengthen(float(self.ways.go_on().delays.max()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
@@ -44,6 +44,11 @@ class Listener(Protocol):
     def filters(self, sample_rate: float) -> Filters:
         """Return what the head does to sound."""
         ...
+
+
+def is_listener(listener: object) -> TypeGuard[Listener]:
+    """Tell a listener from a bare position."""
+    return callable(getattr(listener, "filters", None))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -33,6 +34,24 @@ class Emitter:
     centre: Trajectory
     radius: float = 0.0
     field: bool = False
+
+
+class Posed(Protocol):
+    """A head that is somewhere and looks somewhere; see `Pose`."""
+
+    @property
+    def ear_points(self) -> Array:
+        """In the head's frame, m (ears, 3)."""
+        ...
+
+    @property
+    def moves(self) -> bool:
+        """Whether it may change."""
+        ...
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return the places of the head's centre and the ears, and its axes."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +87,7 @@ class Pose:
             ear_points=listener.ear_points,
         )
 
-    @cached_property
+    @property
     def moves(self) -> bool:
         """Whether it may change."""
         return self.position.moves or self.facing.moves or self.up.moves

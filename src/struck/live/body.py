@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from typing import TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from struck.contact import Contact, Place
+from struck.ears.listeners import Listener, is_listener
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.patch import drive
 from struck.model import ModalModel
+from struck.scene.body import aside, centre_of, radius_of
 from struck.synth.bank import Complex, Poles
 
 Array = NDArray[np.float64]
@@ -109,9 +112,16 @@ class Body:
             )
         return gains[0]
 
+    def outputs_aside(self) -> Complex:
+        """Return how loudly each mode would be heard at 1 m were it a point, (M,)."""
+        far = aside(self.model)
+        return far[0] * self.outputs(centre_of(self.model) + far)
 
-def position_of(listener: ArrayLike) -> Array:
-    """Return a position (3,), or raise an OptionError."""
+
+def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
+    """Return a listener, or a position (3,); OptionError on what is neither."""
+    if is_listener(listener):
+        return listener
     position = np.asarray(listener, dtype=np.float64)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
@@ -120,16 +130,9 @@ def position_of(listener: ArrayLike) -> Array:
 
 def default_listener(models: Sequence[ModalModel]) -> Array:
     """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
-    centre = np.zeros(3) if models[0].centre is None else np.asarray(models[0].centre)
-    radius = max(
-        (
-            float(np.linalg.norm(model.geometry.points - centre, axis=1).max())
-            for model in models
-            if model.geometry is not None
-        ),
-        default=0.0,
-    )
-    return centre + np.array([max(1.0, 2 * radius), 0.0, 0.0])
+    centre = centre_of(models[0])
+    farthest = max(radius_of(replace(model, centre=centre)) for model in models)
+    return centre + np.array([max(1.0, 2 * farthest), 0.0, 0.0])
 
 
 def _hashable(place: Place) -> Hashable:

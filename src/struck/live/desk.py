@@ -1,15 +1,8 @@
-"""Where a player's wishes become records: any thread on one side, the feeder on the other.
-
-Wishes wait in a queue until the feeder fills the next block. Within that block they take effect as
-far apart as they were said: what was said just after the last block was filled comes at its first
-sample, what was said just now at its last.
-"""
+"""Where a player's wishes become records: any thread on one side, the feeder on the other."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -17,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.contact import Place
+from struck.ears.listeners import Listener
 from struck.errors import OptionError, StruckError
 from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.pushing import Pushing
 from struck.excitation.tool import Tool, Update
 from struck.excitation.touch import Touching
 from struck.live.body import Body
+from struck.live.ears import LiveEars
 from struck.live.level import full_scale
 from struck.live.pushes import Blows
 from struck.live.record import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record
@@ -30,6 +25,7 @@ from struck.live.ring import Ring
 from struck.live.sounding import arena
 from struck.live.touches import Notes
 from struck.live.voices import Voices
+from struck.live.wishes import Wishes
 from struck.model import ModalModel
 from struck.synth.bank import Complex, require_session
 from struck.synth.stepped import Stepped
@@ -37,13 +33,9 @@ from struck.synth.store import Body as Column
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Wish = Callable[[int], object]
-"""Given the number of the sample at which it takes effect."""
 
 MOST_AHEAD = 64
 """Blocks that may be kept ready."""
-MOST_WISHES = 1024
-"""That may wait for the next block; what is beyond is dropped and counted."""
 
 
 class Desk:
@@ -53,8 +45,9 @@ class Desk:
     ----------
     models : sequence of ModalModel
         The bodies.
-    listener : array (3,)
-        Where they are heard, m.
+    listener : array (3,) or Listener
+        Where they are heard, m, by one ear for which the travel time is left out; or with which
+        ears.
     sample_rate : float
         Hz.
     block, voices : int
@@ -87,7 +80,7 @@ class Desk:
         self,
         models: Sequence[ModalModel],
         *,
-        listener: Array,
+        listener: Array | Listener,
         sample_rate: float,
         block: int,
         volume: float,
@@ -102,18 +95,20 @@ class Desk:
                 "blocks ahead"
             )
         self.listener, self.volume = listener, volume
-        self._rate, self._block, self._clock = sample_rate, block, clock
+        self._rate, self._block = sample_rate, block
         self._bodies = [Body(model, sample_rate) for model in models]
-        self._scale = full_scale(self._bodies, listener, sample_rate)
+        self._ears: LiveEars | None = None
+        if not isinstance(listener, np.ndarray):
+            self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
+        self._scale = full_scale(self._bodies, self._place, sample_rate)
         self._prepare(voices, ahead)
         self._voices = Voices(voices)
         self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
-        self._wishes: deque[tuple[float, Wish]] = deque()
+        self._wishes = Wishes(clock, block=block, sample_rate=sample_rate)
         self._poles: dict[int, Complex] = {}
-        self._outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
+        self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
         self._first = True
-        self._refused, self._dropped, self._lock = 0, 0, threading.Lock()
-        self.now, self._filled = 0, clock()
+        self._dropped = self.now = 0
 
     def _prepare(self, voices: int, ahead: int) -> None:
         """Lay out all memory; nothing is allocated later but what excitations make."""
@@ -125,9 +120,10 @@ class Desk:
             sample_rate=self._rate,
         )
         memory = self._bank.memory
-        self._layout = Layout.of(memory, 1)
+        ears = self._ears
+        self._layout = Layout.of(memory, 1, *((ears.paths, ears.taps) if ears else ()))
         self._firsts = memory.bodies[:, Column.FIRST].tolist()
-        self.arena = arena(self._bank, volume=self.gain)
+        self.arena = arena(self._bank, volume=self.gain, ears=ears)
         # Those ahead, the one that is heard, and the one that is written.
         self.records = Ring(
             capacity=ahead + 2, integers=self._layout.integers, reals=self._layout.reals
@@ -146,12 +142,12 @@ class Desk:
     @property
     def idle(self) -> float:
         """How long ago the last block was filled, s."""
-        return self._clock() - self._filled
+        return self._wishes.idle
 
     @property
     def dropped(self) -> int:
         """Wishes that there was no room or no voice for."""
-        return self._refused + self._dropped
+        return self._wishes.refused + self._dropped
 
     def body(self, number: int) -> Body:
         """Return a body; OptionError where there is none of that number."""
@@ -168,19 +164,15 @@ class Desk:
 
     def has_room(self) -> bool:
         """Tell whether one more wish may wait; where not, it counts as dropped."""
-        if len(self._wishes) < MOST_WISHES:
-            return True
-        with self._lock:
-            self._refused += 1
-        return False
+        return self._wishes.have_room()
 
     def strike(self, body: int, drive: Array, pulse: Samples) -> None:
         """Strike a body with a pulse whose first sample counts from now."""
-        self._wish(lambda sample: self._strike(body, drive, pulse, sample))
+        self._wishes.add(lambda sample: self._strike(body, drive, pulse, sample))
 
     def start(self, body: int, pushing: Pushing) -> None:
         """Let an excitation begin with the next block."""
-        self._wish(lambda _: self._add(pushing, body, pushing))
+        self._wishes.add(lambda _: self._add(pushing, body, pushing))
 
     def touching(self, body: int, finger: int, tool: Tool | None) -> tuple[Touching, Notes]:
         """Return a touch, and what is noted of it; a first one begins."""
@@ -193,7 +185,7 @@ class Desk:
 
     def touch(self, body: int, finger: int, word: Update) -> None:
         """Let a touch follow a word from now on."""
-        self._wish(lambda sample: self._touch(body, finger, word, sample))
+        self._wishes.add(lambda sample: self._touch(body, finger, word, sample))
 
     def notes(self, body: int, finger: int) -> Notes:
         """Return what is noted of a touch; OptionError where there was none."""
@@ -206,44 +198,49 @@ class Desk:
         held = self.body(body)
         held.hold(at, grip)
         logarithms = held.logarithms
-        self._wish(lambda _: self._poles.__setitem__(body, logarithms))
+        self._wishes.add(lambda _: self._poles.__setitem__(body, logarithms))
 
     def change(self, body: int, model: ModalModel) -> None:
         """Let a body go on as another."""
         other = self.body(body).changed(model)
-        logarithms, outputs = other.logarithms, other.outputs(self.listener)
+        logarithms, outputs = other.logarithms, self._heard(other)
         self._bodies[body] = other
-        self._wish(lambda _: self._change(body, model, logarithms, outputs))
+        self._wishes.add(lambda _: self._change(body, model, logarithms, outputs))
 
-    def listen(self, position: Array) -> None:
-        """Let all bodies be heard elsewhere."""
-        outputs = {n: body.outputs(position) for n, body in enumerate(self._bodies)}
-        self.listener = position
-        self._wish(lambda _: self._outputs.update(outputs))
+    def listen(self, listener: Array | Listener) -> None:
+        """Let all bodies be heard elsewhere; OptionError on ears of another kind."""
+        if self._ears is not None and not isinstance(listener, np.ndarray):
+            self._ears.listen(listener)
+        elif self._ears is None and isinstance(listener, np.ndarray):
+            outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
+            self._wishes.add(lambda _: self._outputs.update(outputs))
+        else:
+            raise OptionError(
+                f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
+                "with a bare position to positions; start another"
+            )
+        self.listener = listener
+
+    @property
+    def _place(self) -> Array:
+        """Where loudness counts, m (3,)."""
+        if self._ears is not None:
+            return self._ears.position
+        return np.asarray(self.listener, np.float64)
+
+    def _heard(self, body: Body) -> Complex:
+        return body.outputs_aside() if self._ears else body.outputs(self._place)
 
     def fill(self, integers: Integers, reals: Array) -> None:
         """Write the record of the next block; the feeder calls it."""
-        self._obey()
+        self._wishes.obey(self.now)
         record = self._layout.record(integers, reals)
         record.volume[0] = self.gain
         self._write_bodies(record)
         self._voices.write(record)
+        if self._ears is not None:
+            self._ears.write(record)
         self.now += self._block
-
-    def _wish(self, wish: Wish) -> None:
-        if self.has_room():
-            self._wishes.append((self._clock(), wish))
-
-    def _obey(self) -> None:
-        """Do what was wished since the last block was filled."""
-        now = self._clock()
-        last, length = 0, self._block / self._rate
-        for _ in range(len(self._wishes)):
-            said, wish = self._wishes.popleft()
-            place = int((said - self._filled) / length * self._block)
-            last = max(last, min(place, self._block - 1))
-            wish(self.now + last)
-        self._filled = now
 
     def _write_bodies(self, record: Record) -> None:
         record.bodies[:] = 0

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.contact import Contact, Place
+from struck.ears.listeners import Listener
 from struck.errors import OptionError
 from struck.excitation.pulses import LEAD, Samples, sampled
 from struck.excitation.pushing import Excitation
 from struck.excitation.strike import Strike
 from struck.excitation.tool import Tool
 from struck.excitation.touch_log import TouchLog
-from struck.live.body import default_listener, position_of
+from struck.live.body import default_listener, listening
 from struck.live.outlet import DeviceOutlet, Outlet
 from struck.live.pushes import Started
 from struck.live.running import Running
@@ -38,8 +39,9 @@ class Player(Running):
     ----------
     models : sequence of ModalModel
         One or more bodies, in one system of coordinates.
-    listener : array-like (3,), optional
-        Where they are heard, m; as for `render` unless given.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Who hears them, as for `render`; with a position and a direction that stay until
+        `listener` is set anew.
     outlet : Outlet
         Where sound leaves: an audio device.
     block : int
@@ -57,7 +59,7 @@ class Player(Running):
         models: Sequence[ModalModel],
         *,
         outlet: Outlet,
-        listener: ArrayLike | None = None,
+        listener: Listener | ArrayLike | None = None,
         block: int = 128,
         volume: float = 0.0,
         voices: int = 16,
@@ -66,11 +68,10 @@ class Player(Running):
         if not models:
             raise OptionError("there is nothing to play: give at least one model")
         _require_volume(volume)
-        position = default_listener(models) if listener is None else position_of(listener)
         super().__init__(
             models,
             outlet=outlet,
-            listener=position,
+            listener=default_listener(models) if listener is None else listening(listener),
             block=block,
             volume=volume,
             voices=voices,
@@ -224,14 +225,17 @@ class Player(Running):
         self._desk.change(body, model)
 
     @property
-    def listener(self) -> Array:
-        """Where all bodies are heard, m (3,)."""
+    def listener(self) -> Array | Listener:
+        """Where all bodies are heard, m (3,), or with which ears.
+
+        Ears go to a new place, and turn, within some 10 ms; what is on its way arrives there.
+        """
         return self._desk.listener
 
     @listener.setter
-    def listener(self, position: ArrayLike) -> None:
+    def listener(self, listener: Listener | ArrayLike) -> None:
         self._require_playing()
-        self._desk.listen(position_of(position))
+        self._desk.listen(listening(listener))
 
     @property
     def volume(self) -> float:

@@ -27,6 +27,10 @@ NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS = 1, 2, 4
 STATE, OF_BODY, MOVED = 0, 1, 2
 _COLUMNS = 3
 
+# Entries of `Record.stretch`.
+NEW_WAYS, SINCE = 0, 1
+_STRETCH = 2
+
 
 class Record(NamedTuple):
     """The parts of a record.
@@ -47,6 +51,12 @@ class Record(NamedTuple):
         Real and imaginary parts, at the end of the block.
     poles : array (2, N)
         Logarithm of what a sample turns a mode by, real and imaginary part.
+    stretch : array (2,), int64
+        Whether the ears' ways are new, and how many samples of their stretch are over.
+    ways : array (2, paths, 3)
+        Delays, samples, and gains, as of `struck.ears.lines.Paths`.
+    responses : array (paths, taps)
+        Of the ears, at the end of the stretch.
     """
 
     voices: Integers
@@ -57,6 +67,9 @@ class Record(NamedTuple):
     drives: Array
     outputs: Array
     poles: Array
+    stretch: Integers
+    ways: Array
+    responses: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +81,8 @@ class Layout:
     voices, bodies, points, block : int
     width, modes : int
         Of the largest body and of all, as the store pads them.
+    paths, taps : int
+        Of a listener's ears; 0 where one ear hears all at once.
     """
 
     voices: int
@@ -76,9 +91,11 @@ class Layout:
     block: int
     width: int
     modes: int
+    paths: int = 0
+    taps: int = 0
 
     @classmethod
-    def of(cls, memory: Memory, points: int) -> Layout:
+    def of(cls, memory: Memory, points: int, paths: int = 0, taps: int = 0) -> Layout:
         """Return the sizes for a scene's memory."""
         voices, block = memory.forces.shape
         return cls(
@@ -88,41 +105,52 @@ class Layout:
             block=block,
             width=memory.drives.shape[2],
             modes=memory.modes.shape[1],
+            paths=paths,
+            taps=taps,
         )
 
     @property
     def integers(self) -> int:
         """Of a record."""
-        return self.voices * _COLUMNS + self.bodies
+        return self.voices * _COLUMNS + self.bodies + _STRETCH
 
     @property
     def reals(self) -> int:
         """Of a record."""
         each_voice = 1 + self.block + self.width
-        return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes
+        heard = self.paths * (2 * 3 + self.taps)
+        return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes + heard
 
     def record(self, integers: Integers, reals: Array) -> Record:
         """Return the parts of the record that a slot holds."""
         sizes = (self.voices, self.bodies, self.points, self.block, self.width, self.modes)
-        return _parted(integers, reals, sizes)
+        return _parted(integers, reals, (*sizes, self.paths, self.taps))
 
 
-def _parted(integers: Integers, reals: Array, sizes: tuple[int, int, int, int, int, int]) -> Record:
+def _parted(
+    integers: Integers, reals: Array, sizes: tuple[int, int, int, int, int, int, int, int]
+) -> Record:
     """Return the parts of a record."""
-    voices, bodies, points, block, width, modes = sizes
+    voices, bodies, points, block, width, modes, paths, taps = sizes
     a = 1 + voices
     b = a + voices * block
     c = b + voices * width
     d = c + 2 * points * modes
+    e = d + 2 * modes
+    f = e + 6 * paths
+    last = voices * _COLUMNS + bodies
     return Record(
         integers[: voices * _COLUMNS].reshape((voices, _COLUMNS)),
-        integers[voices * _COLUMNS : voices * _COLUMNS + bodies],
+        integers[voices * _COLUMNS : last],
         reals[:1],
         reals[1:a],
         reals[a:b].reshape((voices, block)),
         reals[b:c].reshape((voices, width)),
         reals[c:d].reshape((2, points, modes)),
-        reals[d : d + 2 * modes].reshape((2, modes)),
+        reals[d:e].reshape((2, modes)),
+        integers[last : last + _STRETCH],
+        reals[e:f].reshape((2, paths, 3)),
+        reals[f : f + paths * taps].reshape((paths, taps)),
     )
 
 

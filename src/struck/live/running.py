@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.ears.listeners import Listener
 from struck.live import callback, limiter
 from struck.live.desk import Desk
 from struck.live.feeder import Feeder
@@ -31,8 +32,8 @@ class Running:
         The bodies.
     outlet : Outlet
         Where sound leaves.
-    listener : array (3,)
-        Where all bodies are heard, m.
+    listener : array (3,) or Listener
+        Where all bodies are heard, m, or with which ears.
     block, voices : int
         Samples for each call of the device; excitations at once.
     volume : float
@@ -46,7 +47,7 @@ class Running:
         models: Sequence[ModalModel],
         *,
         outlet: Outlet,
-        listener: Array,
+        listener: Array | Listener,
         block: int,
         volume: float,
         voices: int,

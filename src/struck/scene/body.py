@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,29 +58,38 @@ class Body:
         return (self.excitations,)
 
     @property
-    def radius(self) -> float:
-        """Of the ball about its centre that holds it, m; 0 where its shape is unknown."""
-        if self.model.geometry is None:
-            return 0.0
-        apart = self.model.geometry.points - self.centre
-        return float(np.linalg.norm(apart, axis=1).max())
-
-    @property
-    def centre(self) -> Array:
-        """Where its sound seems to come from, in its own coordinates, m."""
-        return np.zeros(3) if self.model.centre is None else np.asarray(self.model.centre)
-
-    @property
     def emitter(self) -> Emitter:
         """What ears need to know of it."""
-        moved = np.asarray(self.rotation) @ self.centre
+        moved = np.asarray(self.rotation) @ centre_of(self.model)
         origin = Trajectory.of("position", self.position)
         if origin.function is not None:
             place = origin.function
             centre = Trajectory.of("position", lambda time: np.asarray(place(time)) + moved)
         else:
-            centre = Trajectory(name=origin.name, times=origin.times, points=origin.points + moved)
-        return Emitter(centre=centre, radius=self.radius, field=self.model.gains.directional)
+            centre = replace(origin, points=origin.points + moved)
+        return emitter_at(self.model, centre)
+
+
+def centre_of(model: ModalModel) -> Array:
+    """Return where its sound seems to come from, in its own coordinates, m (3,)."""
+    return np.zeros(3) if model.centre is None else np.asarray(model.centre)
+
+
+def radius_of(model: ModalModel) -> float:
+    """Return that of the ball about its centre that holds it, m; 0 where its shape is unknown."""
+    if model.geometry is None:
+        return 0.0
+    return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
+
+
+def emitter_at(model: ModalModel, centre: Trajectory) -> Emitter:
+    """Return what ears need to know of a model whose centre is there."""
+    return Emitter(centre=centre, radius=radius_of(model), field=model.gains.directional)
+
+
+def aside(model: ModalModel) -> Array:
+    """Return a place well outside, from its centre: on the x axis, 1 m or two radii away (3,)."""
+    return np.array([max(1.0, 2 * radius_of(model)), 0.0, 0.0])
 
 
 def _require_actions(actions: Sequence[object]) -> None:

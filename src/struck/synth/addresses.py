@@ -43,6 +43,12 @@ def reals_at(address: int, count: int) -> NDArray[np.float64]:
     return carray(pointer_to(address), (count,), np.float64)
 
 
+@njit(nogil=True, error_model="numpy")
+def singles_at(address: int, count: int) -> NDArray[np.float32]:
+    """Return the float32 array (count,) that begins at an address; it must outlive its use."""
+    return carray(pointer_to(address), (count,), np.float32)
+
+
 def part(array: Array, first: int, shape: tuple[int, ...]) -> Array:
     """Return so many numbers from the first on, in a shape, of a contiguous array (N,).
 

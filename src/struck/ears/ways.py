@@ -1,0 +1,206 @@
+"""The ways of sound from bodies to ears, one stretch of time after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.air import AIR
+from struck.ears.head import Array, Filters, Single
+from struck.ears.lines import READ, Paths
+from struck.ears.pose import Emitter, Posed, Sources
+from struck.ears.room import Room
+from struck.errors import ContactError, OptionError
+
+STRETCH = 512
+"""Samples from one look at where all are to the next; in between they go on smoothly."""
+LONGEST_WAY = 10_000.0
+"""The largest distance between a body, or its image, and a listener, m."""
+# How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
+_EARLIEST, _WAITING = 1e-3, 16
+_ROUNDS = 8
+
+
+class Ways:
+    """Where bodies and ears are, and what a head does between.
+
+    Parameters
+    ----------
+    emitters : sequence of Emitter
+    pose : Posed
+        Of the listener.
+    filters : Filters
+        Of his head.
+    sample_rate : float
+        Hz.
+    stretch : int
+        Samples.
+    room : Room or None
+        Whose walls reflect.
+
+    Attributes
+    ----------
+    lines : int
+        How many there are: one for each body, or for each ear of one with a timbre field.
+    ears : int
+    lead : int
+        Samples by which all delays are longer, so that none is shorter than `READ` / 2.
+    paths : Paths
+        Of the present stretch.
+
+    Raises
+    ------
+    ContactError
+        Where the listener is inside a body.
+    OptionError
+        On directions or distances that cannot be.
+    """
+
+    def __init__(
+        self,
+        emitters: Sequence[Emitter],
+        pose: Posed,
+        filters: Filters,
+        *,
+        sample_rate: float,
+        stretch: int = STRETCH,
+        room: Room | None = None,
+    ) -> None:
+        self._rate, self._stretch, self._pose, self._filters = sample_rate, stretch, pose, filters
+        self._walls = None if room is None else room.responses(sample_rate)
+        self._sources, self._room = Sources.of(emitters, room), room
+        self.ears = len(pose.ear_points)
+        self._lines_of, self.lines = self._numbered(emitters)
+        self.lead = READ // 2 + _WAITING + int(np.ceil(_EARLIEST * sample_rate))
+        self._start()
+
+    def _numbered(self, emitters: Sequence[Emitter]) -> tuple[NDArray[np.int64], int]:
+        """Return the line of each source and ear (sources, ears), and how many there are."""
+        sizes = np.array([self.ears if each.field else 1 for each in emitters])
+        firsts = (np.cumsum(sizes) - sizes)[self._sources.emitter]
+        return firsts[:, None] + np.outer(self._sources.field, np.arange(self.ears)), sizes.sum()
+
+    def _start(self) -> None:
+        self._now, self._rates = -self.lead / self._rate, np.zeros(len(self._sources.emitter))
+        self._guess = self._rates
+        start = np.array([self._now])
+        for _ in range(_ROUNDS):
+            self._guess = self._distances(start)[0][0, :, 0]
+        delays, gains, responses = self._arriving(start)
+        self._end = delays[-1], gains[-1], responses
+        self.paths = self._paths_from(self._end, delays[[-1, -1]], gains[[-1, -1]])
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves."""
+        return not (self._pose.moves or self._sources.moves)
+
+    @property
+    def longest(self) -> int:
+        """How late the last of what is sent now arrives, samples."""
+        delays, _, responses = self._end
+        return int(np.ceil(delays.max())) + responses.shape[-1]
+
+    def go_on(self) -> Paths:
+        """Return, and keep, the paths of the next stretch."""
+        stretch = self._stretch / self._rate
+        delays, gains, responses = self._arriving(self._now + np.array([stretch / 2, stretch]))
+        self._now += stretch
+        before, self._end = self._end, (delays[-1], gains[-1], responses)
+        self.paths = self._paths_from(before, delays, gains)
+        return self.paths
+
+    def _paths_from(
+        self, before: tuple[Array, Array, Single], delays: Array, gains: Array
+    ) -> Paths:
+        count = self._lines_of.size
+        return Paths(
+            lines=self._lines_of.ravel(),
+            ears=np.tile(np.arange(self.ears), len(self._lines_of)),
+            delays=_in_turn(before[0], delays).reshape(count, 3),
+            gains=_in_turn(before[1], gains).reshape(count, 3),
+            before=before[2].reshape(count, -1),
+            after=self._end[2].reshape(count, -1),
+            stretch=self._stretch,
+        )
+
+    def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
+        """Return delays, samples, and gains (n, sources, ears), and the last one's responses."""
+        distances, seen = self._distances(times)
+        self._require_outside(distances[..., 0])
+        if len(times) > 1:
+            self._rates = np.diff(distances[-2:, :, 0], axis=0)[0] / (times[-1] - times[-2])
+        self._guess = distances[-1, :, 0]
+        field = self._sources.field[:, None]
+        ways = np.where(field, distances[..., 1:], distances[..., :1])
+        gains = np.where(field, ways[:, self._sources.direct] / ways, 1 / ways)
+        later, responses = self._filtered(seen[-1], distances[-1, :, 0])
+        if len(times) > 1:  # what heads add moves straight from block to block
+            later = np.stack([(self._later + later) / 2, later])
+        self._later = later[-1] if later.ndim > 2 else later
+        return self.lead + (ways / AIR.sound_speed + later) * self._rate, gains, responses
+
+    def _distances(self, times: Array) -> tuple[Array, Array]:
+        """Return distances to the head's centre and the ears, and directions in its frame.
+
+        Returns
+        -------
+        distances : array (n, sources, 1 + ears)
+            m.
+        directions : array (n, sources, 3)
+        """
+        places, turned = self._pose.at(times)
+        ways = self._guess + np.outer(times - self._now, self._rates)
+        sources = self._sources.at(times, ways)
+        if self._room is not None:
+            self._room.require_inside(places[:, 0], "listener")
+            self._room.require_inside(sources[:, np.unique(self._sources.direct)], "body")
+        apart = sources[:, :, None] - places[:, None]
+        distances = np.sqrt(np.einsum("nsed,nsed->nse", apart, apart))
+        seen = np.einsum("nsd,nad->nsa", apart[:, :, 0], turned)
+        return distances, seen / np.maximum(distances[..., :1], 1e-9)
+
+    def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
+        """Return what the head adds to delays, s (sources, ears), and all responses."""
+        later, responses = self._filters.toward(directions, distances)
+        field = self._sources.field
+        if field.any():
+            later = np.where(field[:, None], 0, later)
+            responses = np.where(field[:, None, None], _unit(responses.shape[-1]), responses)
+        if self._walls is not None:
+            responses = _convolved(responses, self._walls[self._sources.image])
+        return later, responses
+
+    def _require_outside(self, distances: Array) -> None:
+        inside = distances < np.maximum(self._sources.radius, 1e-3)
+        if inside.any():
+            time, source = np.argwhere(inside)[0]
+            raise ContactError(
+                f"the listener is {distances[time, source]:.3g} m from the centre of body "
+                f"{self._sources.emitter[source]}, inside its radius of "
+                f"{self._sources.radius[source]:.3g} m: move one of them away"
+            )
+        if not distances.max() <= LONGEST_WAY:
+            raise OptionError(
+                f"a body is {distances.max():.4g} m from the listener: at most {LONGEST_WAY:g} m"
+            )
+
+
+def _in_turn(begin: Array, rest: Array) -> Array:
+    """Return three values of each path, at begin, middle and end (sources, ears, 3)."""
+    return np.stack([begin, rest[0], rest[1]], axis=-1)
+
+
+def _unit(taps: int) -> Single:
+    response = np.zeros(taps, np.float32)
+    response[0] = 1
+    return response
+
+
+def _convolved(responses: Single, walls: Single) -> Single:
+    """Return responses (sources, ears, taps) after those of walls (sources, taps)."""
+    taps = responses.shape[-1] + walls.shape[-1] - 1
+    spectra = np.fft.rfft(responses, taps) * np.fft.rfft(walls, taps)[:, None]
+    return np.fft.irfft(spectra, taps).astype(np.float32)

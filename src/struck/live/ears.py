@@ -1,0 +1,287 @@
+"""A listener's ears while bodies are played: the feeder finds the ways, the callback hears.
+
+What the callback needs lies in three pieces of memory, laid out once; see `struck.ears.lines` for
+what it does with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from struck.ears.lines import between
+from struck.ears.lines_compiled import hear
+from struck.ears.listeners import Listener
+from struck.ears.pose import Emitter, Pose
+from struck.ears.trajectory import Trajectory
+from struck.ears.ways import STRETCH, Ways
+from struck.errors import ContactError, OptionError
+from struck.live.record import NEW_WAYS, SINCE, Record
+from struck.model import ModalModel
+from struck.scene.body import centre_of, emitter_at
+from struck.synth.addresses import part
+from struck.synth.compiling import jitted
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+FARTHEST = 340.0
+"""The largest distance between a body and a listener while it is played, m: a second's way."""
+_GROUP = 8
+# So many times as long, a stretch does not go on within a block.
+_STANDING = 1 << 32
+
+# At the front of the whole numbers.
+_LINES, _LENGTH, _PATHS, _TAPS, _EARS, _BLOCK, _STRETCH, _NOW, _ROWS, _HEADER = range(10)
+
+
+class Ears(NamedTuple):
+    """The parts of the memory.
+
+    Parameters
+    ----------
+    lines, between, before, after, history, heard : array, float32
+        As `struck.ears.lines_compiled.hear` takes them.
+    ways : array (2, paths, 3)
+        Delays and gains of the stretch.
+    sizes : array, int64
+        The stretch, and the number of the block's first sample, among others.
+    line_of, ear_of : array (paths,), int64
+    """
+
+    lines: Single
+    between: Single
+    before: Single
+    after: Single
+    history: Single
+    heard: Single
+    ways: Array
+    sizes: Integers
+    line_of: Integers
+    ear_of: Integers
+
+
+def _seen(singles: Single, reals: Array, wholes: Integers) -> Ears:
+    """Return the parts of the memory."""
+    lines, length, paths, taps = wholes[_LINES], wholes[_LENGTH], wholes[_PATHS], wholes[_TAPS]
+    ears, block, rows = wholes[_EARS], wholes[_BLOCK], wholes[_ROWS]
+    a = lines * length
+    b = a + rows * 32
+    c = b + paths * taps
+    d = c + paths * taps
+    e = d + paths * (taps - 1 + block)
+    return Ears(
+        part(singles, 0, (lines, length)),
+        part(singles, a, (rows, 32)),
+        part(singles, b, (paths, taps)),
+        part(singles, c, (paths, taps)),
+        part(singles, d, (paths, taps - 1 + block)),
+        part(singles, e, (ears, block)),
+        part(reals, 0, (2, paths, 3)),
+        part(wholes, 0, (_HEADER,)),
+        part(wholes, _HEADER, (paths,)),
+        part(wholes, _HEADER + paths, (paths,)),
+    )
+
+
+seen = jitted(_seen)
+"""The parts, for functions without Python."""
+
+
+class Following:
+    """The pose of a listener who goes where he is told, as far as a stretch of time allows.
+
+    Parameters
+    ----------
+    pose : Pose
+        At first.
+    """
+
+    moves = True
+
+    def __init__(self, pose: Pose) -> None:
+        self.ear_points = pose.ear_points
+        self.wanted = self._end = self._begin = _at_rest(pose)
+
+    def go_on(self) -> None:
+        """Let a stretch begin."""
+        self._begin, self._end = self._end, self.wanted
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return places and axes as `Pose.at`, at even shares of the stretch, the last its end."""
+        shares = np.arange(1, len(times) + 1) / len(times)
+        (here, turned), (there, wanted) = self._begin, self._end
+        centres = here + shares[:, None] * (there - here)
+        turns = Slerp([0, 1], Rotation.from_matrix(np.array([turned, wanted])))(shares).as_matrix()
+        ears = centres[:, None] + self.ear_points @ turns
+        return np.concatenate([centres[:, None], ears], axis=1), turns
+
+
+def _at_rest(pose: Pose) -> tuple[Array, Array]:
+    if pose.moves:
+        raise OptionError(
+            "while it is played a listener goes where `player.listener` says: give a position and "
+            "a direction that stay"
+        )
+    places, turned = pose.at(np.zeros(1))
+    return places[0, 0].copy(), turned[0].copy()
+
+
+class LiveEars:
+    """The ears of a listener, and the memory of what is on its way to them.
+
+    Parameters
+    ----------
+    models : sequence of ModalModel
+    listener : Listener
+    sample_rate : float
+        Hz.
+    block : int
+        Samples.
+    """
+
+    def __init__(
+        self, models: Sequence[ModalModel], listener: Listener, *, sample_rate: float, block: int
+    ) -> None:
+        self._emitters = [_emitter(model) for model in models]
+        self._pose = Following(Pose.of(listener, self._emitters))
+        self._rate, self._block = sample_rate, block
+        self._stretch = block * max(1, round(STRETCH / block))
+        self.ways = Ways(
+            self._emitters,
+            self._pose,
+            listener.filters(sample_rate),
+            sample_rate=sample_rate,
+            stretch=self._stretch,
+        )
+        self._since = self._stretch
+        self._require_possible(self.position)
+        self._lay_out()
+
+    @property
+    def position(self) -> Array:
+        """Of the head's centre, m (3,)."""
+        return self._pose.wanted[0]
+
+    @property
+    def paths(self) -> int:
+        """Ways from bodies to ears."""
+        return len(self.ways.paths.lines)
+
+    @property
+    def taps(self) -> int:
+        """Of the responses, padded."""
+        return -(-self.ways.paths.after.shape[1] // _GROUP) * _GROUP
+
+    @property
+    def memory(self) -> tuple[Single, Array, Integers]:
+        """The numbers that the callback needs, which must outlive it."""
+        return self._singles, self._reals, self._wholes
+
+    def _lay_out(self) -> None:
+        paths, taps, block, ways = self.paths, self.taps, self._block, self.ways
+        table, ears, lines = between(), ways.ears, ways.lines
+        longest = FARTHEST / 340.0 * self._rate + ways.lead + block + 64
+        length = 2 << int(np.ceil(np.log2(longest)))
+        sizes = (lines, length, paths, taps, ears, block, self._stretch, 0, len(table))
+        self._wholes = np.array([*sizes, *ways.paths.lines, *ways.paths.ears], np.int64)
+        held = paths * (3 * taps - 1 + block)
+        self._singles = np.zeros(lines * length + table.size + held + ears * block, np.float32)
+        self._reals = np.zeros(6 * paths)
+        parts = _seen(self._singles, self._reals, self._wholes)
+        parts.between[:] = table
+        parts.after[:, : ways.paths.after.shape[1]] = ways.paths.after
+
+    def listen(self, listener: Listener) -> None:
+        """Let it be heard from elsewhere, from the next stretch on."""
+        pose = Pose.of(listener, self._emitters)
+        if pose.ear_points.shape != self._pose.ear_points.shape:
+            raise OptionError(
+                f"the player has {self.ways.ears} ears, the new listener "
+                f"{len(pose.ear_points)}: start another player for it"
+            )
+        wanted = _at_rest(pose)
+        self._require_possible(wanted[0])
+        self._pose.wanted = wanted
+
+    def _require_possible(self, place: Array) -> None:
+        for number, emitter in enumerate(self._emitters):
+            distance = float(np.linalg.norm(emitter.centre.at(np.zeros(1))[0] - place))
+            if distance < emitter.radius:
+                raise ContactError(
+                    f"the listener is {distance:.3g} m from the centre of body {number}, inside "
+                    f"its radius of {emitter.radius:.3g} m: move it away"
+                )
+            if distance > FARTHEST:
+                raise OptionError(
+                    f"the listener is {distance:.4g} m from body {number}: at most {FARTHEST:g} m "
+                    "while it is played"
+                )
+
+    def write(self, record: Record) -> None:
+        """Write what the callback needs for the next block."""
+        record.stretch[NEW_WAYS] = self._since == self._stretch
+        if self._since == self._stretch:
+            self._pose.go_on()
+            paths, self._since = self.ways.go_on(), 0
+            record.ways[0], record.ways[1] = paths.delays, paths.gains
+            record.responses[:, : paths.after.shape[1]] = paths.after
+        record.stretch[SINCE] = self._since
+        self._since += self._block
+
+
+def _emitter(model: ModalModel) -> Emitter:
+    if model.gains.directional:
+        raise OptionError(
+            "a body with a timbre field is played for a bare position, or rendered for two ears"
+        )
+    return emitter_at(model, Trajectory.of("position", centre_of(model)))
+
+
+@jitted
+def take(ears: Ears, record: Record) -> None:
+    """Take over new ways."""
+    if record.stretch[NEW_WAYS]:
+        ears.ways[:] = record.ways
+        ears.before[:] = ears.after
+        for path in range(ears.after.shape[0]):
+            for tap in range(ears.after.shape[1]):
+                ears.after[path, tap] = np.float32(record.responses[path, tap])
+
+
+@jitted
+def listen(ears: Ears, sounds: Array, since: int, held: int) -> None:
+    """Write what bodies sound like (bodies, rows, block) to the lines and hear it.
+
+    Where nothing new is known, `held`, all stays as it was at the end of the block before.
+    """
+    now, half, stretch = ears.sizes[_NOW], ears.lines.shape[1] // 2, ears.sizes[_STRETCH]
+    if held:
+        since, stretch = (since + sounds.shape[2]) * _STANDING, stretch * _STANDING
+    for line in range(ears.lines.shape[0]):
+        for k in range(sounds.shape[2]):
+            place = (now + k) % half
+            sample = np.float32(sounds[line, 0, k])
+            ears.lines[line, place] = ears.lines[line, place + half] = sample
+    ears.heard[:] = np.float32(0)
+    hear(
+        ears.lines,
+        now,
+        ears.between,
+        ears.line_of,
+        ears.ear_of,
+        ears.ways[0],
+        ears.ways[1],
+        ears.before,
+        ears.after,
+        since,
+        stretch,
+        ears.history,
+        ears.heard,
+    )
+    ears.sizes[_NOW] = now + sounds.shape[2]
