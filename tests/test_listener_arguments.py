@@ -9,12 +9,13 @@ import pytest
 
 from struck.ears.listeners import Binaural, Stereo
 from struck.errors import OptionError
-from struck.listener_arguments import add_listener, listener, room
+from struck.listener_arguments import add_listener, add_room, listener, room
 
 
 def parsed(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_listener(parser)
+    add_room(parser)
     return parser.parse_args(words)
 
 

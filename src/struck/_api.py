@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from struck.discretisation import Solid
+    from struck.ears.listeners import Listener
     from struck.live.player import Player
     from struck.material import Material
     from struck.model import ModalModel
@@ -71,7 +72,7 @@ def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figur
 def play(
     model: ModalModel | Sequence[ModalModel],
     *,
-    listener: ArrayLike | None = None,
+    listener: Listener | ArrayLike | None = None,
     device: int | str | None = None,
     sample_rate: float | None = None,
     block: int = 128,
@@ -85,8 +86,9 @@ def play(
     ----------
     model : ModalModel or sequence of them
         The bodies, in one system of coordinates.
-    listener : array-like (3,), optional
-        Where they are heard, m; unless given as for `render`.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Who hears them, as for `render`, with a position and a direction that stay until
+        `player.listener` is set anew.
     device : int or str, optional
         Its number or part of its name (`struck play --list-devices`); the system's own choice
         unless given.

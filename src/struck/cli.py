@@ -16,7 +16,7 @@ from struck.arguments import body_named, material_named, numbers, writable
 from struck.cache_command import declare_cache
 from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
-from struck.listener_arguments import add_listener, listener, room
+from struck.listener_arguments import add_listener, add_room, listener, room
 from struck.play_command import declare_play
 from struck.progress import TerminalProgress
 from struck.tables import HEADINGS, aligned, modes_rows
@@ -165,6 +165,7 @@ def _render(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("model")
     add_touches(parser)
     add_listener(parser)
+    add_room(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument("--level", default="peak", help="peak (default) or absolute (1.0 = 20 Pa)")

@@ -14,12 +14,17 @@ from struck.errors import OptionError
 
 
 def add_listener(parser: argparse.ArgumentParser) -> None:
-    """Declare where someone listens, with which ears, and in which room."""
+    """Declare where someone listens, and with which ears."""
     group = parser.add_argument_group("listener")
     group.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
     group.add_argument("--facing", type=numbers(3), help="where the listener looks: x,y,z")
     group.add_argument("--hrtf", help="two measured ears: kemar, or a SOFA file")
     group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
+
+
+def add_room(parser: argparse.ArgumentParser) -> None:
+    """Declare the room around bodies and listener."""
+    group = parser.add_argument_group("room")
     group.add_argument("--room", type=numbers(3), help="size x,y,z of a room, m, corner at 0,0,0")
     group.add_argument("--walls", default="brick", help="of the room: brick, wood, carpet, ...")
     group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")

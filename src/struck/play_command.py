@@ -9,9 +9,9 @@ import time
 from typing import TYPE_CHECKING
 
 import struck
-from struck.arguments import numbers
 from struck.command import Result, command
 from struck.errors import DeviceError, OptionError
+from struck.listener_arguments import add_listener, listener
 from struck.progress import TerminalProgress
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def declare_play(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--ahead", type=int, default=2, help="blocks of forces kept ready (2)")
     parser.add_argument("--voices", type=int, default=16, help="excitations at once (16)")
     parser.add_argument("--volume", type=float, default=0.0, help="dB; 0: a strike peaks at -12")
-    parser.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
+    add_listener(parser)
     parser.add_argument("--seconds", type=float, help="end by itself")
     parser.add_argument(
         "--strikes-per-second", dest="strikes", type=float, default=0.0, help="at random (0)"
@@ -68,7 +68,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     progress("play", 0.0)
     player = struck.play(
         models,
-        listener=options.listener,
+        listener=listener(options),
         device=_device(options.device),
         sample_rate=options.rate,
         block=options.block,

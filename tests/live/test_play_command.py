@@ -69,10 +69,11 @@ def test_devices_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("jack")
+@pytest.mark.parametrize("ears", [(), ("--hrtf", "kemar")], ids=["one ear", "kemar"])
 def test_it_plays_without_a_terminal_and_tells_how_it_went(
-    model: str, capsys: pytest.CaptureFixture[str]
+    model: str, ears: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["--seconds", "1", "--strikes-per-second", "50", "--scrapes", "1", "--json"]
+    given = ["--seconds", "1", "--strikes-per-second", "50", "--scrapes", "1", "--json", *ears]
     assert main(["play", model, *given]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["modes"] == 40
