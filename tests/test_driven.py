@@ -17,7 +17,7 @@ from struck.excitation.strike import Strike
 from struck.excitation.track import ForceTrack
 from struck.gains import Gains
 from struck.rendering import Action, render
-from tests.test_rendering import BLOCK, FREQUENCIES, TOP
+from tests.test_rendering import BLOCK, FREQUENCIES, TOP, block
 
 SCRAPE = Scrape(path=[TOP, (-0.05, 0.01, 0.05)], speed=0.2, load=1.0, radius=1e-3)
 ELSEWHERE = (-0.03, -0.02, 0.05)
@@ -164,3 +164,9 @@ def test_without_numba_it_sounds_the_same(monkeypatch: pytest.MonkeyPatch) -> No
     with_numba = heard([SCRAPE, Hold(at=TOP, time=0.2)])
     monkeypatch.setitem(sys.modules, "struck.synth.resonators", None)
     assert decibels(heard([SCRAPE, Hold(at=TOP, time=0.2)]) - with_numba, with_numba) <= -120
+
+
+def test_a_hand_may_hold_a_body_of_thousands_of_modes() -> None:
+    many = block(np.linspace(200.0, 20000.0, 3400))
+    held = render(many, [Strike(at=TOP, impulse=0.01), Hold(grip=3e4)], seconds=0.02)
+    assert np.isfinite(held.samples).all()

@@ -29,13 +29,15 @@ _SILENT = np.log(1000)
 _BLOCK = 128
 
 
-def resonators_for(*models: ModalModel, **options: Any) -> Any:  # noqa: ANN401 - either kind
+def resonators_for(*models: ModalModel, engine: str = "auto", **options: Any) -> Any:  # noqa: ANN401 - either kind
     """Return resonators for some bodies: compiled ones, or plain NumPy's where numba is missing."""
     try:
         from struck.synth.resonators import Resonators
     except ImportError:  # numba comes late to new versions of Python
-        from struck.synth.reference import ReferenceResonators as Resonators
-    return Resonators(models, **options)
+        from struck.synth.reference import ReferenceResonators
+
+        return ReferenceResonators(models, **options)
+    return Resonators(models, engine=engine, **options)
 
 
 @dataclass(kw_only=True)
@@ -64,7 +66,9 @@ class Driven:
     _pushings: list[Pushing] = field(init=False)
 
     def __post_init__(self) -> None:
-        options = {"sample_rate": self.sample_rate, "block": _BLOCK}
+        # A hand may damp modes more than the block transform bears.
+        engine = "stepped" if self.holds else "auto"
+        options = {"sample_rate": self.sample_rate, "block": _BLOCK, "engine": engine}
         voices = max(1, len(self.excitations))
         points = len(self.outputs)
         self._resonators = resonators_for(self.model, points=points, voices=voices, **options)
@@ -75,6 +79,7 @@ class Driven:
         ]
         self._raised = [hold.raised(self.model) for hold in self.holds]
         self._held: tuple[bool, ...] = (False,) * len(self.holds)
+        self._decays = self.model.decays
 
     def samples(self, seconds: float | None, *, at_least: float) -> Array:
         """Return what is heard (points, samples).
@@ -118,7 +123,8 @@ class Driven:
         if held != self._held:
             raised = [more for more, now in zip(self._raised, held, strict=True) if now]
             decays = np.sum([self.model.decays, *raised], axis=0)
-            self._resonators.change(0, replace(self.model, decays=decays))
+            self._decays = np.asarray(decays, np.float64)
+            self._resonators.change(0, replace(self.model, decays=self._decays))
             self._held = held
 
     def _length(self, at_least: float) -> int | None:
@@ -126,7 +132,8 @@ class Driven:
         now = self._now / self.sample_rate
         if all(each.finished for each in self._pushings):
             strengths = np.abs(self._resonators.states(0) * self.outputs).max(axis=0)
-            more = lasting(self.model.decays, strengths)
+            passing = any(hold.seconds is not None for hold in self.holds)
+            more = lasting(self.model.decays if passing else self._decays, strengths)
             return round(max(at_least, now + more) * self.sample_rate)
         if now > LONGEST_UNSAID:
             raise OptionError(

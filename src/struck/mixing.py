@@ -37,10 +37,12 @@ def mixed(
     pose = Pose.of(listener, emitters)
     sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]
     hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
-    rows = _of_one_length([samples for samples, _ in sent])
-    samples = _heard(hearing, rows, None if seconds is None else round(seconds * sample_rate))
-    if room is not None:
-        samples += _reverberated(room, rows, (len(samples), samples.shape[1]), sample_rate)
+    length = None if seconds is None else max(1, round(seconds * sample_rate))
+    samples = _heard(hearing, _of_one_length([rows for rows, _ in sent]), length)
+    if room is not None and room.reverberation is not None:
+        near = [_at_a_metre(body, pose, rows) for body, (rows, _) in zip(bodies, sent, strict=True)]
+        late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
+        samples = _of_one_duration(samples, late, length)
     calibrated = [body.model.calibrated for body in bodies]
     return Sound(
         samples=samples.astype(np.float32),
@@ -111,18 +113,32 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
     return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
 
 
-def _reverberated(room: Room, rows: Array, shape: tuple[int, int], sample_rate: int) -> Array:
+def _at_a_metre(body: Body, pose: Pose, rows: Array) -> Array:
+    """Return what a body sounds like at 1 m (1, n); of a timbre field what the ears get there."""
+    if not body.model.gains.directional:
+        return rows
+    start = np.zeros(1)
+    apart = body.emitter.centre.at(start)[0] - pose.at(start)[0][0, 1:]
+    return (rows * np.linalg.norm(apart, axis=1)[:, None]).mean(axis=0)[None]
+
+
+def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array:
     """Return the late sound of a room, after that of its images (ears, n)."""
     from scipy.signal import oaconvolve
 
-    late, start = np.zeros(shape), round(room.mixing_time() * sample_rate)
-    if room.reverberation is None or start >= shape[1]:
-        return late
-    tail = room.reverberation.tail(sample_rate, shape[0], start=start / sample_rate)
-    if tail.size:
-        heard = oaconvolve(rows.sum(axis=0)[None], tail, axes=1)[:, : shape[1] - start]
-        late[:, start : start + heard.shape[1]] = heard
-    return late
+    start = round(room.mixing_time() * sample_rate)
+    late = room.reverberation
+    tail = late.tail(sample_rate, ears, start=start / sample_rate) if late else np.zeros((ears, 0))
+    if not tail.size:
+        return np.zeros((ears, 0))
+    return np.pad(oaconvolve(sent[None], tail, axes=1), ((0, 0), (start, 0)))
+
+
+def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
+    """Return both together; of unsaid length, until the later one ends."""
+    longest = max(heard.shape[1], late.shape[1])
+    both = [np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in (heard, late)]
+    return (both[0] + both[1])[:, :length]
 
 
 def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:

@@ -77,7 +77,7 @@ def _scrape(text: str, options: argparse.Namespace) -> Scrape:
     way, time = _timed("--scrape", text)
     return Scrape(
         path=_way("--scrape", way),
-        speed=options.speed or _SPEED,
+        speed=_SPEED if options.speed is None else options.speed,
         load=options.load,
         roughness=options.roughness,
         striker=options.striker or "steel",
@@ -89,7 +89,7 @@ def _roll(text: str, options: argparse.Namespace) -> Roll:
     way, time = _timed("--roll", text)
     return Roll(
         path=_way("--roll", way),
-        speed=options.speed or _SPEED,
+        speed=_SPEED if options.speed is None else options.speed,
         radius=options.radius,
         mass=options.mass,
         time=time,

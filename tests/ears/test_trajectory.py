@@ -33,6 +33,9 @@ def test_a_function_is_asked_for_each_time() -> None:
         ((1, 2), "position is"),
         ("here", "position is 'here'"),
         ((np.nan, 0, 0), "finite numbers"),
+        ((1j, 0, 0), "position is"),
+        (([0.0, 1.0], [(0, 0, 0), (1, 1)]), "position is"),
+        ((0.0, [(0, 0, 0), (1, 1, 1)]), r"shape \(1, 3\)"),
         (([1.0, 1.0], [(0, 0, 0), (1, 1, 1)]), "ascend"),
         (([0.0, np.inf], [(0, 0, 0), (1, 1, 1)]), "finite and ascend"),
         (([0.0, 1.0, 2.0], [(0, 0, 0), (1, 1, 1)]), r"shape \(3, 3\)"),
@@ -47,3 +50,8 @@ def test_a_function_that_returns_no_point_is_refused_when_it_does() -> None:
     lost = Trajectory.of("position", lambda t: (t, np.nan, 0))
     with pytest.raises(OptionError, match="position is"):
         lost.at(np.array([0.0]))
+
+
+def test_a_function_is_never_asked_for_times_before_nought() -> None:
+    root = Trajectory.of("position", lambda t: (1 + t**0.5, 0, 0))
+    assert root.at(np.array([-0.3, 4.0])).tolist() == [[1, 0, 0], [3, 0, 0]]

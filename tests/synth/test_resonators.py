@@ -310,6 +310,23 @@ def test_energy_never_rises_on_its_own() -> None:
     assert np.max(np.diff(np.array(sizes), axis=0)) <= 1e-15
 
 
+@pytest.mark.parametrize("engine", ["stepped", "transformed", "plain"])
+def test_a_steady_load_stays_silent_when_poles_change_twice_in_a_block(engine: str) -> None:
+    model, drive = bank(np.random.default_rng(21), 20, highest=9000.0), np.ones(20)
+    resonators = (
+        ReferenceResonators([model])
+        if engine == "plain"
+        else Resonators([model], engine=engine, quiet=0.0)
+    )
+    push, outputs = [Push(force=np.full(128, 3.0), drive=drive)], [np.ones((1, 20))]
+    struck = np.abs(resonators.process(push, outputs)).max()
+    for _ in range(4000):
+        resonators.process(push)
+    for factor in (1.3, 1.0001):
+        resonators.change(0, Bank(model.frequencies * factor, model.decays))
+    assert np.abs(resonators.process(push)).max() <= 0.01 * struck
+
+
 def test_a_change_while_it_sounds_does_not_click() -> None:
     modes = Bank(np.array([440.0, 1000.0]), np.array([1.0, 2.0]))
     blow = np.zeros(128)

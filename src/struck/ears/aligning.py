@@ -15,7 +15,8 @@ from struck.ears.sphere import arrival_delay, pressure
 Array = NDArray[np.float64]
 
 LEAD = 8 / 48000  # s, kept ahead of an onset: what a limited band rings before it
-LASTING = 256 / 48000  # s, of a response with its lead
+LASTING = 448 / 48000  # s, of a response with its lead: all that KEMAR has
+BRIEF = 256 / 48000  # s, of one for playing live: deep notches at 8 kHz take all
 ONSET = 0.1  # of a response's peak: what comes first above it is the onset
 EARS = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 _FINER = 8  # onsets are sought between samples
@@ -48,7 +49,9 @@ class Aligned:
     gain: float
 
 
-def aligned(measured: HrtfSet, sample_rate: float, nodes: Array) -> Aligned:
+def aligned(
+    measured: HrtfSet, sample_rate: float, nodes: Array, lasting: float = LASTING
+) -> Aligned:
     """Align the responses of a set, bring them to a sample rate and to the free field's level.
 
     Where a set has more directions than there are nodes (W, 3), those nearest to nodes are kept.
@@ -68,8 +71,8 @@ def aligned(measured: HrtfSet, sample_rate: float, nodes: Array) -> Aligned:
     nearer = (1 + directions @ EARS.T) / 2  # both add up to one, so no ear takes over at once
     shared = np.sum(excess * nearer, axis=1, keepdims=True)
     starts = np.array_split(onsets - LEAD, len(parts))
-    rates = measured.sample_rate, sample_rate
-    sampled = [_sampled(part, start, *rates) for part, start in zip(parts, starts, strict=True)]
+    how = measured.sample_rate, sample_rate, lasting
+    sampled = [_sampled(part, start, *how) for part, start in zip(parts, starts, strict=True)]
     return Aligned(
         directions=directions,
         delays=late - shared - LEAD,
@@ -120,23 +123,25 @@ def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
     return math.sqrt(np.average(there, weights=counts) / here)
 
 
-def _sampled(responses: Array, starts: Array, old_rate: float, new_rate: float) -> Array:
+def _sampled(
+    responses: Array, starts: Array, old_rate: float, new_rate: float, lasting: float
+) -> Array:
     """Return the responses (M, 2, taps) from their starts (s) on, at a new sample rate.
 
     Each is a sum of cosines between its samples; taking them at other times shifts by parts of a
     sample and changes the rate in one step.
     """
-    length = 2 * responses.shape[-1] + 2 * math.ceil(LASTING * old_rate)
+    length = 2 * responses.shape[-1] + 2 * math.ceil(lasting * old_rate)
     frequencies = np.arange(length // 2 + 1) * (old_rate / length)
     spectra = np.fft.rfft(responses, length, axis=-1) * _fading(frequencies, old_rate, new_rate)
     spectra *= np.exp(2j * np.pi * frequencies * starts[..., np.newaxis])
-    times = np.arange(round(LASTING * new_rate)) / new_rate
+    times = np.arange(round(lasting * new_rate)) / new_rate
     phases = 2 * np.pi * np.outer(frequencies, times)
     cosines, sines = np.cos(phases), np.sin(phases)
     # The sum over the spectrum is 1 / length; a response is a density over time, 1 / rate each.
     spectra[..., 1:] *= 2
     sums = spectra.real @ cosines - spectra.imag @ sines
-    return sums * (old_rate / new_rate / length) * _window(new_rate)
+    return sums * (old_rate / new_rate / length) * _window(round(lasting * new_rate), new_rate)
 
 
 def _fading(frequencies: Array, old_rate: float, new_rate: float) -> Array:
@@ -146,9 +151,8 @@ def _fading(frequencies: Array, old_rate: float, new_rate: float) -> Array:
     return 0.5 + 0.5 * np.cos(np.pi * along)
 
 
-def _window(sample_rate: float) -> Array:
+def _window(taps: int, sample_rate: float) -> Array:
     """Return ones with eased ends, for responses cut at a lead and a length."""
-    taps = round(LASTING * sample_rate)
     start = np.arange(taps) / (_FADE_IN * LEAD * sample_rate)
     end = np.arange(taps)[::-1] / (_FADE_OUT * taps)
     return np.sin(0.5 * np.pi * np.clip(np.minimum(start, end) + 0.05, 0, 1)) ** 2

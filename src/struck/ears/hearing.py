@@ -25,6 +25,8 @@ class Hearing:
         Hz.
     room : Room or None
         Whose walls reflect.
+    brief : bool
+        Whether measured heads are cut short, as for playing live.
 
     Attributes
     ----------
@@ -51,11 +53,12 @@ class Hearing:
         *,
         sample_rate: float,
         room: Room | None = None,
+        brief: bool = False,
     ) -> None:
         self.ways = Ways(
             emitters,
             Pose.of(listener, emitters),
-            listener.filters(sample_rate),
+            listener.filters(sample_rate, brief=brief),
             sample_rate=sample_rate,
             room=room,
         )

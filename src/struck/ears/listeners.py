@@ -28,7 +28,7 @@ class Listener(Protocol):
 
     @property
     def facing(self) -> Course3 | None:
-        """Where it looks, of any length; None: at the bodies as they are at first."""
+        """Where it looks, of any length; None: level towards the bodies as they are at first."""
         ...
 
     @property
@@ -41,8 +41,8 @@ class Listener(Protocol):
         """Places of the ears in the head's frame (ears, 3), m."""
         ...
 
-    def filters(self, sample_rate: float) -> Filters:
-        """Return what the head does to sound."""
+    def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
+        """Return what the head does to sound; `brief` where a little less of it must do, live."""
         ...
 
 
@@ -87,9 +87,9 @@ class Mono:
         """The place itself."""
         return np.zeros((1, 3))
 
-    def filters(self, sample_rate: float) -> Filters:
+    def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
         """Return filters that change nothing."""
-        del sample_rate
+        del sample_rate, brief
         return Unchanged(ears=1)
 
 
@@ -131,8 +131,9 @@ class Stereo:
         """Left and right on the ball."""
         return _on_sides(self.radius)
 
-    def filters(self, sample_rate: float) -> Filters:
+    def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
         """Return those of the ball."""
+        del brief
         return _ball(self.head, self.radius).prepared(sample_rate)
 
 
@@ -148,8 +149,7 @@ class Binaural:
         "kemar": the dummy head of Gardner and Martin (1994), which comes with struck; or a SOFA
         file of the convention SimpleFreeFieldHRIR.
     radius : float
-        Half the distance of the ears, m: where bodies with a timbre field are heard, and for what
-        sources near the head change.
+        Half the distance of the ears, m: where bodies with a timbre field are heard.
 
     Raises
     ------
@@ -174,13 +174,13 @@ class Binaural:
         """Left and right of the head's centre."""
         return _on_sides(self.radius)
 
-    def filters(self, sample_rate: float) -> Filters:
-        """Return those of the measured head."""
+    def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
+        """Return those of the measured head; brief ones last 5 ms, 256 samples at 48 kHz."""
         from struck.ears.measured_head import MeasuredHead
 
         if str(self.hrtf) == "kemar":
-            return MeasuredHead.named("kemar").prepared(sample_rate)
-        return MeasuredHead.read(os.fspath(self.hrtf)).prepared(sample_rate)
+            return MeasuredHead.named("kemar").prepared(sample_rate, brief=brief)
+        return MeasuredHead.read(os.fspath(self.hrtf)).prepared(sample_rate, brief=brief)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

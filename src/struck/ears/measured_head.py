@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from struck.air import AIR
-from struck.ears.aligning import EARS, Aligned, aligned, spline_weights
+from struck.ears.aligning import BRIEF, EARS, LASTING, Aligned, aligned, spline_weights
 from struck.ears.head import Array, Filters, Single
 from struck.ears.hrtf import HrtfSet, bundled, directions_of
 from struck.ears.sofa import read_sofa
@@ -79,8 +79,8 @@ class MeasuredHead:
         """Keys of the papers behind it."""
         return self.measured.references
 
-    def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters (kept, once made).
+    def prepared(self, sample_rate: float, *, brief: bool = False) -> Filters:
+        """Return its filters (kept, once made), brief ones for playing live.
 
         Raises
         ------
@@ -92,7 +92,8 @@ class MeasuredHead:
                 f"sample_rate {sample_rate:g} Hz must be between 4000 and 768000 Hz; "
                 "48000 Hz will do"
             )
-        return prepare(self.measured, sample_rate)
+        how = (BRIEF,) if brief else ()
+        return prepare(self.measured, sample_rate, *how)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,9 +163,9 @@ _NEIGHBOURS = {
 
 
 @lru_cache(maxsize=8)
-def prepare(measured: HrtfSet, sample_rate: float) -> MeasuredFilters:
-    """Return the filters of a set at a sample rate."""
-    ready = aligned(measured, sample_rate, _nodes())
+def prepare(measured: HrtfSet, sample_rate: float, lasting: float = LASTING) -> MeasuredFilters:
+    """Return the filters of a set at a sample rate, of so many seconds each."""
+    ready = aligned(measured, sample_rate, _nodes(), lasting)
     taps, short = ready.responses.shape[-1], round(NEAR_LASTING * sample_rate)
     length = next_fast_len(taps + short - 1, real=True)
     return MeasuredFilters(

@@ -72,18 +72,24 @@ class Pose:
 
     @classmethod
     def of(cls, listener: Listener, emitters: Sequence[Emitter]) -> Pose:
-        """Return that of a listener; where he does not say, beside the first body, facing all."""
+        """Return that of a listener.
+
+        Where he does not say he is beside the first body and faces the middle of all, level; above,
+        below or in the middle of them he looks along x, or y where x is up.
+        """
         start = np.zeros(1)
         centres = np.concatenate([each.centre.at(start) for each in emitters])
         aside = np.array([max(1.0, 2 * emitters[0].radius), 0.0, 0.0])
         given = listener.position
         position = Trajectory.of("position", centres[0] + aside if given is None else given)
-        ahead = centres.mean(axis=0) - position.at(start)[0]
-        facing = listener.facing
+        up, facing = Trajectory.of("up", listener.up), listener.facing
+        if facing is None:
+            ahead = centres.mean(axis=0) - position.at(start)[0]
+            facing = _level(ahead, up.at(start)[0])
         return cls(
             position=position,
-            facing=Trajectory.of("facing", ahead if facing is None else facing),
-            up=Trajectory.of("up", listener.up),
+            facing=Trajectory.of("facing", facing),
+            up=up,
             ear_points=listener.ear_points,
         )
 
@@ -115,6 +121,15 @@ class Pose:
         turned = axes(self.facing.at(times), self.up.at(times))
         centre = self.position.at(times)[:, None]
         return np.concatenate([centre, centre + self.ear_points @ turned], axis=1), turned
+
+
+def _level(ahead: Array, up: Array) -> Array:
+    """Return the part of a direction across `up`, or of x, or of y, where that is nothing."""
+    for direction in (ahead, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
+        across = direction - up * (direction @ up) / max(up @ up, 1e-30)
+        if np.linalg.norm(across) > 1e-6 * max(np.linalg.norm(ahead), 1.0):
+            return across
+    return ahead
 
 
 class Sources:

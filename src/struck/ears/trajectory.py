@@ -48,8 +48,9 @@ class Trajectory:
 
     @classmethod
     def _table(cls, name: str, times: ArrayLike, points: ArrayLike) -> Trajectory:
-        moments = np.asarray(times, np.float64)
-        if not (len(moments) and np.isfinite(moments).all() and (np.diff(moments) > 0).all()):
+        moments = np.atleast_1d(np.asarray(times, np.float64))
+        ascend = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
+        if not (len(moments) and ascend):
             raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
         return cls(name=name, times=moments, points=_points(name, points, (len(moments), 3)))
 
@@ -59,9 +60,12 @@ class Trajectory:
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
-        """Return the numbers at some times (n,): (n, 3)."""
+        """Return the numbers at some times (n,): (n, 3).
+
+        What is heard at first was sent before; then all is held as at 0 s.
+        """
         if self.function is not None:
-            found = [self.function(time) for time in times.tolist()]
+            found = [self.function(max(time, 0.0)) for time in times.tolist()]
             return _points(self.name, found, (len(times), 3))
         if len(self.times) == 1:
             return np.broadcast_to(self.points[0], (len(times), 3))
@@ -72,13 +76,14 @@ class Trajectory:
 
 
 def _is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
-    """Tell (times, points) from a point: its second part is a list of points."""
-    return isinstance(course, tuple) and len(course) == 2 and np.ndim(course[1]) == 2
+    """Tell (times, points) from a point: its second part is a list."""
+    return isinstance(course, tuple) and len(course) == 2 and not np.isscalar(course[1])
 
 
 def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
     try:
-        points = np.array(values, np.float64)
+        points = np.array(values)
+        points = points.astype(np.float64, casting="same_kind")
     except (TypeError, ValueError) as error:
         raise OptionError(f"{name} is {values!r}: give (x, y, z), or (times, points)") from error
     # A sum that is finite tells the same of nearly all points in less time.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,8 @@ class Push:
         N, at each sample; band-limited to half the sample rate.
     drive : array (M,)
         How strongly each mode answers at the place where the block ends, kg^-1/2. Within the
-        block it is ramped to from the last one of the same body and voice.
+        block it is ramped to from the last one of the same body and voice. The very same array
+        means that nothing moved: do not write to it afterwards.
     body : int
         Its number in the scene.
     voice : int
@@ -46,6 +47,15 @@ class Pushing(Protocol):
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""
+        ...
+
+
+@runtime_checkable
+class Changing(Protocol):
+    """A `Pushing` that can go on when its body changes; one that cannot keeps the old drives."""
+
+    def change(self, model: ModalModel) -> None:
+        """Push at the same place of a body that has changed."""
         ...
 
 

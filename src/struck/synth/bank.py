@@ -53,6 +53,11 @@ class Poles:
         frequencies, decays = np.asarray(model.frequencies), np.asarray(model.decays)
         if not len(frequencies):
             raise OptionError("the model has 0 modes: it needs at least one to sound")
+        if len(decays) != len(frequencies):
+            raise OptionError(
+                f"the model has {len(frequencies)} frequencies and {len(decays)} decays: give as "
+                "many of each"
+            )
         _require("frequencies", frequencies, above=True)
         _require("decays", decays, above=False)
         kept = frequencies < sample_rate / 2

@@ -46,7 +46,6 @@ class Resonators:
     quiet : float
         A body that nothing pushes falls asleep once it can be no louder than this share of the
         loudest that it was, and costs nothing more; it wakes as the one it would have been.
-
     engine : str
         "stepped": sample by sample; "transformed": by the block transform, for bodies of thousands
         of modes; "auto": for each body whichever is faster. Their sounds differ by at most -120 dB.
@@ -54,7 +53,7 @@ class Resonators:
     Raises
     ------
     OptionError
-        On no modes, numbers outside their bounds, or none of a body's modes below half the rate.
+        On no models, no modes, or numbers outside their bounds.
 
     Notes
     -----
@@ -76,6 +75,8 @@ class Resonators:
         engine: str = "auto",
     ) -> None:
         require_session(sample_rate, block, points)
+        if not models:
+            raise OptionError("there are 0 models: give at least one")
         self.sample_rate, self.block, self.points = sample_rate, block, points
         self._poles = [Poles.of(model, sample_rate) for model in models]
         self._voices = voices_for(len(models), voices)

@@ -79,7 +79,7 @@ class WholeBlocks(ABC):
     def take(self, poles: Poles) -> None:
         """Go on with these poles from the states there are."""
         states, outputs = self.states, self._as_given(self.outputs)
-        held = self._as_given(self._held)
+        held = self._as_given(self._held_before)
         self._begin(poles)
         self.outputs = self.arranged(outputs)
         self._held_before = self.kept(held)
