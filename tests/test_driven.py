@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.driven import LONGEST_UNSAID
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
@@ -100,9 +99,10 @@ def test_sounds_of_unsaid_length_end_when_all_has_died_away() -> None:
     assert render(BLOCK, [SCRAPE, Strike(at=TOP, time=9.0)]).samples.shape[1] > 9.5 * 48000
 
 
-def test_pushes_without_end_need_a_length() -> None:
+def test_pushes_without_end_need_a_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("struck.driven.LONGEST_UNSAID", 2.0)
     endless = replace(SCRAPE, repeat="back")
-    with pytest.raises(OptionError, match=rf"not ended after {LONGEST_UNSAID:g} s.*seconds="):
+    with pytest.raises(OptionError, match=r"not ended after 2 s.*seconds="):
         render(BLOCK, endless)
     assert len(heard(endless, seconds=1.0)) == 48000
 
@@ -167,6 +167,6 @@ def test_without_numba_it_sounds_the_same(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_hand_may_hold_a_body_of_thousands_of_modes() -> None:
-    many = block(np.linspace(200.0, 20000.0, 3400))
+    many = block(np.linspace(200.0, 20000.0, 3150))
     held = render(many, [Strike(at=TOP, impulse=0.01), Hold(grip=3e4)], seconds=0.02)
     assert np.isfinite(held.samples).all()

@@ -16,7 +16,7 @@ from struck.ears.room import Room
 from struck.excitation.hold import Hold
 from struck.model import Array
 from struck.radiating import finite, left_out, radiated
-from struck.scene.body import Body, aside, centre_of
+from struck.scene.body import Body, centre_of, place_beside
 from struck.sound import Sound
 from struck.synth.ring_down import below_nyquist
 
@@ -58,7 +58,7 @@ def _sent(
     """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
     if body.model.gains.directional:
         return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
-    far = aside(body.model)
+    far = place_beside(body.model)
     place = centre_of(body.model) + far
     arrived = radiated(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
     return far[0] * arrived.samples[None], arrived.notes

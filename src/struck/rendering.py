@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.driven import LONGEST_RING, SHORTEST_RING
-from struck.ears.listeners import Listener, Mono, is_listener
+from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.room import Room
 from struck.errors import OptionError
 from struck.mixing import mixed
-from struck.model import Array, ModalModel
+from struck.model import ModalModel
 from struck.radiating import radiated
-from struck.scene.body import Action, Body, aside, centre_of
+from struck.scene.body import Action, Body, centre_of, place_beside
 from struck.sound import Sound
 
 __all__ = ["LONGEST_RING", "LONGEST_SOUND", "SHORTEST_RING", "Action", "render"]
@@ -76,7 +75,9 @@ def render(
     _require_bounds(seconds, sample_rate)
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         body = Body(model=model, excitations=excitations)
-        place = centre_of(model) + aside(model) if listener is None else _position(listener)
+        place = (
+            centre_of(model) + place_beside(model) if listener is None else position_of(listener)
+        )
         arrived = radiated(model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
         return Sound(
             samples=arrived.samples.astype(np.float32),
@@ -109,7 +110,7 @@ def _bodies(
 def _someone(listener: Listener | ArrayLike | None) -> Listener:
     if listener is None or is_listener(listener):
         return listener or Mono()
-    return Mono(position=tuple(_position(listener).tolist()))
+    return Mono(position=tuple(position_of(listener).tolist()))
 
 
 def _require_bounds(seconds: float | None, sample_rate: int) -> None:
@@ -117,10 +118,3 @@ def _require_bounds(seconds: float | None, sample_rate: int) -> None:
         raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at 3600")
     if not (sample_rate >= 1 and float(sample_rate).is_integer()):
         raise OptionError(f"sample_rate is {sample_rate}: give a whole number of Hz, such as 48000")
-
-
-def _position(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
-    position = np.asarray(listener, dtype=np.float64)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
-    return position

@@ -110,6 +110,33 @@ def test_let_go_it_is_silent_and_a_log_that_lets_go_ends() -> None:
     assert np.abs([push.force[-1] for push in heard if push][-1]) < 1e-12
 
 
+def test_rest_may_be_left_out() -> None:
+    asked, spared = Touching(plate(8), RATE), Touching(plate(8), RATE)
+    assert asked.advance(130) is None
+    spared.resume(130)
+    for touching in (asked, spared):
+        assert touching.at_rest
+        touching.update(TOP, 2.0, 0.3)
+        assert not touching.at_rest
+        for _ in range(10):
+            touching.advance(100)
+        touching.update(TOP, 0.0)
+        while touching.advance(100) is not None:
+            pass
+        assert touching.at_rest
+    for _ in range(7):
+        assert asked.advance(100) is None
+    spared.resume(asked.now)
+    for touching in (asked, spared):
+        touching.update(TOP, 1.0, 0.2)
+    for _ in range(20):
+        one, other = asked.advance(100), spared.advance(100)
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(one.force, other.force)
+        assert np.array_equal(one.drive, other.drive)
+
+
 def test_the_drive_goes_to_the_new_place_in_a_straight_line() -> None:
     model = plate()
     touching = Touching(model, RATE)

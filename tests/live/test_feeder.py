@@ -59,6 +59,32 @@ def test_it_fills_as_far_ahead_as_told_and_goes_on() -> None:
     assert records.refused == 0
 
 
+def feeder_of(numbers: Numbers) -> Feeder:
+    return Feeder(Ring(capacity=8, integers=1, reals=2), numbers, seconds=SECONDS)
+
+
+def test_two_at_once_leave_the_switch_interval_as_it_was() -> None:
+    usual = sys.getswitchinterval()
+    one = feeder_of(Numbers())
+    one.start()
+    other = feeder_of(Numbers())
+    other.start()
+    short = sys.getswitchinterval()
+    one.stop()
+    assert sys.getswitchinterval() == short < usual
+    one.stop()
+    assert sys.getswitchinterval() == short
+    other.stop()
+    assert sys.getswitchinterval() == usual
+
+
+def test_one_that_could_not_begin_may_be_stopped() -> None:
+    feeder = feeder_of(Numbers(broken=0))
+    with pytest.raises(ZeroDivisionError):
+        feeder.start()
+    feeder.stop()
+
+
 def test_a_failure_ends_it_and_is_raised_by_stop() -> None:
     records = Ring(capacity=8, integers=1, reals=2)
     feeder = Feeder(records, Numbers(broken=5), seconds=SECONDS)

@@ -3,42 +3,33 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_float, c_int, c_ulong, c_void_p
+from ctypes import c_int, c_ulong, c_void_p
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from struck.errors import OptionError
+from struck.errors import DeviceError, OptionError
 from struck.excitation.track import ForceTrack
 from struck.live import microphone
-from struck.live.portaudio import COMPLETE, CONTINUE
+from struck.live.devices import Device
+from struck.live.portaudio import COMPLETE, CONTINUE, PortAudio
 from tests.live.servers import RATE
 
 
 def test_blocks_are_kept_until_there_are_enough() -> None:
     samples = np.zeros(100)
     table = np.array([samples.ctypes.data, 100, 0])
-    signature = ctypes.CFUNCTYPE(
-        c_int, c_void_p, POINTER(c_float), c_ulong, c_void_p, c_ulong, c_void_p
-    )
+    signature = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_ulong, c_void_p, c_ulong, c_void_p)
     callback = microphone._callback()
     record = signature(callback.address)
     heard = np.random.default_rng(1).standard_normal(192).astype(np.float32)
-    played = np.ones(64, np.float32)
     codes = [
-        record(
-            heard[k : k + 64].ctypes.data,
-            played.ctypes.data_as(POINTER(c_float)),
-            64,
-            None,
-            0,
-            table.ctypes.data,
-        )
+        record(heard[k : k + 64].ctypes.data, None, 64, None, 0, table.ctypes.data)
         for k in (0, 64, 128)
     ]
     assert codes == [CONTINUE, COMPLETE, COMPLETE]
     assert np.array_equal(samples, heard[:100])
-    assert not played.any()
 
 
 @pytest.mark.usefixtures("jack")
@@ -47,6 +38,50 @@ def test_a_silent_device_records_silence() -> None:
     assert (sound.sample_rate, sound.samples.shape) == (RATE, (1, round(0.2 * RATE)))
     assert not sound.samples.any()
     ForceTrack(force=sound.samples[0], sample_rate=sound.sample_rate)
+
+
+@pytest.fixture
+def deaf_and_mute(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the server's device seem to be a microphone alone, number 0."""
+    whole = PortAudio._describe
+
+    def describe(portaudio: PortAudio, number: int, usual: int) -> Device:
+        return replace(whole(portaudio, number, usual), outputs=0)
+
+    monkeypatch.setattr(PortAudio, "_describe", describe)
+
+
+@pytest.mark.usefixtures("jack", "deaf_and_mute")
+@pytest.mark.parametrize("device", [None, 0, "system"])
+def test_a_microphone_that_cannot_play_records(device: int | str | None) -> None:
+    assert microphone.microphone(0.1, device=device).samples.shape == (1, round(0.1 * RATE))
+    with PortAudio() as portaudio:
+        assert portaudio.devices() == []
+        with pytest.raises(DeviceError, match="no audio device is named like 'other'") as caught:
+            portaudio.recorder("other")
+    assert "0: system (JACK Audio Connection Kit, 2 inputs, 48000 Hz, default)" in str(caught.value)
+
+
+@pytest.mark.usefixtures("jack")
+def test_a_microphone_is_opened_for_input_alone_on_the_default_input() -> None:
+    with PortAudio() as portaudio:
+        library, opened = portaudio.library, []
+        whole = library.Pa_OpenStream
+
+        def open_stream(*given: object) -> int:
+            opened.append(given)
+            return whole(*given)
+
+        library.Pa_OpenStream = open_stream
+        kept = microphone._callback()
+        table = np.zeros(3, np.int64)
+        portaudio.open(
+            kept.address, table.ctypes.data, sample_rate=RATE, block=256, channels=0, inputs=1
+        ).close()
+        usual = library.Pa_GetDefaultInputDevice()
+    [(_, source, output, *_)] = opened
+    assert output is None
+    assert (source._obj.device, source._obj.channelCount) == (usual, 1)
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), 601.0])

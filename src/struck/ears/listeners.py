@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 
@@ -49,6 +49,14 @@ class Listener(Protocol):
 def is_listener(listener: object) -> TypeGuard[Listener]:
     """Tell a listener from a bare position."""
     return callable(getattr(listener, "filters", None))
+
+
+def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
+    """Return a bare position (3,), or raise an OptionError."""
+    position = np.asarray(listener, np.float64)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
+    return position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -79,9 +79,9 @@ class Pose:
         """
         start = np.zeros(1)
         centres = np.concatenate([each.centre.at(start) for each in emitters])
-        aside = np.array([max(1.0, 2 * emitters[0].radius), 0.0, 0.0])
         given = listener.position
-        position = Trajectory.of("position", centres[0] + aside if given is None else given)
+        beside = centres[0] + aside(emitters[0].radius)
+        position = Trajectory.of("position", beside if given is None else given)
         up, facing = Trajectory.of("up", listener.up), listener.facing
         if facing is None:
             ahead = centres.mean(axis=0) - position.at(start)[0]
@@ -121,6 +121,11 @@ class Pose:
         turned = axes(self.facing.at(times), self.up.at(times))
         centre = self.position.at(times)[:, None]
         return np.concatenate([centre, centre + self.ear_points @ turned], axis=1), turned
+
+
+def aside(radius: float) -> Array:
+    """Return a place well outside a ball, from its centre: along x, 1 m or two radii away (3,)."""
+    return np.array([max(1.0, 2 * radius), 0.0, 0.0])
 
 
 def _level(ahead: Array, up: Array) -> Array:

@@ -108,7 +108,7 @@ class Rung:
     counts: Index
 
 
-@lru_cache(maxsize=48)
+@lru_cache(maxsize=16)  # of some 2 MB
 def rung(rubbed: Rubbed, number: int) -> Rung:
     """Return the force at a load of 2^(number / RUNGS_AN_OCTAVE) N."""
     force = rubbed.force(2 ** (number / RUNGS_AN_OCTAVE))

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.contact import Place
+from struck.contact import Contact, Place
 from struck.excitation.bounds import require_positive
 from struck.excitation.patch import drive
 from struck.excitation.pulses import Samples
@@ -44,8 +44,9 @@ def burst_of(excitation: Sampled, model: ModalModel, sample_rate: float, *, star
     """Begin a force on a model; ContactError when it touches no body."""
     require_positive(sample_rate=sample_rate)
     contact = model.contact(excitation.at, excitation.direction)
-    samples = excitation.sampled(sample_rate)
-    return Burst(samples, drive(model, contact, radius=excitation.patch), start=start)
+    samples, patch = excitation.sampled(sample_rate), excitation.patch
+    driven = drive(model, contact, radius=patch)
+    return Burst(samples, driven, start=start, contact=contact, patch=patch)
 
 
 class Burst:
@@ -59,12 +60,25 @@ class Burst:
         How strongly each mode answers, kg^-1/2.
     start : int
         Number of the sample at which the first block begins; what lies before it is lost.
+    contact : Contact or None
+        Where it acts; without it the drive stays when the body changes.
+    patch : float
+        Radius of the area of contact, m.
     """
 
-    def __init__(self, samples: Samples, drive: Array, *, start: int = 0) -> None:
+    def __init__(
+        self,
+        samples: Samples,
+        drive: Array,
+        *,
+        start: int = 0,
+        contact: Contact | None = None,
+        patch: float = 0.0,
+    ) -> None:
         self._samples = samples
         self._drive = drive
         self._now = start
+        self._contact, self._patch = contact, patch
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -77,6 +91,11 @@ class Burst:
         begin = max(-offset, 0)
         force[begin : begin + len(part)] = part
         return Push(force=force, drive=self._drive)
+
+    def change(self, model: ModalModel) -> None:
+        """Push at the same place of a body that has changed, where the place is known."""
+        if self._contact is not None:
+            self._drive = drive(model, self._contact, radius=self._patch)
 
     @property
     def finished(self) -> bool:

@@ -104,6 +104,10 @@ class Rubbing:
         force[waiting:] = self._take(length - waiting)
         return Push(force=force, drive=self._drive())
 
+    def change(self, model: ModalModel) -> None:
+        """Go on along the same path over a body that has changed; the roughness stays."""
+        self._model = model
+
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""

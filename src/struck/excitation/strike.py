@@ -182,7 +182,8 @@ class Strike:
         if self.transient:
             noise = self._noise(blow, sample_rate)
             pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
-        return Burst(pulse, drive(model, contact, radius=self.patch), start=start)
+        driven = drive(model, contact, radius=self.patch)
+        return Burst(pulse, driven, start=start, contact=contact, patch=self.patch)
 
     def _approach(self, striker: Striker) -> float:
         if self.energy is not None:

@@ -73,7 +73,7 @@ class Touching:
         self._rubbed = self._tool.on(model)
         self._updates: deque[Update] = deque()
         self._heard: Update | None = None
-        self._said: Update | None = None
+        self._said: tuple[ModalModel, Update] | None = None
         self._interval = sample_rate / USUAL
         self._load, self._speed, self._pressed, self._moving = Ramp(), Ramp(), Ramp(), Ramp()
         self._drive = Blend()
@@ -88,7 +88,17 @@ class Touching:
     @property
     def finished(self) -> bool:
         """Whether no force will come any more: only once `ended` was set and the load is off."""
-        return self.ended and not self._updates and self._is_off()
+        return self.ended and self.at_rest
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is let go of, and nothing else was said."""
+        return not self._updates and self._is_off()
+
+    def resume(self, sample: int) -> None:
+        """Go on in the block that begins at this sample, after rest for which it was not asked."""
+        self._skipped += sample - self.now if self._heard else 0
+        self.now = sample
 
     def update(
         self,
@@ -141,13 +151,17 @@ class Touching:
     ) -> Update:
         """Return what `update` would follow, checked; see there."""
         load, speed = load_of(force), speed_of(velocity)
-        contact = at if isinstance(at, Contact) else self._model.contact(at, direction)
-        same = self._said is not None and self._said.contact is contact
-        drives = self._said.drive if self._said and same else self._driven(contact)
+        model, said = self._model, self._said  # `change` may be called from another thread
+        contact = at if isinstance(at, Contact) else model.contact(at, direction)
+        if said is not None and said[0] is model and said[1].contact is contact:
+            drives = said[1].drive
+        else:
+            drives = drive(model, contact, radius=self._tool.patch)
         self._prepare(load)
         number = self.now if sample is None else sample
-        self._said = Update(sample=number, contact=contact, drive=drives, force=load, speed=speed)
-        return self._said
+        word = Update(sample=number, contact=contact, drive=drives, force=load, speed=speed)
+        self._said = model, word
+        return word
 
     def follow(self, word: Update) -> None:
         """Do from its sample on what a word says."""
@@ -155,9 +169,10 @@ class Touching:
 
     def change(self, model: ModalModel) -> None:
         """Go on with a body that has changed: drives move to those of the new one."""
-        self._model, self._said = model, None
+        self._model = model
         if self._heard is not None:
-            self._drive.toward(self._driven(self._heard.contact), max(1, round(self._interval)))
+            drives = drive(model, self._heard.contact, radius=self._tool.patch)
+            self._drive.toward(drives, max(1, round(self._interval)))
 
     @property
     def load(self) -> float:
@@ -263,9 +278,6 @@ class Touching:
             offset=0.0,
             patch=0.0,
         )
-
-    def _driven(self, contact: Contact) -> Array:
-        return drive(self._model, contact, radius=self._tool.patch)
 
     def _prepare(self, load: float) -> None:
         """Make the tables that this load and those on the way to it need, here and not later."""

@@ -104,6 +104,11 @@ class Replay:
         self._next = last
         return self._touching.advance(length)
 
+    def change(self, model: ModalModel) -> None:
+        """Go on with a body that has changed."""
+        self._model, self._contact = model, None
+        self._touching.change(model)
+
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""

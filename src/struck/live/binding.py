@@ -88,6 +88,7 @@ _PROTOTYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "Pa_GetErrorText": (c_char_p, (c_int,)),
     "Pa_GetLastHostErrorInfo": (POINTER(HostError), ()),
     "Pa_GetDeviceCount": (c_int, ()),
+    "Pa_GetDefaultInputDevice": (c_int, ()),
     "Pa_GetDefaultOutputDevice": (c_int, ()),
     "Pa_GetDeviceInfo": (POINTER(Device), (c_int,)),
     "Pa_GetHostApiInfo": (POINTER(HostApi), (c_int,)),

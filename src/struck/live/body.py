@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.contact import Contact, Place
-from struck.ears.listeners import Listener, is_listener
+from struck.ears.listeners import Listener, is_listener, position_of
+from struck.ears.pose import aside
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.patch import drive
 from struck.model import ModalModel
-from struck.scene.body import aside, centre_of, radius_of
+from struck.scene.body import centre_of, place_beside, radius_of
 from struck.synth.bank import Complex, Poles
 
 Array = NDArray[np.float64]
@@ -53,16 +54,16 @@ class Body:
         if isinstance(at, Contact):
             return at
         key = (_hashable(at), _hashable(direction))
-        if key not in self._contacts:
-            _keep(self._contacts, key, self.model.contact(at, direction))
-        return self._contacts[key]
+        known = self._contacts.get(key)
+        return known or _keep(self._contacts, key, self.model.contact(at, direction))
 
     def drive(self, contact: Contact, patch: float = 0.0) -> Array:
         """Return how strongly each mode answers, the same object for the same contact."""
         key = (*contact.point.tolist(), *contact.direction.tolist(), patch)
-        if key not in self._drives:
-            _keep(self._drives, key, drive(self.model, contact, radius=patch))
-        return self._drives[key]
+        known = self._drives.get(key)
+        if known is None:
+            known = _keep(self._drives, key, drive(self.model, contact, radius=patch))
+        return known
 
     def hold(self, at: Place, grip: float) -> None:
         """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
@@ -114,25 +115,20 @@ class Body:
 
     def outputs_aside(self) -> Complex:
         """Return how loudly each mode would be heard at 1 m were it a point, (M,)."""
-        far = aside(self.model)
+        far = place_beside(self.model)
         return far[0] * self.outputs(centre_of(self.model) + far)
 
 
 def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
     """Return a listener, or a position (3,); OptionError on what is neither."""
-    if is_listener(listener):
-        return listener
-    position = np.asarray(listener, dtype=np.float64)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
-    return position
+    return listener if is_listener(listener) else position_of(listener)
 
 
 def default_listener(models: Sequence[ModalModel]) -> Array:
     """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
     centre = centre_of(models[0])
     farthest = max(radius_of(replace(model, centre=centre)) for model in models)
-    return centre + np.array([max(1.0, 2 * farthest), 0.0, 0.0])
+    return centre + aside(farthest)
 
 
 def _hashable(place: Place) -> Hashable:
@@ -141,8 +137,8 @@ def _hashable(place: Place) -> Hashable:
     return tuple(np.asarray(place, np.float64).ravel().tolist())
 
 
-def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> None:
-    """Remember one more, and forget the oldest where there are too many."""
+def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
+    """Remember one more, forget the oldest where there are too many; any thread may call it."""
     if len(known) >= _KEPT:
-        known.pop(next(iter(known)), None)
-    known[key] = value
+        known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
+    return known.setdefault(key, value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.contact import Place
 from struck.ears.listeners import Listener
-from struck.errors import OptionError, StruckError
+from struck.errors import OptionError
 from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.pushing import Pushing
 from struck.excitation.tool import Tool, Update
@@ -19,11 +20,12 @@ from struck.excitation.touch import Touching
 from struck.live.body import Body
 from struck.live.ears import LiveEars
 from struck.live.level import full_scale
-from struck.live.pushes import Blows
+from struck.live.pushes import Blows, Started
 from struck.live.record import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record
 from struck.live.ring import Ring
 from struck.live.sounding import arena
 from struck.live.touches import Notes
+from struck.live.troubles import Troubles
 from struck.live.voices import Voices
 from struck.live.wishes import Wishes
 from struck.model import ModalModel
@@ -102,9 +104,11 @@ class Desk:
             self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
         self._scale = full_scale(self._bodies, self._place, sample_rate)
         self._prepare(voices, ahead)
-        self._voices = Voices(voices)
+        self._troubles = Troubles()
+        self._voices = Voices(voices, self._troubles)
         self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
-        self._wishes = Wishes(clock, block=block, sample_rate=sample_rate)
+        self._wishes = Wishes(clock, block=block, sample_rate=sample_rate, troubles=self._troubles)
+        self._changing = threading.Lock()  # bodies, hands and listener, and the order of changes
         self._poles: dict[int, Complex] = {}
         self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
         self._first = True
@@ -157,10 +161,7 @@ class Desk:
 
     def raise_trouble(self) -> None:
         """Raise why an excitation was stopped since this was last asked, if one was."""
-        trouble: StruckError | None = self._voices.trouble
-        self._voices.trouble = None
-        if trouble is not None:
-            raise trouble
+        self._troubles.tell()
 
     def has_room(self) -> bool:
         """Tell whether one more wish may wait; where not, it counts as dropped."""
@@ -170,9 +171,10 @@ class Desk:
         """Strike a body with a pulse whose first sample counts from now."""
         self._wishes.add(lambda sample: self._strike(body, drive, pulse, sample))
 
-    def start(self, body: int, pushing: Pushing) -> None:
-        """Let an excitation begin with the next block."""
-        self._wishes.add(lambda _: self._add(pushing, body, pushing))
+    def start(self, body: int, started: Started) -> None:
+        """Let an excitation begin with the next block; it has ended where there is no room."""
+        if not self._wishes.add(lambda _: self._add(started, body, started) or started.end()):
+            started.end()
 
     def touching(self, body: int, finger: int, tool: Tool | None) -> tuple[Touching, Notes]:
         """Return a touch, and what is noted of it; a first one begins."""
@@ -180,7 +182,7 @@ class Desk:
         if key not in self._touches:
             chosen = tool or Tool()
             touching = Touching(self.body(body).model, self._rate, tool=chosen)
-            self._touches[key] = touching, Notes(chosen)
+            self._touches.setdefault(key, (touching, Notes(chosen)))
         return self._touches[key]
 
     def touch(self, body: int, finger: int, word: Update) -> None:
@@ -195,31 +197,34 @@ class Desk:
 
     def dampen(self, body: int, at: Place, grip: float) -> None:
         """Hold a body, or let it go."""
-        held = self.body(body)
-        held.hold(at, grip)
-        logarithms = held.logarithms
-        self._wishes.add(lambda _: self._poles.__setitem__(body, logarithms))
+        with self._changing:
+            held = self.body(body)
+            held.hold(at, grip)
+            logarithms = held.logarithms
+            self._wishes.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
 
     def change(self, body: int, model: ModalModel) -> None:
         """Let a body go on as another."""
-        other = self.body(body).changed(model)
-        logarithms, outputs = other.logarithms, self._heard(other)
-        self._bodies[body] = other
-        self._wishes.add(lambda _: self._change(body, model, logarithms, outputs))
+        with self._changing:
+            other = self.body(body).changed(model)
+            poles, outputs = other.logarithms, self._heard(other)
+            self._bodies[body] = other
+            self._wishes.put(("change", body), lambda _: self._change(body, model, poles, outputs))
 
     def listen(self, listener: Array | Listener) -> None:
         """Let all bodies be heard elsewhere; OptionError on ears of another kind."""
-        if self._ears is not None and not isinstance(listener, np.ndarray):
-            self._ears.listen(listener)
-        elif self._ears is None and isinstance(listener, np.ndarray):
-            outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
-            self._wishes.add(lambda _: self._outputs.update(outputs))
-        else:
-            raise OptionError(
-                f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
-                "with a bare position to positions; start another"
-            )
-        self.listener = listener
+        with self._changing:
+            if self._ears is not None and not isinstance(listener, np.ndarray):
+                self._ears.listen(listener)
+            elif self._ears is None and isinstance(listener, np.ndarray):
+                outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
+                self._wishes.put("listener", lambda _: self._outputs.update(outputs))
+            else:
+                raise OptionError(
+                    f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
+                    "with a bare position to positions; start another"
+                )
+            self.listener = listener
 
     @property
     def _place(self) -> Array:
@@ -270,17 +275,18 @@ class Desk:
         touching, notes = self._touches[body, finger]
         key = ("touch", body, finger)
         if self._voices.find(key) is None:
-            touching.now = self.now
+            touching.resume(self.now)
             if not self._add(touching, body, key):
                 return
         touching.follow(replace(word, sample=sample))
         notes.add(sample / self._rate, word)
 
-    def _change(self, body: int, model: ModalModel, logarithms: Complex, outputs: Complex) -> None:
-        self._poles[body], self._outputs[body] = logarithms, outputs
-        for (touched, _), (touching, _) in self._touches.items():
-            if touched == body:
-                touching.change(model)
+    def _change(self, body: int, model: ModalModel, poles: Complex, outputs: Complex) -> None:
+        self._poles[body], self._outputs[body] = poles, outputs
+        self._voices.change(body, model)
+        for (touched, finger), (touching, _) in list(self._touches.items()):
+            if touched == body and self._voices.find(("touch", body, finger)) is None:
+                touching.change(model)  # at rest
 
     def _add(self, pushing: Pushing, body: int, key: object) -> bool:
         added = self._voices.add(pushing, body, key)

@@ -10,7 +10,7 @@ from struck.live.binding import TO_FILE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """An audio device that can play.
+    """An audio device that can play, record or both.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Device:
     output_latency, input_latency : float
         The lowest that the device recommends, s.
     default : bool
-        Whether the system plays here unless told otherwise.
+        Whether the system plays (or records, where that is asked for) here unless told otherwise.
     """
 
     number: int
@@ -40,23 +40,24 @@ class Device:
 
     def __str__(self) -> str:
         usual = ", default" if self.default else ""
+        channels = f"{self.outputs} channels" if self.outputs else f"{self.inputs} inputs"
         return (
-            f"{self.number}: {self.name} ({self.host}, {self.outputs} channels, "
+            f"{self.number}: {self.name} ({self.host}, {channels}, "
             f"{self.sample_rate:.0f} Hz{usual})"
         )
 
 
-def choose(devices: list[Device], wanted: int | str | None = None) -> Device:
+def choose(devices: list[Device], wanted: int | str | None = None, *, what: str = "play") -> Device:
     """Return a device by its number or part of its name (any case); left out: the default one.
 
     Raises
     ------
     DeviceError
-        Where no device can play, none matches, or several do; it lists what there is.
+        Where no device can do `what` is asked, none matches, or several do; it lists what there is.
     """
     if not devices:
         raise DeviceError(
-            f"no audio device can play: connect one, or start a sound server; {TO_FILE}"
+            f"no audio device can {what}: connect one, or start a sound server; {TO_FILE}"
         )
     chosen = [device for device in devices if _matches(device, wanted)]
     if len(chosen) != 1:

@@ -155,7 +155,7 @@ class LiveEars:
         self.ways = Ways(
             self._emitters,
             self._pose,
-            listener.filters(sample_rate),
+            listener.filters(sample_rate, brief=True),
             sample_rate=sample_rate,
             stretch=self._stretch,
         )

@@ -24,6 +24,30 @@ from struck.live.ring import Ring
 _SWITCH_INTERVAL = 0.00005  # s
 
 
+class _Haste:
+    """The interpreter's switch interval: short while any feeder runs, then as it was before."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._feeders, self._usual = 0, 0.0
+
+    def begin(self) -> None:
+        with self._lock:
+            if not self._feeders:
+                self._usual = sys.getswitchinterval()
+                sys.setswitchinterval(min(_SWITCH_INTERVAL, self._usual))
+            self._feeders += 1
+
+    def end(self) -> None:
+        with self._lock:
+            self._feeders -= 1
+            if not self._feeders:
+                sys.setswitchinterval(self._usual)
+
+
+_HASTE = _Haste()  # one for the interpreter, as is the interval
+
+
 class Feeder:
     """Fills a ring, block after block, until it is stopped.
 
@@ -43,6 +67,8 @@ class Feeder:
     ----------
     longest : float
         The longest time between two looks at the ring, s; beyond `ahead` blocks something was late.
+    failure : Exception or None
+        What `fill` raised in the thread, which ended it.
     """
 
     def __init__(
@@ -58,24 +84,30 @@ class Feeder:
         self._fill = fill
         self._nap = seconds / 2
         self._ready = ahead + 1
-        self._failure: Exception | None = None
-        self._stopping = False
+        self.failure: Exception | None = None
+        self._stopping = self._started = False
         self._thread = threading.Thread(target=self._run, name="struck feeder", daemon=True)
-        self._usual_interval = sys.getswitchinterval()
 
     def start(self) -> None:
         """Fill the ring for the first time, and go on in a thread."""
         self._top_up()
-        sys.setswitchinterval(min(_SWITCH_INTERVAL, self._usual_interval))
         self._thread.start()
+        _HASTE.begin()
+        self._started = True
 
     def stop(self) -> None:
-        """Return when the thread has ended; raise what `fill` raised, if it did."""
+        """Return when the thread has ended, if it ever began; raise what `fill` raised, if it did.
+
+        More than once does no harm.
+        """
         self._stopping = True
+        if not self._started:
+            return
+        self._started = False
         self._thread.join()
-        sys.setswitchinterval(self._usual_interval)
-        if self._failure is not None:
-            raise self._failure
+        _HASTE.end()
+        if self.failure is not None:
+            raise self.failure
 
     @property
     def running(self) -> bool:
@@ -93,7 +125,7 @@ class Feeder:
                 self.longest = max(self.longest, now - looked)
                 looked = now
         except Exception as failure:  # noqa: BLE001 - `stop` raises it in the caller's thread
-            self._failure = failure
+            self.failure = failure
 
     def _top_up(self) -> None:
         while self._records.waiting < self._ready:

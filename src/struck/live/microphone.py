@@ -14,6 +14,7 @@ from struck.errors import DeviceError, OptionError
 from struck.live.binding import TO_FILE
 from struck.live.callback import SIGNATURE
 from struck.live.portaudio import COMPLETE, CONTINUE, PortAudio
+from struck.live.stream import keep
 from struck.sound import Sound
 from struck.synth.addresses import reals_at
 
@@ -35,7 +36,7 @@ def microphone(
     seconds : float
         How long, up to ten minutes.
     device : int or str, optional
-        Its number or part of its name; the default one unless given.
+        Number or part of the name of one that records; the default one unless given.
     sample_rate : float, optional
         Hz; the device's own unless given.
 
@@ -56,22 +57,27 @@ def microphone(
     if not 0 < seconds <= _LONGEST:
         raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at {_LONGEST:g}")
     with PortAudio() as portaudio:
-        rate = sample_rate or portaudio.device(device).sample_rate
+        chosen = portaudio.recorder(device)
+        rate = sample_rate or chosen.sample_rate
         samples = np.zeros(max(1, round(seconds * rate)))
         table = np.array([samples.ctypes.data, len(samples), 0])
+        callback = _callback()  # which must outlive the stream, as must the arrays
         stream = portaudio.open(
-            _callback().address,
+            callback.address,
             table.ctypes.data,
             sample_rate=rate,
             block=_BLOCK,
-            channels=1,
+            channels=0,
             inputs=1,
-            device=device,
+            device=chosen.number,
         )
-        stream.start()
-        _wait(table, seconds + _PATIENCE)
-        stream.stop()
-        stream.close()
+        try:
+            stream.start()
+            _wait(table, seconds + _PATIENCE)
+            stream.stop()
+        finally:
+            if not stream.close():
+                keep((callback, table, samples))
     return Sound(
         samples=samples[None].astype(np.float32), sample_rate=round(rate), calibrated=False
     )
@@ -90,11 +96,10 @@ def _wait(table: NDArray[np.int64], seconds: float) -> None:
 
 def _callback() -> Any:  # noqa: ANN401 - numba's class has no type
     @cfunc(SIGNATURE, error_model="numpy")
-    def record(heard, played, frames, _times, _flags, data):  # noqa: ANN001, ANN202, PLR0917, RUF100 - SIGNATURE types it
+    def record(heard, _played, frames, _times, _flags, data):  # noqa: ANN001, ANN202, PLR0917, RUF100 - SIGNATURE types it
         table = carray(data, (3,), np.int64)
         samples = reals_at(table[_TO], table[_WANTED])
         count = min(types.int64(frames), table[_WANTED] - table[_DONE])
-        carray(played, (frames,), np.float32)[:] = np.float32(0)
         source = carray(heard, (frames,), np.float32)
         for n in range(count):
             samples[table[_DONE] + n] = source[n]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import time
 from typing import Protocol
 
@@ -11,7 +10,7 @@ from struck.errors import DeviceError
 from struck.live.binding import TO_FILE
 from struck.live.callback import OPEN, Shared
 from struck.live.portaudio import PortAudio
-from struck.live.stream import Stream
+from struck.live.stream import Stream, keep
 
 _BELIEVED = 10.0  # s; JACK's dummy driver states a day
 _FADED = 1.0  # s, in which a stream that was told to end has done so
@@ -124,8 +123,7 @@ class DeviceOutlet:
         if stream is not None and self._used is not None:
             self._end(stream, self._used[1])
             if not stream.close():
-                # PortAudio may still call back: what it calls and reads must live on.
-                ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._used))
+                keep(self._used)
         self._portaudio.close()
 
     def _end(self, stream: Stream, shared: Shared) -> None:
@@ -143,3 +141,13 @@ def gone(name: str) -> DeviceError:
         f"{name} no longer plays: it was stopped or unplugged, or its sound server ended; play "
         f"anew, on another device with device=; {TO_FILE}"
     )
+
+
+def failed(name: str, failure: Exception) -> DeviceError:
+    """Return the error of a player whose feeder failed, which is its cause."""
+    error = DeviceError(
+        f"{name} no longer plays: what fills its blocks failed with {failure!r}; play anew; "
+        f"{TO_FILE}"
+    )
+    error.__cause__ = failure
+    return error

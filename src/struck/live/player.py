@@ -119,7 +119,8 @@ class Player(Running):
         Returns
         -------
         Started
-            With `stop()`, which lets it go within 5 ms, and `finished`.
+            With `stop()`, which lets it go within 5 ms, and `finished`: at once where there is no
+            voice for it, which `dropped` counts.
 
         Raises
         ------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import byref, c_void_p
-from typing import Self
+from typing import Any, Self
 
 from struck.live import binding
 from struck.live.devices import Device, choose, listed
@@ -64,8 +64,15 @@ class PortAudio:
     def devices(self) -> list[Device]:
         """Return all devices that can play."""
         usual = self.library.Pa_GetDefaultOutputDevice()
-        found = [self._describe(n, usual) for n in range(self.library.Pa_GetDeviceCount())]
-        return [device for device in found if device.outputs]
+        return [device for device in self._found(usual) if device.outputs]
+
+    def recorders(self) -> list[Device]:
+        """Return all devices that can record."""
+        usual = self.library.Pa_GetDefaultInputDevice()
+        return [device for device in self._found(usual) if device.inputs]
+
+    def _found(self, usual: int) -> list[Device]:
+        return [self._describe(n, usual) for n in range(self.library.Pa_GetDeviceCount())]
 
     def _describe(self, number: int, usual: int) -> Device:
         device = self.library.Pa_GetDeviceInfo(number).contents
@@ -92,6 +99,10 @@ class PortAudio:
         """
         return choose(self.devices(), wanted)
 
+    def recorder(self, wanted: int | str | None = None) -> Device:
+        """Return a device that records, as `device` does one that plays."""
+        return choose(self.recorders(), wanted, what="record")
+
     def open(
         self,
         callback: int,
@@ -115,25 +126,23 @@ class PortAudio:
         block : int
             Frames at each call of the callback.
         channels, inputs : int
-            Played, and recorded on the same device.
+            Played, and recorded on the same device. Without any that are played, nothing is: the
+            callback is then given nowhere to write to.
         device : int or str, optional
-            As for `device`.
+            As for `device`, or for `recorder` where nothing is played.
 
         Raises
         ------
         DeviceError
             Where there is no such device, or it refuses the stream; it lists what there is.
         """
-        chosen = self.device(device)
-        output = binding.Parameters(
-            chosen.number, channels, binding.FLOAT32, chosen.output_latency, None
-        )
-        source = binding.Parameters(
-            chosen.number, inputs, binding.FLOAT32, chosen.input_latency, None
-        )
+        chosen = self.device(device) if channels else self.recorder(device)
+        there = self.devices() if channels else self.recorders()
         handle = c_void_p()
         code = self.library.Pa_OpenStream(
-            byref(handle), byref(source) if inputs else None, byref(output),
+            byref(handle),
+            _asked(chosen.number, inputs, chosen.input_latency),
+            _asked(chosen.number, channels, chosen.output_latency),
             sample_rate, block, 0, callback, data,
         )  # fmt: skip
         recorded = f" and {inputs} recorded" if inputs else ""
@@ -142,6 +151,13 @@ class PortAudio:
             code,
             f"{chosen.name} ({chosen.host}) refuses {channels} channels{recorded} at "
             f"{sample_rate:g} Hz in blocks of {block}",
-            f"; there is\n{listed(self.devices())}\nand {binding.TO_FILE}",
+            f"; there is\n{listed(there)}\nand {binding.TO_FILE}",
         )
         return Stream(self, handle, chosen)
+
+
+def _asked(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 - ctypes' reference
+    """Return what is wanted of one direction of a stream; None where nothing is."""
+    if not channels:
+        return None
+    return byref(binding.Parameters(device, channels, binding.FLOAT32, latency, None))

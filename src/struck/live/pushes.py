@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.excitation.pulses import Samples
-from struck.excitation.pushing import Push, Pushing
+from struck.excitation.pushing import Changing, Push, Pushing
+from struck.model import ModalModel
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,15 @@ class Started:
         """Let go; more than once does no harm."""
         if self._left is None:
             self._left = self._fade
+
+    def end(self) -> None:
+        """Let nothing come any more, at once: for what found no voice, or could not go on."""
+        self._left = 0
+
+    def change(self, model: ModalModel) -> None:
+        """Go on, where it can, on a body that has changed."""
+        if isinstance(self._pushing, Changing):
+            self._pushing.change(model)
 
     @property
     def finished(self) -> bool:

@@ -14,7 +14,7 @@ from struck.ears.listeners import Listener
 from struck.live import callback, limiter
 from struck.live.desk import Desk
 from struck.live.feeder import Feeder
-from struck.live.outlet import Outlet, gone
+from struck.live.outlet import Outlet, failed, gone
 from struck.live.sounding import PEAK, sound
 from struck.model import ModalModel
 
@@ -76,15 +76,18 @@ class Running:
         self._feeder = Feeder(
             self._desk.records, self._desk.fill, seconds=block / rate, ahead=ahead
         )
-        self._begun = self._stopped = False
+        self._stopped = False
         outlet.open(_compiled(), self._shared, block)
 
     def begin(self) -> None:
-        """Let it be heard; `struck.play` has done that."""
-        self._begun = True
-        self._feeder.start()
-        atexit.register(self.stop)
-        self._outlet.start()
+        """Let it be heard; `struck.play` has done that. Where it fails, nothing of it stays."""
+        try:
+            self._feeder.start()
+            atexit.register(self.stop)
+            self._outlet.start()
+        except BaseException:
+            self.stop()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -98,8 +101,9 @@ class Running:
             return
         self._stopped = True
         atexit.unregister(self.stop)
-        self._outlet.close()
-        if self._begun:
+        try:
+            self._outlet.close()
+        finally:
             self._feeder.stop()
 
     @property
@@ -147,7 +151,8 @@ class Running:
 
     def _require_playing(self) -> None:
         if not self.active:
-            raise gone(self._outlet.name)
+            failure = self._feeder.failure
+            raise failed(self._outlet.name, failure) if failure else gone(self._outlet.name)
         self._desk.raise_trouble()
 
 

@@ -29,7 +29,7 @@ class Stream:
     Attributes
     ----------
     device : Device
-        Where it plays.
+        Where it plays or records.
     """
 
     def __init__(self, portaudio: Opener, handle: c_void_p, device: Device) -> None:
@@ -121,6 +121,11 @@ class Stream:
                 f"Start again with another device; {binding.TO_FILE}"
             )
         return binding.check(self._library, code, trouble, f"; {binding.TO_FILE}")
+
+
+def keep(used: object) -> None:
+    """Let what a stream was given live on, where PortAudio may still call and read it."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(used))
 
 
 def _patiently(function: Callable[[c_void_p], int], handle: c_void_p) -> int | None:

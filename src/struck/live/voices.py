@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError, StruckError
-from struck.excitation.pushing import Push, Pushing
+from struck.errors import OptionError
+from struck.excitation.pushing import Changing, Push, Pushing
 from struck.excitation.touch import Touching
+from struck.live.pushes import Started
 from struck.live.record import BEGIN, MOVED, OF_BODY, ON, SILENT, STATE, Record
+from struck.live.troubles import Troubles
+from struck.model import ModalModel
 from struck.synth.bank import STRONGEST
 
 Array = NDArray[np.float64]
@@ -31,15 +34,12 @@ class Voices:
     Parameters
     ----------
     count : int
-
-    Attributes
-    ----------
-    trouble : StruckError or None
-        Why the last excitation was stopped that could not go on.
+    troubles : Troubles
+        Where it is noted why an excitation was stopped that could not go on.
     """
 
-    def __init__(self, count: int) -> None:
-        self.trouble: StruckError | None = None
+    def __init__(self, count: int, troubles: Troubles) -> None:
+        self._troubles = troubles
         self._voices: list[_Voice | None] = [None] * count
         self._numbers: dict[Hashable, int] = {}
 
@@ -63,33 +63,53 @@ class Voices:
         self._numbers[key] = number
         return True
 
+    def change(self, body: int, model: ModalModel) -> None:
+        """Let what pushes a body go on when that has changed."""
+        for number, voice in enumerate(self._voices):
+            if voice is not None and voice.body == body and isinstance(voice.pushing, Changing):
+                try:
+                    voice.pushing.change(model)
+                except Exception as trouble:  # noqa: BLE001 - told to whoever plays
+                    self._give_up(number, trouble)
+
     def write(self, record: Record) -> None:
         """Write the forces of the next block, and the drives that have changed."""
         for number, voice in enumerate(self._voices):
             record.voices[number] = SILENT
-            if voice is not None:
-                self._write(voice, number, record)
+            if voice is None:
+                continue
+            try:
+                done = _write(voice, number, record)
+            except Exception as trouble:  # noqa: BLE001 - of functions that were given, say
+                record.voices[number] = SILENT
+                self._give_up(number, trouble)
+                continue
+            if done:
+                self._release(number)
 
-    def _write(self, voice: _Voice, number: int, record: Record) -> None:
-        try:
-            push = voice.pushing.advance(record.forces.shape[1])
-            if push is not None:
-                _require_sound(push, voice.drive, record.drives.shape[1])
-        except StruckError as trouble:
-            self.trouble = trouble
-            self._release(number)
-            return
-        if push is not None:
-            _put(push, voice, number, record)
-        voice.drive = None if push is None else push.drive
-        if voice.pushing.finished:
-            self._release(number)
+    def _give_up(self, number: int, trouble: Exception) -> None:
+        self._troubles.note(trouble)
+        voice = self._release(number)
+        if voice is not None and isinstance(voice.pushing, Started):
+            voice.pushing.end()
 
-    def _release(self, number: int) -> None:
+    def _release(self, number: int) -> _Voice | None:
         voice = self._voices[number]
         self._voices[number] = None
         if voice is not None:
             del self._numbers[voice.key]
+        return voice
+
+
+def _write(voice: _Voice, number: int, record: Record) -> bool:
+    """Write the next block of a voice; tell whether it is needed no longer."""
+    push = voice.pushing.advance(record.forces.shape[1])
+    if push is not None:
+        _require_sound(push, voice.drive, record.drives.shape[1])
+        _put(push, voice, number, record)
+    voice.drive = None if push is None else push.drive
+    rests = push is None and isinstance(voice.pushing, Touching) and voice.pushing.at_rest
+    return rests or voice.pushing.finished
 
 
 def _put(push: Push, voice: _Voice, number: int, record: Record) -> None:

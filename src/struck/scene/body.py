@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.ears.pose import Emitter
+from struck.ears.pose import Emitter, aside
 from struck.ears.trajectory import Course3, Trajectory
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
@@ -87,9 +87,9 @@ def emitter_at(model: ModalModel, centre: Trajectory) -> Emitter:
     return Emitter(centre=centre, radius=radius_of(model), field=model.gains.directional)
 
 
-def aside(model: ModalModel) -> Array:
-    """Return a place well outside, from its centre: on the x axis, 1 m or two radii away (3,)."""
-    return np.array([max(1.0, 2 * radius_of(model)), 0.0, 0.0])
+def place_beside(model: ModalModel) -> Array:
+    """Return where it is heard unless somebody says where, from its centre, m (3,)."""
+    return aside(radius_of(model))
 
 
 def _require_actions(actions: Sequence[object]) -> None:
