@@ -11,6 +11,7 @@ import pytest
 import scipy.signal
 
 from struck.air import AIR
+from struck.ears.optional import pyroomacoustics
 from struck.ears.room import BANDS, WALLS, Room, wall_materials
 from struck.errors import MissingDependencyError, OptionError
 
@@ -26,6 +27,12 @@ def mirrored(point: np.ndarray, room: Room, wall: str) -> np.ndarray:
     image = point.copy()
     image[axis] = 2 * plane - point[axis]
     return image
+
+
+def require_pyroomacoustics() -> None:
+    if importlib.util.find_spec("pyroomacoustics") is None:
+        pytest.skip("pyroomacoustics is not installed")
+    pyroomacoustics()
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3, 6])
@@ -176,7 +183,7 @@ def test_mixing_time_is_that_of_the_mean_free_path() -> None:
 @pytest.mark.parametrize("walls", [0.2, "brick"])
 def test_whole_responses_of_pyroomacoustics_agree(walls: float | str) -> None:
     """Own images, placed by sinc, against pyroomacoustics: spectrum 200 Hz to 8 kHz."""
-    pytest.importorskip("pyroomacoustics")
+    require_pyroomacoustics()
     room = Room(size=(5.3, 4.1, 3.2), walls=walls, order=2, corner=(-1.0, 0.0, 0.0))
     theirs = room.full_responses(SOURCE, [LISTENER, LISTENER - 0.5], RATE, order=2)
     assert theirs.dtype == np.float32
@@ -192,7 +199,7 @@ def test_one_echo_of_pyroomacoustics_agrees(wall: str) -> None:
 
     Their filters are symmetric in time and ours are not, so whole waveforms differ here.
     """
-    pytest.importorskip("pyroomacoustics")
+    require_pyroomacoustics()
     silent = dict.fromkeys(WALLS, 1.0)
     rooms = [Room(size=(5.3, 4.1, 3.2), walls=silent | {"z0": share}) for share in (wall, 1.0)]
     both, direct = (r.full_responses(SOURCE, LISTENER, RATE, order=1)[0] for r in rooms)
@@ -282,6 +289,7 @@ def test_every_wall_has_seven_bands_and_a_source() -> None:
     importlib.util.find_spec("pyroomacoustics") is None, reason="pyroomacoustics is not installed"
 )
 def test_tables_are_those_that_pyroomacoustics_collected() -> None:
+    require_pyroomacoustics()
     from pyroomacoustics.parameters import materials_data
 
     known = {}
@@ -290,3 +298,8 @@ def test_tables_are_those_that_pyroomacoustics_collected() -> None:
     for entry in wall_materials().values():
         name = entry["source"].rsplit("(", 1)[1].rstrip(")").partition(",")[0]
         assert entry["absorption"] == known[name]
+
+
+def test_no_audio_device_is_opened_on_the_way() -> None:
+    require_pyroomacoustics()
+    assert "sounddevice" not in sys.modules

@@ -258,9 +258,10 @@ def test_many_modes_of_a_fine_mesh_take_little_time() -> None:
     mesh = box((0.3, 0.03, 0.01), (370, 15, 5))
     assert len(mesh.points) > 14_500
     shapes = np.random.default_rng(0).normal(size=(len(mesh.points), 3, 200)).astype(np.float32)
-    times = []
-    for _ in range(2):
-        start = process_time()
-        power(mesh, shapes, np.linspace(200, 20e3, 200))
-        times.append(process_time() - start)
-    assert min(times) < 2  # s, on one core
+    flat = shapes.reshape(-1, 200)
+    start = process_time()
+    power(mesh, shapes, np.linspace(200, 20e3, 200))
+    taken, start = process_time() - start, process_time()
+    for _ in range(20):
+        flat.T @ flat
+    assert taken < 15 * (process_time() - start)  # usually 3: as 70 products of all shapes

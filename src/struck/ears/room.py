@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.air import AIR
+from struck.ears.optional import pyroomacoustics
 from struck.ears.reverberation import Reverberation, statistical_time
-from struck.errors import MissingDependencyError, OptionError
+from struck.errors import OptionError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -238,7 +239,7 @@ class Room:
         self.require_inside(points, "listener")
         if not sample_rate > 0 or sample_rate % 1:
             raise OptionError(f"a sample rate of {sample_rate} Hz: give a whole one, as 48000")
-        library = _pyroomacoustics()
+        library = pyroomacoustics()
         walls = self._materials(library)
         box = library.ShoeBox(self.size, fs=int(sample_rate), materials=walls, max_order=order)
         box.set_sound_speed(AIR.sound_speed)
@@ -288,13 +289,3 @@ def _minimum_phase(logarithms: Array) -> Array:
     cepstra[:, 1 : count // 2] *= 2
     cepstra[:, count // 2 + 1 :] = 0
     return np.fft.irfft(np.exp(np.fft.rfft(cepstra)), count)
-
-
-def _pyroomacoustics() -> ModuleType:
-    try:
-        import pyroomacoustics  # pyright: ignore[reportMissingImports]  # an extra
-    except ImportError as error:
-        raise MissingDependencyError(
-            'full responses of a room are made by pyroomacoustics: pip install "struck[room]"'
-        ) from error
-    return pyroomacoustics
