@@ -18,7 +18,7 @@ import peak
 
 from struck.ears.hearing import Hearing
 from struck.ears.listeners import Binaural, Listener, Stereo
-from struck.ears.pose import Emitter
+from struck.ears.sources import Emitter
 from struck.ears.trajectory import Trajectory
 
 RATE, BODIES, SHARE = 48_000, 16, 0.10

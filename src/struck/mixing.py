@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from struck.air import AIR
 from struck.driven import Driven
+from struck.dry import dry_sound, finite, left_out
 from struck.ears.hearing import Hearing
 from struck.ears.listeners import Listener
 from struck.ears.pose import Pose
 from struck.ears.room import Room
 from struck.excitation.hold import Hold
 from struck.model import Array
-from struck.radiating import finite, left_out, radiated
 from struck.scene.body import Body, centre_of, place_beside
 from struck.sound import Sound
 from struck.synth.ring_down import below_nyquist
@@ -60,7 +60,7 @@ def _sent(
         return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
     far = place_beside(body.model)
     place = centre_of(body.model) + far
-    arrived = radiated(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
+    arrived = dry_sound(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
     return far[0] * arrived.samples[None], arrived.notes
 
 
@@ -109,7 +109,7 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
         blocks.append(hearing.next_block(np.pad(part, ((0, 0), (0, _BLOCK - part.shape[1])))))
         done += _BLOCK
         if length is None and done >= rows.shape[1]:
-            length = rows.shape[1] + hearing.ways.longest
+            length = rows.shape[1] + hearing.propagation.longest
     return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
 
 

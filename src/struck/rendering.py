@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.driven import LONGEST_RING, SHORTEST_RING
+from struck.dry import dry_sound
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.room import Room
 from struck.errors import OptionError
 from struck.mixing import mixed
 from struck.model import ModalModel
-from struck.radiating import radiated
 from struck.scene.body import Action, Body, centre_of, place_beside
 from struck.sound import Sound
 
@@ -78,7 +78,7 @@ def render(
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
         )
-        arrived = radiated(model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
+        arrived = dry_sound(model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
         return Sound(
             samples=arrived.samples.astype(np.float32),
             sample_rate=sample_rate,

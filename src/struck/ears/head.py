@@ -10,8 +10,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.errors import OptionError
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+LOWEST_RATE = 4000.0
+"""Hz; below, a head changes next to nothing."""
 
 
 class Filters(Protocol):
@@ -58,3 +62,12 @@ class Head(Protocol):
     def prepared(self, sample_rate: float) -> Filters:
         """Return its filters; work that takes long is done here, and kept."""
         ...
+
+
+def require_rate(sample_rate: float, highest: float) -> None:
+    """Refuse a sample rate, Hz, for which no head can be prepared."""
+    if not LOWEST_RATE <= sample_rate <= highest:
+        raise OptionError(
+            f"sample_rate {sample_rate:g} Hz must be between {LOWEST_RATE:g} and {highest:g} Hz; "
+            "48000 Hz is enough for ears"
+        )

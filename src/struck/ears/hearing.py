@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from struck.ears.delay_lines import DelayLines
 from struck.ears.head import Array
-from struck.ears.lines import DelayLines
 from struck.ears.listeners import Listener
-from struck.ears.pose import Emitter, Pose
+from struck.ears.pose import Pose
+from struck.ears.propagation import STRETCH, Propagation
 from struck.ears.room import Room
-from struck.ears.ways import STRETCH, Ways
+from struck.ears.sources import Emitter
 
 
 class Hearing:
@@ -30,7 +31,7 @@ class Hearing:
 
     Attributes
     ----------
-    ways : Ways
+    propagation : Propagation
         From bodies to ears.
 
     Raises
@@ -55,32 +56,32 @@ class Hearing:
         room: Room | None = None,
         brief: bool = False,
     ) -> None:
-        self.ways = Ways(
+        self.propagation = Propagation(
             emitters,
             Pose.of(listener, emitters),
             listener.filters(sample_rate, brief=brief),
             sample_rate=sample_rate,
             room=room,
         )
-        paths = self.ways.paths
+        paths = self.propagation.paths
         self._lines = DelayLines(
-            lines=self.ways.lines,
+            lines=self.propagation.lines,
             paths=len(paths.lines),
             block=STRETCH,
             longest=float(paths.delays.max()),
             taps=paths.after.shape[1],
         )
-        self._since = 0 if self.ways.still else STRETCH
+        self._since = 0 if self.propagation.still else STRETCH
 
     @property
     def lines(self) -> int:
         """Rows that `next_block` takes: one for each body, or for each ear with a timbre field."""
-        return self.ways.lines
+        return self.propagation.lines
 
     @property
     def lead(self) -> int:
         """Samples that `next_block` is late."""
-        return self.ways.lead
+        return self.propagation.lead
 
     def next_block(self, samples: Array) -> Array:
         """Return what is heard (ears, n), `lead` samples late.
@@ -96,7 +97,7 @@ class Hearing:
                 self._go_on()
             count = min(samples.shape[1] - done, STRETCH - self._since)
             part = samples[:, done : done + count]
-            paths, ears = self.ways.paths, self.ways.ears
+            paths, ears = self.propagation.paths, self.propagation.ears
             heard.append(self._lines.next_block(part, paths, ears, since=self._since))
             self._since += count
             done += count
@@ -104,5 +105,5 @@ class Hearing:
 
     def _go_on(self) -> None:
         self._since = 0
-        if not self.ways.still:
-            self._lines.lengthen(float(self.ways.go_on().delays.max()))
+        if not self.propagation.still:
+            self._lines.lengthen(float(self.propagation.go_on().delays.max()))

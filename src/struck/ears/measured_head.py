@@ -13,12 +13,11 @@ from scipy.fft import next_fast_len
 
 from struck.air import AIR
 from struck.ears.aligning import BRIEF, EARS, LASTING, Aligned, aligned, spline_weights
-from struck.ears.head import Array, Filters, Single
+from struck.ears.head import Array, Filters, Single, require_rate
 from struck.ears.hrtf import HrtfSet, bundled, directions_of
 from struck.ears.sofa import read_sofa
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain
 from struck.ears.sphere_head import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS
-from struck.errors import OptionError
 
 STEP = 5.0  # degrees between the nodes of the grid, over azimuth and elevation
 AZIMUTHS = np.arange(-STEP, 361 + 2 * STEP, STEP)  # one more at the start and two at the end
@@ -87,11 +86,7 @@ class MeasuredHead:
         OptionError
             If the sample rate is not between 4 and 768 kHz.
         """
-        if not 4000 <= sample_rate <= 768000:
-            raise OptionError(
-                f"sample_rate {sample_rate:g} Hz must be between 4000 and 768000 Hz; "
-                "48000 Hz will do"
-            )
+        require_rate(sample_rate, 768000)
         how = (BRIEF,) if brief else ()
         return prepare(self.measured, sample_rate, *how)
 

@@ -92,10 +92,10 @@ class Reverberation:
 
         From the volume by Sabine's formula, else from the level.
         """
-        if self.level is not None:
-            return np.full(len(self.bands()), 16 * math.pi / 10 ** (self.level / 10))
-        assert self.volume is not None  # noqa: S101  # one of both is given
-        return SABINE * self.volume / self.bands()[:, 1]
+        if self.volume is not None:
+            return SABINE * self.volume / self.bands()[:, 1]
+        level = self.level or 0.0  # one of both is given
+        return np.full(len(self.bands()), 16 * math.pi / 10 ** (level / 10))
 
     def critical_distances(self) -> Array:
         """Return where direct sound and reverberation are equally loud, band by band, m: (bands,).

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from struck.air import AIR
-from struck.ears.head import Array, Filters, Single
+from struck.ears.head import Array, Filters, Single, require_rate
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, nearness, pressure
 from struck.errors import OptionError, SolverError
 
@@ -68,11 +68,7 @@ class RoundHead(ABC):
         OptionError
             If the sample rate is not between 4 and 384 kHz.
         """
-        if not 4000 <= sample_rate <= 384000:
-            raise OptionError(
-                f"sample_rate {sample_rate:g} Hz must be between 4000 and 384000 Hz; "
-                "48000 Hz is enough for ears"
-            )
+        require_rate(sample_rate, 384000)
         return self._filters(sample_rate)
 
     @abstractmethod

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.excitation.asperities import Rubbed
 from struck.excitation.bounds import require_at_least_zero, require_positive
-from struck.excitation.course import Course, follow, frozen
+from struck.excitation.course import Course, frozen
 from struck.excitation.hertz import contact_modulus
-from struck.excitation.path import Path, Waypoints, require_waypoints
+from struck.excitation.path import Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
 from struck.excitation.rubbing import Motion, Rubbing
 from struck.material import Material
@@ -116,20 +116,8 @@ class Roll:
         ContactError
             When the path leaves the body.
         """
-        require_positive(sample_rate=sample_rate)
-        random = np.random.default_rng(self.seed)
-        rubbed = self._rubbed(model)
         load = GRAVITY * self.mass if self.mass is not None else self.load or 0.0
-        motion = Motion(
-            path=Path.over(model, self.path, repeat=self.repeat),
-            rubbed=rubbed,
-            speed=follow("speed", self.speed),
-            load=follow("load", load),
-            first=round(self.time * sample_rate),
-            seconds=self.seconds,
-            offset=random.uniform(0, rubbed.roughness.length),
-            patch=self.patch,
-        )
+        motion = Motion.of(self, model, self._rubbed(model), load, sample_rate)
         return Rubbing(motion, model, sample_rate, start=start)
 
     def _rubbed(self, model: ModalModel) -> Rubbed:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.excitation.asperities import LEVELS_AN_OCTAVE, RUNGS_AN_OCTAVE, Rubbed, rung
+from struck.excitation.bounds import require_positive
+from struck.excitation.course import Course, follow
 from struck.excitation.patch import drive_at
-from struck.excitation.path import Path
+from struck.excitation.path import Path, Waypoints
 from struck.excitation.pushing import Push
 from struck.model import ModalModel
 
@@ -20,9 +23,49 @@ Array = NDArray[np.float64]
 FADE = 5e-3
 """How long a moving contact takes to come on and to lift off, s."""
 
-_CHUNK = 64
-# Lighter contacts follow the force at this load, in proportion, N.
-_LIGHTEST = 1e-3
+CHUNK = 64
+"""Samples from one look at speed and load to the next."""
+LIGHTEST = 1e-3
+"""Lighter contacts follow the force at this load, in proportion, N."""
+
+
+class Rubber(Protocol):
+    """What a scrape and a roll have in common."""
+
+    @property
+    def path(self) -> Waypoints:
+        """Over the body."""
+        ...
+
+    @property
+    def repeat(self) -> str:
+        """What it does at the end of the path."""
+        ...
+
+    @property
+    def speed(self) -> Course:
+        """m/s."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """When it begins, s."""
+        ...
+
+    @property
+    def seconds(self) -> float | None:
+        """How long it lasts, s."""
+        ...
+
+    @property
+    def patch(self) -> float:
+        """Radius of the area of contact, m."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Of the place on the roughness where it begins."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,6 +98,24 @@ class Motion:
     seconds: float | None
     offset: float
     patch: float
+
+    @classmethod
+    def of(
+        cls, rubber: Rubber, model: ModalModel, rubbed: Rubbed, load: Course, sample_rate: float
+    ) -> Motion:
+        """Return that of a scrape or a roll on a model; ContactError when it leaves the body."""
+        require_positive(sample_rate=sample_rate)
+        random = np.random.default_rng(rubber.seed)
+        return cls(
+            path=Path.over(model, rubber.path, repeat=rubber.repeat),
+            rubbed=rubbed,
+            speed=follow("speed", rubber.speed),
+            load=follow("load", load),
+            first=round(rubber.time * sample_rate),
+            seconds=rubber.seconds,
+            offset=random.uniform(0, rubbed.roughness.length),
+            patch=rubber.patch,
+        )
 
 
 class Rubbing:
@@ -114,8 +175,8 @@ class Rubbing:
         return self._last is not None and self._now >= self._last + self._fade
 
     def _skip(self, count: int) -> None:
-        for begin in range(0, count, _CHUNK):
-            self._take(min(_CHUNK, count - begin))
+        for begin in range(0, count, CHUNK):
+            self._take(min(CHUNK, count - begin))
 
     def _take(self, length: int) -> Array:
         """Return the next `length` samples of force, faded in and out."""
@@ -133,12 +194,12 @@ class Rubbing:
     def _next_chunk(self) -> tuple[Array, Array]:
         """Return force and ways of the next 64 samples; note where the path ends."""
         self._chunk += 1
-        time = self._chunk * _CHUNK / self._rate
+        time = self._chunk * CHUNK / self._rate
         speeds = self._speed, self._motion.speed(time)
         loads = self._load, self._motion.load(time)
         before = float(self._ways[-1]) if len(self._ways) else self._way
-        steps = np.arange(1, _CHUNK + 1)
-        ways = before + (steps * speeds[0] + steps**2 * ((speeds[1] - speeds[0]) / 2 / _CHUNK)) / (
+        steps = np.arange(1, CHUNK + 1)
+        ways = before + (steps * speeds[0] + steps**2 * ((speeds[1] - speeds[0]) / 2 / CHUNK)) / (
             self._rate
         )
         self._speed, self._load = speeds[1], loads[1]
@@ -149,7 +210,7 @@ class Rubbing:
         motion = self._motion
         if motion.path.repeat == "once" and ways[-1] >= motion.path.length:
             reached = int(np.searchsorted(ways, motion.path.length))
-            end = (self._chunk - 1) * _CHUNK + reached
+            end = (self._chunk - 1) * CHUNK + reached
             self._last = end if self._last is None else min(self._last, end)
 
     def _read(self, ways: Array, speeds: tuple[float, float], loads: tuple[float, float]) -> Array:
@@ -196,7 +257,7 @@ def _rungs(begin: float, end: float) -> dict[int, list[float]]:
 def _between(load: float) -> list[tuple[int, float]]:
     if load <= 0:
         return []
-    held = max(load, _LIGHTEST)
+    held = max(load, LIGHTEST)
     number = math.floor(RUNGS_AN_OCTAVE * math.log2(held))
     low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
     share = (held - low) / (high - low)

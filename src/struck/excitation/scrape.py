@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from struck.excitation.bounds import require_at_least_zero, require_positive
-from struck.excitation.course import Course, follow, frozen
+from struck.excitation.course import Course, frozen
 from struck.excitation.hertz import Striker
-from struck.excitation.path import Path, Waypoints, require_waypoints
+from struck.excitation.path import Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
 from struck.excitation.rubbing import Motion, Rubbing
 from struck.excitation.tool import Tool
@@ -85,18 +83,6 @@ class Scrape:
         ContactError
             When the path leaves the body.
         """
-        require_positive(sample_rate=sample_rate)
         tool = Tool(roughness=self.roughness, striker=self.striker, radius=self.radius)
-        rubbed = tool.on(model)
-        random = np.random.default_rng(self.seed)
-        motion = Motion(
-            path=Path.over(model, self.path, repeat=self.repeat),
-            rubbed=rubbed,
-            speed=follow("speed", self.speed),
-            load=follow("load", self.load),
-            first=round(self.time * sample_rate),
-            seconds=self.seconds,
-            offset=random.uniform(0, rubbed.roughness.length),
-            patch=self.patch,
-        )
+        motion = Motion.of(self, model, tool.on(model), self.load, sample_rate)
         return Rubbing(motion, model, sample_rate, start=start)

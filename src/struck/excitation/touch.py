@@ -22,7 +22,7 @@ from struck.excitation.patch import drive
 from struck.excitation.path import Path
 from struck.excitation.pushing import Push
 from struck.excitation.ramp import Blend, Ramp
-from struck.excitation.rubbing import Motion, Rubbing
+from struck.excitation.rubbing import CHUNK, LIGHTEST, Motion, Rubbing
 from struck.excitation.tool import Tool, Update, load_of, speed_of
 from struck.model import ModalModel
 
@@ -33,11 +33,7 @@ SLOWEST, FASTEST = 60.0, 1000.0
 USUAL = 100.0
 """Updates a second that are expected before there were two."""
 
-LIGHTEST = 1e-3
-"""Lighter touches sound like this one, in proportion, N."""
-
 _WINDOW = 2e-3  # s, that smooths the load
-_CHUNK = 64  # samples between two looks of `Rubbing` at speed and load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
 
@@ -233,7 +229,7 @@ class Touching:
             self._still = 0
             return False
         self._still += length
-        if self._still < length + len(self._window) + 2 * _CHUNK:
+        if self._still < length + len(self._window) + 2 * CHUNK:
             return False
         self._skipped += length
         return True
@@ -245,7 +241,7 @@ class Touching:
 
     def _noise(self, loads: Array, speeds: Array) -> Array:
         """Return the force of the roughness under these loads, N."""
-        missed = self._skipped % _CHUNK
+        missed = self._skipped % CHUNK
         self._skipped = 0
         if missed:  # so that looks go on every 64 samples, counted from the first update
             self._rub(np.full(missed, loads[0]), np.zeros(missed))
@@ -261,7 +257,7 @@ class Touching:
         """Return speed or load for the end of a chunk: as at its begin, which is known by then."""
         first, loads, speeds = self._looks
         values = speeds if fast else loads
-        number = round(time * self._rate) - _CHUNK - first
+        number = round(time * self._rate) - CHUNK - first
         return float(values[min(max(number, 0), len(values) - 1)]) if len(values) else 0.0
 
     def _motion(self) -> Motion:

@@ -17,9 +17,9 @@ from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.pushing import Pushing
 from struck.excitation.tool import Tool, Update
 from struck.excitation.touch import Touching
-from struck.live.body import Body
 from struck.live.ears import LiveEars
 from struck.live.level import full_scale
+from struck.live.played import Played
 from struck.live.pushes import Blows, Started
 from struck.live.record import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record
 from struck.live.ring import Ring
@@ -31,7 +31,7 @@ from struck.live.wishes import Wishes
 from struck.model import ModalModel
 from struck.synth.bank import Complex, require_session
 from struck.synth.stepped import Stepped
-from struck.synth.store import Body as Column
+from struck.synth.store import Body
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -98,7 +98,7 @@ class Desk:
             )
         self.listener, self.volume = listener, volume
         self._rate, self._block = sample_rate, block
-        self._bodies = [Body(model, sample_rate) for model in models]
+        self._bodies = [Played(model, sample_rate) for model in models]
         self._ears: LiveEars | None = None
         if not isinstance(listener, np.ndarray):
             self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
@@ -126,7 +126,7 @@ class Desk:
         memory = self._bank.memory
         ears = self._ears
         self._layout = Layout.of(memory, 1, *((ears.paths, ears.taps) if ears else ()))
-        self._firsts = memory.bodies[:, Column.FIRST].tolist()
+        self._firsts = memory.bodies[:, Body.FIRST].tolist()
         self.arena = arena(self._bank, volume=self.gain, ears=ears)
         # Those ahead, the one that is heard, and the one that is written.
         self.records = Ring(
@@ -153,7 +153,7 @@ class Desk:
         """Wishes that there was no room or no voice for."""
         return self._wishes.refused + self._dropped
 
-    def body(self, number: int) -> Body:
+    def body(self, number: int) -> Played:
         """Return a body; OptionError where there is none of that number."""
         if not 0 <= number < len(self._bodies):
             raise OptionError(f"body is {number}: there are 0 to {len(self._bodies) - 1}")
@@ -233,7 +233,7 @@ class Desk:
             return self._ears.position
         return np.asarray(self.listener, np.float64)
 
-    def _heard(self, body: Body) -> Complex:
+    def _heard(self, body: Played) -> Complex:
         return body.outputs_aside() if self._ears else body.outputs(self._place)
 
     def fill(self, integers: Integers, reals: Array) -> None:

@@ -1,7 +1,7 @@
 """A listener's ears while bodies are played: the feeder finds the ways, the callback hears.
 
-What the callback needs lies in three pieces of memory, laid out once; see `struck.ears.lines` for
-what it does with them.
+What the callback needs lies in three pieces of memory, laid out once; what it
+does with them says `struck.ears.delay_lines`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from struck.ears.lines import between
-from struck.ears.lines_compiled import hear
+from struck.ears.delay_lines import between
+from struck.ears.kernels import hear
 from struck.ears.listeners import Listener
-from struck.ears.pose import Emitter, Pose
+from struck.ears.pose import Pose
+from struck.ears.propagation import STRETCH, Propagation
+from struck.ears.sources import Emitter
 from struck.ears.trajectory import Trajectory
-from struck.ears.ways import STRETCH, Ways
 from struck.errors import ContactError, OptionError
 from struck.live.record import NEW_WAYS, SINCE, Record
 from struck.model import ModalModel
@@ -46,7 +47,7 @@ class Ears(NamedTuple):
     Parameters
     ----------
     lines, between, before, after, history, heard : array, float32
-        As `struck.ears.lines_compiled.hear` takes them.
+        As `struck.ears.kernels.hear` takes them.
     ways : array (2, paths, 3)
         Delays and gains of the stretch.
     sizes : array, int64
@@ -152,7 +153,7 @@ class LiveEars:
         self._pose = Following(Pose.of(listener, self._emitters))
         self._rate, self._block = sample_rate, block
         self._stretch = block * max(1, round(STRETCH / block))
-        self.ways = Ways(
+        self.propagation = Propagation(
             self._emitters,
             self._pose,
             listener.filters(sample_rate, brief=True),
@@ -170,13 +171,13 @@ class LiveEars:
 
     @property
     def paths(self) -> int:
-        """Ways from bodies to ears."""
-        return len(self.ways.paths.lines)
+        """Propagation from bodies to ears."""
+        return len(self.propagation.paths.lines)
 
     @property
     def taps(self) -> int:
         """Of the responses, padded."""
-        return -(-self.ways.paths.after.shape[1] // _GROUP) * _GROUP
+        return -(-self.propagation.paths.after.shape[1] // _GROUP) * _GROUP
 
     @property
     def memory(self) -> tuple[Single, Array, Integers]:
@@ -184,25 +185,25 @@ class LiveEars:
         return self._singles, self._reals, self._wholes
 
     def _lay_out(self) -> None:
-        paths, taps, block, ways = self.paths, self.taps, self._block, self.ways
-        table, ears, lines = between(), ways.ears, ways.lines
-        longest = FARTHEST / 340.0 * self._rate + ways.lead + block + 64
+        paths, taps, block, found = self.paths, self.taps, self._block, self.propagation
+        table, ears, lines = between(), found.ears, found.lines
+        longest = FARTHEST / 340.0 * self._rate + found.lead + block + 64
         length = 2 << int(np.ceil(np.log2(longest)))
         sizes = (lines, length, paths, taps, ears, block, self._stretch, 0, len(table))
-        self._wholes = np.array([*sizes, *ways.paths.lines, *ways.paths.ears], np.int64)
+        self._wholes = np.array([*sizes, *found.paths.lines, *found.paths.ears], np.int64)
         held = paths * (3 * taps - 1 + block)
         self._singles = np.zeros(lines * length + table.size + held + ears * block, np.float32)
         self._reals = np.zeros(6 * paths)
         parts = _seen(self._singles, self._reals, self._wholes)
         parts.between[:] = table
-        parts.after[:, : ways.paths.after.shape[1]] = ways.paths.after
+        parts.after[:, : found.paths.after.shape[1]] = found.paths.after
 
     def listen(self, listener: Listener) -> None:
         """Let it be heard from elsewhere, from the next stretch on."""
         pose = Pose.of(listener, self._emitters)
         if pose.ear_points.shape != self._pose.ear_points.shape:
             raise OptionError(
-                f"the player has {self.ways.ears} ears, the new listener "
+                f"the player has {self.propagation.ears} ears, the new listener "
                 f"{len(pose.ear_points)}: start another player for it"
             )
         wanted = _at_rest(pose)
@@ -228,7 +229,7 @@ class LiveEars:
         record.stretch[NEW_WAYS] = self._since == self._stretch
         if self._since == self._stretch:
             self._pose.go_on()
-            paths, self._since = self.ways.go_on(), 0
+            paths, self._since = self.propagation.go_on(), 0
             record.ways[0], record.ways[1] = paths.delays, paths.gains
             record.responses[:, : paths.after.shape[1]] = paths.after
         record.stretch[SINCE] = self._since

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
-from struck.live.body import Body
+from struck.live.played import Played
 from struck.synth.resonators import Resonators
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ _LISTENED = 0.25  # s
 _BLOCK = 256
 
 
-def full_scale(bodies: Sequence[Body], listener: Array, sample_rate: float) -> float:
+def full_scale(bodies: Sequence[Played], listener: Array, sample_rate: float) -> float:
     """Return what a Pa (or a relative unit) is of full scale.
 
     With it the loudest of the bodies, each struck by `Strike()`, peaks at -12 dB.
@@ -39,7 +39,7 @@ def full_scale(bodies: Sequence[Body], listener: Array, sample_rate: float) -> f
     return STRIKE_PEAK / peak
 
 
-def _peak(body: Body, listener: Array, sample_rate: float) -> float:
+def _peak(body: Played, listener: Array, sample_rate: float) -> float:
     outputs = [body.outputs(listener)[None]]
     modes = Resonators([body.model], sample_rate=sample_rate, block=_BLOCK, engine="stepped")
     pushing = Strike().begin(body.model, sample_rate)

@@ -16,8 +16,8 @@ from struck.excitation.pushing import Excitation
 from struck.excitation.strike import Strike
 from struck.excitation.tool import Tool
 from struck.excitation.touch_log import TouchLog
-from struck.live.body import default_listener, listening
 from struck.live.outlet import DeviceOutlet, Outlet
+from struck.live.played import default_listener, listening
 from struck.live.pushes import Started
 from struck.live.running import Running
 from struck.model import ModalModel

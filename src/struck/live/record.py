@@ -54,7 +54,7 @@ class Record(NamedTuple):
     stretch : array (2,), int64
         Whether the ears' ways are new, and how many samples of their stretch are over.
     ways : array (2, paths, 3)
-        Delays, samples, and gains, as of `struck.ears.lines.Paths`.
+        Delays, samples, and gains, as of `struck.ears.delay_lines.Paths`.
     responses : array (paths, taps)
         Of the ears, at the end of the stretch.
     """

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.ears.pose import Emitter, aside
+from struck.ears.pose import aside
+from struck.ears.sources import Emitter
 from struck.ears.trajectory import Course3, Trajectory
 from struck.errors import OptionError
 from struck.excitation.hold import Hold

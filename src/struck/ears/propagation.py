@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.air import AIR
+from struck.ears.delay_lines import READ, Paths
 from struck.ears.head import Array, Filters, Single
-from struck.ears.lines import READ, Paths
-from struck.ears.pose import Emitter, Posed, Sources
+from struck.ears.pose import Posed
 from struck.ears.room import Room
+from struck.ears.sources import Emitter, Sources
 from struck.errors import ContactError, OptionError
 
 STRETCH = 512
@@ -23,7 +24,7 @@ _EARLIEST, _WAITING = 1e-3, 16
 _ROUNDS = 8
 
 
-class Ways:
+class Propagation:
     """Where bodies and ears are, and what a head does between.
 
     Parameters

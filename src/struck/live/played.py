@@ -25,7 +25,7 @@ Kept = TypeVar("Kept")
 _KEPT = 256  # contacts, and drives, that are not looked up again
 
 
-class Body:
+class Played:
     """A model, and what hands do to it.
 
     Parameters
@@ -73,7 +73,7 @@ class Body:
         if grip:
             self._holds[place] = hold, hold.raised(self.model)
 
-    def changed(self, model: ModalModel) -> Body:
+    def changed(self, model: ModalModel) -> Played:
         """Return another body in the same hands.
 
         Raises
@@ -81,7 +81,7 @@ class Body:
         OptionError
             Where the model is not fit to ring, or has another number of modes.
         """
-        other = Body(model, self._rate)
+        other = Played(model, self._rate)
         self.free.require_size(other.free.values, "the changed model")
         for hold, _ in self._holds.values():
             other.hold(hold.at, hold.grip)

@@ -8,6 +8,7 @@ it is, with its Doppler shift; responses fade from those of its begin to those o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -40,7 +41,7 @@ def between() -> Single:
 
 @dataclass(kw_only=True)
 class Paths:
-    """Ways from lines to ears, as they are in a stretch of time.
+    """Propagation from lines to ears, as they are in a stretch of time.
 
     Parameters
     ----------
@@ -137,10 +138,10 @@ class DelayLines:
 
 
 @cache
-def _hear():  # noqa: ANN202 - compiled, or plain NumPy
+def _hear() -> Callable[..., None]:
     """Return what reads and filters: compiled, or plain NumPy where numba is missing."""
     try:
-        from struck.ears.lines_compiled import hear
+        from struck.ears.kernels import hear
     except ImportError:  # numba comes late to new versions of Python
-        from struck.ears.lines_plain import hear
+        from struck.ears.reference import hear
     return hear

@@ -24,7 +24,7 @@ _MOVED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Radiated:
+class Dry:
     """What arrives, the travel time left out.
 
     Parameters
@@ -39,14 +39,14 @@ class Radiated:
     notes: tuple[str, ...]
 
 
-def radiated(
+def dry_sound(
     model: ModalModel,
     actions: Sequence[Action],
     listener: Array,
     *,
     seconds: float | None,
     sample_rate: int,
-) -> Radiated:
+) -> Dry:
     """Return what arrives at a place (3,) in body coordinates; see `struck.rendering.render`."""
     holds = [each for each in actions if isinstance(each, Hold)]
     strikes = [each for each in actions if _is_plain(each) and not holds]
@@ -65,7 +65,7 @@ def radiated(
     samples = ring_down(frequencies, decays, heard, sample_rate=sample_rate, length=length)
     samples[: len(driven)] += driven
     notes = left_out(kept, sample_rate) + notes + (cut if seconds is None else ())
-    return Radiated(samples=samples, notes=notes)
+    return Dry(samples=samples, notes=notes)
 
 
 def _is_plain(action: Action) -> TypeGuard[Strike]:

@@ -1,0 +1,89 @@
+"""Bodies as ears know them, and their images in the walls of a room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from struck.air import AIR
+from struck.ears.head import Array
+from struck.ears.room import Room
+from struck.ears.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Emitter:
+    """Where the sound of a body comes from.
+
+    Parameters
+    ----------
+    centre : Trajectory
+        Where it seems to come from, m.
+    radius : float
+        Of the ball about it that nobody may enter, m.
+    field : bool
+        Whether the body's own gains tell what each ear gets: then it has a line for each ear, and
+        no distance law and no head shadow comes on top.
+    """
+
+    centre: Trajectory
+    radius: float = 0.0
+    field: bool = False
+
+
+class Sources:
+    """Bodies and their mirror images.
+
+    Parameters
+    ----------
+    emitters : sequence of Emitter
+    signs, offsets : array (I, 3)
+        An image of what is at p is at signs * p + offsets; the first is the body itself.
+    """
+
+    def __init__(self, emitters: Sequence[Emitter], signs: Array, offsets: Array) -> None:
+        self._emitters, self._signs, self._offsets = emitters, signs, offsets
+        images = len(signs)
+        self.emitter = np.repeat(np.arange(len(emitters)), images)
+        self.image = np.tile(np.arange(images), len(emitters))
+        self.direct = images * self.emitter
+        self.field = np.repeat([each.field for each in emitters], images)
+        self.radius = np.repeat([each.radius for each in emitters], images)
+
+    @classmethod
+    def of(cls, emitters: Sequence[Emitter], room: Room | None) -> Sources:
+        """Return bodies alone, or with the images that walls make."""
+        if room is None:
+            return cls(emitters, np.ones((1, 3)), np.zeros((1, 3)))
+        images = room.images()
+        return cls(emitters, images.signs, images.offsets)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any body may move."""
+        return any(each.centre.moves for each in self._emitters)
+
+    def at(self, times: Array, ways: Array) -> Array:
+        """Return where sources were when they sent what has gone a way.
+
+        Parameters
+        ----------
+        times : array (n,)
+            Of arrival, s.
+        ways : array (n, sources)
+            m.
+
+        Returns
+        -------
+        array (n, sources, 3)
+        """
+        sent = times[:, None] - ways / AIR.sound_speed
+        images = len(self._signs)
+        places = np.empty((*ways.shape, 3))
+        for number, emitter in enumerate(self._emitters):
+            mine = slice(images * number, images * (number + 1))
+            centres = emitter.centre.at(sent[:, mine].ravel()).reshape(len(times), images, 3)
+            places[:, mine] = self._signs * centres + self._offsets
+        return places
