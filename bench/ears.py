@@ -1,5 +1,6 @@
 """What ears cost: moving bodies, each through 256 taps for each of two ears, of real time.
 
+Played live KEMAR has 256 taps, of which the verdict is; rendered it has all 448.
 The processor time of the thread, as a share of the time that the sound lasts; medians of rounds.
 """
 
@@ -36,9 +37,10 @@ def circling(number: int) -> Emitter:
     return Emitter(centre=Trajectory.of("position", centre))
 
 
-def measured(listener: Listener, block: int, rounds: int) -> list[float]:
+def measured(listener: Listener, block: int, rounds: int, *, brief: bool) -> list[float]:
     """Return the share of real time that each round took."""
-    hearing = Hearing([circling(number) for number in range(BODIES)], listener, sample_rate=RATE)
+    bodies = [circling(number) for number in range(BODIES)]
+    hearing = Hearing(bodies, listener, sample_rate=RATE, brief=brief)
     samples = np.random.default_rng(1).standard_normal((hearing.lines, block))
     count = int(SECONDS * RATE / block)
     shares = []
@@ -57,18 +59,20 @@ def main() -> None:
     rounds: int = parser.parse_args().rounds
     print(f"{peak.machine()}, {BODIES} moving bodies, 2 ears")
     print(f"{'head':12} {'taps':>4} {'block':>5} {'share of a core':>15} {'least':>6}")
-    for name, listener in (
-        ("kemar", Binaural(position=(0, 0, 0), facing=(1, 0, 0))),
-        ("exact", Stereo(position=(0, 0, 0), facing=(1, 0, 0))),
+    kemar, verdict = Binaural(position=(0, 0, 0), facing=(1, 0, 0)), math.inf
+    for name, listener, brief in (
+        ("kemar live", kemar, True),
+        ("kemar", kemar, False),
+        ("exact", Stereo(position=(0, 0, 0), facing=(1, 0, 0)), True),
     ):
         for block in (64, 128, 256, 512):
-            shares = measured(listener, block, rounds)
-            median, taps = statistics.median(shares), listener.filters(RATE, brief=True).taps
+            shares = measured(listener, block, rounds, brief=brief)
+            median, taps = statistics.median(shares), listener.filters(RATE, brief=brief).taps
             print(f"{name:12} {taps:4} {block:5} {median:15.3f} {min(shares):6.3f}")
-            if name == "kemar" and block == 128:
+            if name == "kemar live" and block == 128:
                 verdict = median
     met = "met" if verdict <= SHARE else "MISSED"
-    print(f"at most {SHARE:.0%} of a core (kemar, blocks of 128): {verdict:.1%}, {met}")
+    print(f"at most {SHARE:.0%} of a core (kemar live, blocks of 128): {verdict:.1%}, {met}")
 
 
 if __name__ == "__main__":

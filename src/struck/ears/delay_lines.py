@@ -118,9 +118,9 @@ class DelayLines:
         many samples of the paths' stretch are over.
         """
         count, half = samples.shape[1], self._lines.shape[1] // 2
-        places = np.arange(self._now, self._now + count) % half
-        self._lines[:, places] = samples
-        self._lines[:, places + half] = samples
+        start, copies = self._now % half, self._lines.reshape(-1, 2, half)
+        copies[:, :, start : start + count] = samples[:, None, : half - start]
+        copies[:, :, : max(0, start + count - half)] = samples[:, None, half - start :]
         heard = np.zeros((ears, count), np.float32)
         _hear()(
             *(self._lines, self._now, between(), paths.lines, paths.ears, paths.delays),

@@ -37,9 +37,9 @@ def hear(
     now : int
         Number of the block's first sample.
     between : array (S + 1, READ)
-        As `lines.between`.
+        As `delay_lines.between`.
     line_of, ear_of, delays, gains, before, after
-        As `lines.Paths`; responses of a multiple of eight taps.
+        As `delay_lines.Paths`; responses of a multiple of four taps.
     since, stretch : int
         Samples of the stretch that are over, and of all of it.
     history : array (P, taps - 1 + block)
@@ -48,18 +48,18 @@ def hear(
         Added to.
     """
     block, taps = heard.shape[1], before.shape[1]
-    faded = np.zeros((2, block), np.float32)
+    shares, total = np.empty(block, np.float32), np.zeros(block, np.float32)
+    for k in range(block):
+        shares[k] = (since + k + 1) / stretch
     for path in range(line_of.size):
         room = history[path]
         fresh = room[taps - 1 : taps - 1 + block]
         read(lines[line_of[path]], now, between, delays[path], gains[path], since, stretch, fresh)
-        faded[:] = np.float32(0)
-        convolve(room, before[path], faded[0])
-        convolve(room, after[path], faded[1])
+        convolve(room, before[path], after[path], shares, total)
         ear = heard[ear_of[path]]
         for k in range(block):
-            share = np.float32((since + k + 1) / stretch)
-            ear[k] += faded[0, k] + share * (faded[1, k] - faded[0, k])
+            ear[k] += total[k]
+            total[k] = 0
         for k in range(taps - 1):
             room[k] = room[k + block]
 
@@ -75,37 +75,44 @@ def read(
     stretch: int,
     into: Single,
 ) -> None:
-    """Read a line, as late and as loudly as a parabola through three values says."""
+    """Read a line, as late and as loudly as a parabola through three values says.
+
+    Where to read is found for all samples first: sums then do not wait for it.
+    """
     half, fine, width = line.size // 2, between.shape[0] - 1, between.shape[1]
+    starts, rows = np.empty(into.size, np.int64), np.empty(into.size)
     for k in range(into.size):
         u = (since + k + 1) / stretch
         first, middle, last = (1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)
         place = now + k - (first * delays[0] + middle * delays[1] + last * delays[2])
-        gain = first * gains[0] + middle * gains[1] + last * gains[2]
-        whole = int(np.floor(place))
-        row = (place - whole) * fine
-        low = min(int(row), fine - 1)
-        share = np.float32(row - low)
-        start = (whole - (width // 2 - 1)) & (half - 1)
+        whole = np.floor(place)
+        starts[k] = (int(whole) - (width // 2 - 1)) & (half - 1)
+        rows[k] = (place - whole) * fine
+        into[k] = first * gains[0] + middle * gains[1] + last * gains[2]
+    for k in range(into.size):
+        start, low = starts[k], min(int(rows[k]), fine - 1)
+        share = np.float32(rows[k] - low)
         some, begin, end = line[start : start + width], between[low], between[low + 1]
         total = np.float32(0)
         for n in range(width):
             total += (begin[n] + share * (end[n] - begin[n])) * some[n]
-        into[k] = np.float32(gain) * total
+        into[k] *= total
 
 
 @jitted
-def convolve(samples: Single, response: Single, into: Single) -> None:
-    """Add the convolution; `samples` begin as many before `into` as the response is long, less one.
+def convolve(samples: Single, before: Single, after: Single, shares: Single, into: Single) -> None:
+    """Add the convolution with a response that has gone a share of the way to another.
 
-    Eight taps at a time, so that a sum crosses memory once for all of them.
+    `samples` begin as many before `into` as the response is long, less one. Four taps at a time, so
+    that a sum crosses memory once for all of them.
     """
-    block, taps = into.size, response.size
-    for t in range(0, taps, 8):
-        h0, h1, h2, h3 = response[t], response[t + 1], response[t + 2], response[t + 3]
-        h4, h5, h6, h7 = response[t + 4], response[t + 5], response[t + 6], response[t + 7]
-        some = samples[taps - 8 - t : taps - 1 - t + block]
+    block, taps = into.size, before.size
+    for t in range(0, taps, 4):
+        h0, h1, h2, h3 = before[t], before[t + 1], before[t + 2], before[t + 3]
+        d0, d1, d2, d3 = after[t] - h0, after[t + 1] - h1, after[t + 2] - h2, after[t + 3] - h3
+        some = samples[taps - 4 - t : taps - 1 - t + block]
         for k in range(block):
-            late = h4 * some[k + 3] + h5 * some[k + 2] + h6 * some[k + 1] + h7 * some[k]
-            early = h0 * some[k + 7] + h1 * some[k + 6] + h2 * some[k + 5] + h3 * some[k + 4]
+            share = shares[k]
+            late = (h2 + share * d2) * some[k + 1] + (h3 + share * d3) * some[k]
+            early = (h0 + share * d0) * some[k + 3] + (h1 + share * d1) * some[k + 2]
             into[k] += early + late

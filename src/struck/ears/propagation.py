@@ -74,6 +74,7 @@ class Propagation:
         self._sources, self._room = Sources.of(emitters, room), room
         self.ears = len(pose.ear_points)
         self._lines_of, self.lines = self._numbered(emitters)
+        self._ear_of = np.tile(np.arange(self.ears), len(self._lines_of))
         self.lead = READ // 2 + _WAITING + int(np.ceil(_EARLIEST * sample_rate))
         self._start()
 
@@ -85,7 +86,7 @@ class Propagation:
 
     def _start(self) -> None:
         self._now, self._rates = -self.lead / self._rate, np.zeros(len(self._sources.emitter))
-        self._guess = self._rates
+        self._guess, self._later = self._rates, np.zeros(self._lines_of.shape)
         start = np.array([self._now])
         for _ in range(_ROUNDS):
             self._guess = self._distances(start)[0][0, :, 0]
@@ -119,7 +120,7 @@ class Propagation:
         count = self._lines_of.size
         return Paths(
             lines=self._lines_of.ravel(),
-            ears=np.tile(np.arange(self.ears), len(self._lines_of)),
+            ears=self._ear_of,
             delays=_in_turn(before[0], delays).reshape(count, 3),
             gains=_in_turn(before[1], gains).reshape(count, 3),
             before=before[2].reshape(count, -1),
@@ -130,18 +131,19 @@ class Propagation:
     def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
         """Return delays, samples, and gains (n, sources, ears), and the last one's responses."""
         distances, seen = self._distances(times)
-        self._require_outside(distances[..., 0])
+        centres = distances[..., 0]
+        self._require_outside(centres)
         if len(times) > 1:
-            self._rates = np.diff(distances[-2:, :, 0], axis=0)[0] / (times[-1] - times[-2])
-        self._guess = distances[-1, :, 0]
+            self._rates = (centres[-1] - centres[-2]) / (times[-1] - times[-2])
+        self._guess = centres[-1]
         field = self._sources.field[:, None]
         ways = np.where(field, distances[..., 1:], distances[..., :1])
-        gains = np.where(field, ways[:, self._sources.direct] / ways, 1 / ways)
-        later, responses = self._filtered(seen[-1], distances[-1, :, 0])
-        if len(times) > 1:  # what heads add moves straight from block to block
-            later = np.stack([(self._later + later) / 2, later])
-        self._later = later[-1] if later.ndim > 2 else later
-        return self.lead + (ways / AIR.sound_speed + later) * self._rate, gains, responses
+        gains = np.where(field, ways[:, self._sources.direct], 1) / ways
+        later, responses = self._filtered(seen[-1], centres[-1])
+        # What heads add moves straight from stretch to stretch.
+        shares = np.arange(1, len(times) + 1)[:, None, None] / len(times)
+        added, self._later = self._later + shares * (later - self._later), later
+        return self.lead + (ways / AIR.sound_speed + added) * self._rate, gains, responses
 
     def _distances(self, times: Array) -> tuple[Array, Array]:
         """Return distances to the head's centre and the ears, and directions in its frame.

@@ -1,4 +1,4 @@
-"""The same as `lines_compiled` in plain NumPy: what that is tested against."""
+"""The same as `kernels` in plain NumPy: what that is tested against."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def hear(
     history: Single,
     heard: Single,
 ) -> None:
-    """Read all paths and add what they sound like at the ears; see `lines_compiled.hear`."""
+    """Read all paths and add what they sound like at the ears; see `kernels.hear`."""
     block, taps = heard.shape[1], before.shape[1]
     u = np.arange(since + 1, since + block + 1) / stretch
     parabola = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)])

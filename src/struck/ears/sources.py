@@ -80,10 +80,8 @@ class Sources:
         array (n, sources, 3)
         """
         sent = times[:, None] - ways / AIR.sound_speed
-        images = len(self._signs)
-        places = np.empty((*ways.shape, 3))
-        for number, emitter in enumerate(self._emitters):
-            mine = slice(images * number, images * (number + 1))
-            centres = emitter.centre.at(sent[:, mine].ravel()).reshape(len(times), images, 3)
-            places[:, mine] = self._signs * centres + self._offsets
-        return places
+        shape = len(times), len(self._emitters), len(self._signs)
+        moments = sent.reshape(shape).swapaxes(0, 1).reshape(len(self._emitters), -1)
+        centres = [each.centre.at(its) for each, its in zip(self._emitters, moments, strict=True)]
+        apart = np.array(centres).reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
+        return (self._signs * apart + self._offsets).reshape(*ways.shape, 3)
