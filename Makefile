@@ -38,6 +38,7 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/meshing.py
 	$(BIN)/python bench/synthesis.py
 	$(BIN)/python bench/ears.py
+	$(BIN)/python bench/shapes.py
 
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from struck.ears.room import Room
     from struck.excitation.hold import Hold
     from struck.excitation.pluck import Pluck
+    from struck.excitation.release import Release
     from struck.excitation.roll import Roll
     from struck.excitation.roughness import Roughness
     from struck.excitation.scrape import Scrape
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from struck.material import Material, materials
     from struck.mesh import Mesh
     from struck.model import ModalModel
+    from struck.perception.audibility import audible
+    from struck.perception.sonic_distance import sonic_distance
+    from struck.perception.sound_map import SoundMap, sound_map
     from struck.rendering import render
     from struck.scene.body import Body
     from struck.sound import Sound
@@ -52,15 +56,18 @@ __all__ = [
     "Mono",
     "Pluck",
     "Rayleigh",
+    "Release",
     "Reverberation",
     "Roll",
     "Room",
     "Roughness",
     "Scrape",
     "Sound",
+    "SoundMap",
     "Stereo",
     "Strike",
     "analyze",
+    "audible",
     "errors",
     "load",
     "materials",
@@ -68,6 +75,8 @@ __all__ = [
     "render",
     "save",
     "show",
+    "sonic_distance",
+    "sound_map",
     "tune",
 ]
 
@@ -75,6 +84,9 @@ __all__ = [
 _HOMES = {
     "struck._api": ("load", "play", "save", "show", "tune"),
     "struck.analysis": ("analyze",),
+    "struck.perception.audibility": ("audible",),
+    "struck.perception.sonic_distance": ("sonic_distance",),
+    "struck.perception.sound_map": ("SoundMap", "sound_map"),
     "struck.rendering": ("render",),
     "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
     "struck.ears.listeners": ("Binaural", "Mono", "Stereo"),
@@ -82,6 +94,7 @@ _HOMES = {
     "struck.ears.room": ("Room",),
     "struck.excitation.hold": ("Hold",),
     "struck.excitation.pluck": ("Pluck",),
+    "struck.excitation.release": ("Release",),
     "struck.excitation.roll": ("Roll",),
     "struck.excitation.roughness": ("Roughness",),
     "struck.excitation.scrape": ("Scrape",),
@@ -95,7 +108,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 # Modules that are reached as attributes without an import of their own.
-_MODULES = {"errors", "solids"}
+_MODULES = {"errors", "shapes", "solids"}
 
 
 def __getattr__(name: str) -> object:

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.cache import opened
-from struck.discretisation import Discretised, Elements, FileOptions, Solid, Source, discretised
+from struck.discretisation import Discretised, Elements, FileOptions, Solid, discretised
+from struck.discretisation import Source as ElementsSource
 from struck.errors import OptionError, StruckError
+from struck.formula import by_formula
 from struck.material import Material
 from struck.model import ModalModel
 from struck.modes import Modes
@@ -23,6 +25,7 @@ from struck.places import places_of
 from struck.progress import Progress, silent
 from struck.provenance import Provenance
 from struck.radiation import by_name
+from struck.shapes.shape import Shape
 from struck.solids.convergence import (
     ALONE,
     comparable,
@@ -40,8 +43,10 @@ from struck.stages import COARSE_MODES, MODEL, MODES, Stage, Stages
 __all__ = ["BAND", "METHODS", "Solid", "Source", "analyze"]
 
 Array = NDArray[np.float64]
+Source = ElementsSource | Shape
 Fixed = ArrayLike | Callable[[Array], NDArray[np.bool_]]
 METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
+_FORMULA, _ELEMENTS = "formula", "fem"
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
@@ -62,7 +67,7 @@ def analyze(
     band: tuple[float, float] = BAND,
     damping: str = "own",
     radiation: str = "power",
-    method: str = "quadratic",
+    method: str | None = None,
     backend: str = "auto",
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
@@ -71,7 +76,7 @@ def analyze(
 
     Parameters
     ----------
-    body : path, Mesh, VolumeMesh or a body of struck.solids
+    body : path, Mesh, VolumeMesh or a body of struck.solids or struck.shapes
         A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
         of another program (VTK, VTU, MSH, INP).
     material : Material or str
@@ -99,10 +104,11 @@ def analyze(
     damping : str
         "own" or "heard": see `Material.named`. A Material keeps its own.
     radiation : str
-        "power" (Pa) or "obrien2002" (relative).
+        "power" (Pa), "obrien2002" or "heuristic1998" (relative).
     method : str
-        "quadratic" elements; "obrien2002" for linear tetrahedra with lumped mass as in the
-        paper, "obrien2002-consistent" for consistent mass.
+        For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
+        For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
+        tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
     backend : str
         Sparse factorisation: "auto", "rslab" or "superlu".
     cache : bool or path
@@ -122,19 +128,31 @@ def analyze(
         With the value, the bound and the way out.
     """
     chosen = Material.named(material, damping) if isinstance(material, str) else material
-    lowest, highest = _require_band(band)
-    by_name(radiation)  # refuses unknown names before the long work
+    (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
+    file = FileOptions(units=units, size=size, part=part, up=up)
+    if isinstance(body, Shape):
+        file.refuse("a body of struck.shapes has its own")
+        if method in {None, _FORMULA}:
+            return by_formula(body, chosen, radiation, (lowest, highest), wall=wall, fixed=fixed)
+        body = body.solid()
+        fixed = _either(fixed, body.fixed)
+    method = "quadratic" if method is None or method == _ELEMENTS else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
     solver = _solver(method, backend)
     progress("mesh", 0.0)
-    file = FileOptions(units=units, size=size, part=part, up=up)
     source = discretised(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )
     elements, modes = work.resolved(source)
-    modes = replace(modes, provenance=_merged(elements.provenance, modes, body, method))
-    return work.model(modes, elements.places, radiation, lowest)
+    told = _merged(elements.provenance, modes, body, method)
+    return work.model(replace(modes, provenance=told), elements.places, radiation, lowest)
+
+
+def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
+    if asked is not None and own is not None:
+        raise OptionError("the shape tells where it is held itself: leave fixed= out")
+    return own if asked is None else asked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -12,23 +11,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import struck
-from struck.arguments import body_named, material_named, numbers, writable
+from struck.analyze_command import LISTED, MATERIAL, declare_analyze, described
+from struck.arguments import body_named, material_named, writable
 from struck.cache_command import declare_cache
 from struck.command import Result, command, warnings_in_one_line
 from struck.errors import StruckError
 from struck.listener_arguments import add_listener, add_room, listener, room
 from struck.play_command import declare_play
 from struck.progress import TerminalProgress
-from struck.tables import HEADINGS, aligned, modes_rows
+from struck.record_command import declare_record
+from struck.sound_map_command import declare_sound_map
+from struck.tables import aligned
 from struck.touch_arguments import add_touches, touches
 
 if TYPE_CHECKING:
-    import numpy as np
+    pass
 
 BAD_INPUT = 2
 INTERRUPTED = 130
-_LISTED = 20
-_MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,11 +65,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for declare in (
-        _analyze,
+        declare_analyze,
         _info,
         _show,
         _render,
+        declare_sound_map,
         declare_play,
+        declare_record,
         _tune,
         _materials,
         declare_cache,
@@ -79,64 +81,15 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _analyze(commands: argparse._SubParsersAction) -> None:
-    parser = command(
-        commands,
-        _run_analyze,
-        "analyze",
-        "compute the modes of a body and save its model",
-        "bell.stl --material bronze --units mm -o bell.struck",
-    )
-    parser.add_argument("body", help="mesh file, or tube:length=0.5,radius=0.0125,wall=0.001")
-    parser.add_argument("--material", required=True, help=_MATERIAL)
-    parser.add_argument("--damping", default="own", help="own (default) or heard")
-    parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
-    parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
-    parser.add_argument("--wall", type=float, help="thickness of a hollow body's wall, m")
-    parser.add_argument("--no-repair", dest="repair", action="store_false", help="refuse instead")
-    parser.add_argument("--part", help="which of several bodies in the file")
-    parser.add_argument("--up", help="axis that points up: x, y or z")
-    parser.add_argument("--fixed", type=numbers(6), help="box x0,y0,z0,x1,y1,z1 that is held, m")
-    parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
-    parser.add_argument("--band", type=numbers(2), default=(20.0, 20_000.0), help="low,high in Hz")
-    parser.add_argument("--radiation", default="power", help="power (default) or obrien2002")
-    parser.add_argument("--method", default="quadratic", help="quadratic (default) or obrien2002")
-    parser.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="neither take up nor keep finished work",
-    )
-    parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
-
-
-def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    body = body_named(options.body)
-    output = writable(options.output or f"{Path(options.body.partition(':')[0]).stem}.struck")
-    fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
-    same = ("units", "size", "wall", "repair", "part", "up", "accuracy", "cache")
-    same = (*same, "radiation", "method")
-    model = struck.analyze(
-        body,
-        material_named(options.material, options.damping),
-        **{name: getattr(options, name) for name in same},
-        fixed=fixed,
-        band=options.band,
-        progress=progress,
-    )
-    struck.save(model, output)
-    return _described(model, f"wrote {output}", output=str(output))
-
-
 def _info(commands: argparse._SubParsersAction) -> None:
     parser = command(commands, _run_info, "info", "tell what a model holds", "bell.struck")
     parser.add_argument("model")
-    parser.add_argument("--modes", type=int, default=_LISTED, help="how many to list")
+    parser.add_argument("--modes", type=int, default=LISTED, help="how many to list")
 
 
 def _run_info(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     model = struck.load(options.model)
-    return _described(model, "", listed=options.modes)
+    return described(model, "", listed=options.modes)
 
 
 def _show(commands: argparse._SubParsersAction) -> None:
@@ -202,7 +155,7 @@ def _tune(commands: argparse._SubParsersAction) -> None:
         "--lowest 587.33",
     )
     parser.add_argument("body", help="tube:length=0.5,radius=0.0125,wall=0.001")
-    parser.add_argument("--material", required=True, help=_MATERIAL)
+    parser.add_argument("--material", required=True, help=MATERIAL)
     parser.add_argument("--vary", required=True, help="name of the dimension")
     parser.add_argument("--lowest", type=float, required=True, help="Hz")
     parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
@@ -255,37 +208,3 @@ def _run_demo(options: argparse.Namespace, progress: TerminalProgress) -> Result
 
     page = gallery(Path(options.out), progress)
     return Result(f"open {page.resolve()} in a browser to see and hear it", page=str(page))
-
-
-def _described(
-    model: struck.ModalModel, last: str, *, listed: int = _LISTED, **facts: object
-) -> Result:
-    from struck.report import summary
-
-    rows = modes_rows(model.frequencies, model.t60, model.decays, model.errors)
-    more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
-    lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
-    return Result(
-        "\n".join(lines).rstrip(),
-        frequencies=model.frequencies.tolist(),
-        decays=model.decays.tolist(),
-        errors=_or_null(model.errors),
-        complete_to=model.complete_to,
-        mass=model.mass,
-        calibrated=model.calibrated,
-        places=sorted(model.places),
-        provenance={
-            "method": model.provenance.method,
-            "dropped": list(model.provenance.dropped),
-            "references": list(model.provenance.references),
-            "details": dict(model.provenance.details),
-        },
-        **facts,
-    )
-
-
-def _or_null(errors: np.ndarray | None) -> list[float | None] | None:
-    """Return errors for JSON, which has no word for what is not a number."""
-    if errors is None:
-        return None
-    return [error if math.isfinite(error) else None for error in errors.tolist()]

@@ -27,7 +27,7 @@ def command(
     run: Callable[[argparse.Namespace, TerminalProgress], Result],
     name: str,
     about: str,
-    example: str,
+    *examples: str,
 ) -> argparse.ArgumentParser:
     """Declare a command and return its parser.
 
@@ -37,14 +37,15 @@ def command(
         Of the parser of the whole shell.
     run : callable
         Does the work.
-    name, about, example : str
-        What people type, what they get, and the rest of a line that works.
+    name, about, *examples : str
+        What people type, what they get, and the rest of lines that work.
     """
+    lines = "\n".join(f"  struck {name} {example}" for example in examples)
     parser = commands.add_parser(
         name,
         help=about,
         description=about,
-        epilog=f"example:\n  struck {name} {example}",
+        epilog=f"example:\n{lines}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--json", action="store_true", help="print the result for machines")

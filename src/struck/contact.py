@@ -60,9 +60,39 @@ class Contact:
         push = -normal if direction is None else _unit(_three(direction, "direction"))
         return cls(point=nearest[0], direction=push, normal=normal, distance=distance)
 
+    @classmethod
+    def recorded(
+        cls, at: Place, places: Mapping[str, Array], coordinates: tuple[str, ...]
+    ) -> Contact:
+        """Find a contact of a body without a surface, by the coordinates that recordings have.
 
-def located(mesh: Mesh, places: Mapping[str, Array], at: Place) -> Array:
+        Raises
+        ------
+        ContactError
+            When it is no name of `places`, nor a number for each of `coordinates`.
+        """
+        if at is None and places:
+            at = next(iter(places))
+        if isinstance(at, str) and at not in places:
+            raise ContactError(f"no place is called {at!r}: give one of {', '.join(places)}")
+        point = np.asarray(places[at] if isinstance(at, str) else at, dtype=np.float64)
+        if point.shape != (len(coordinates),) or not np.isfinite(point).all():
+            axes = ", ".join(coordinates) or "none"
+            raise ContactError(f"contact is {at!r}: give a finite number for each of {axes}")
+        return cls(point=point, direction=np.zeros(3), normal=np.zeros(3), distance=0.0)
+
+
+def raised(mesh: Mesh, place: Array) -> Array:
+    """Return the point on top of a flat body where its plan has `place` (1,) or (2,), m (3,)."""
+    low, high = mesh.bounds
+    middle = (low + high) / 2
+    return np.concatenate([place, middle[len(place) : 2], high[2:]])
+
+
+def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -> Array:
     """Return the point that a name, "vertex:120" or coordinates stand for, m (3,).
+
+    The plan of a flat body has 1 or 2 `axes`; a place in it means the point on top.
 
     Raises
     ------
@@ -70,7 +100,8 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place) -> Array:
         When there is no such place.
     """
     if not isinstance(at, str):
-        return np.asarray(at, dtype=np.float64)
+        place = np.asarray(at, dtype=np.float64)
+        return raised(mesh, place) if place.shape == (axes,) != (3,) else place
     kind, _, number = at.partition(":")
     if kind == "vertex" and number.isdigit() and int(number) < len(mesh.points):
         return mesh.points[int(number)]

@@ -9,7 +9,7 @@ gives the line. It is exact for stretched, sheared and evenly bent parts; keepin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,15 @@ class Stiffness:
         Relative.
     complete_to : float
         No mode below is missing, Hz.
+    tensioned : bool
+        Whether a tension, which stays, drives the body back, not the material's stiffness.
     """
 
     frequencies: Array
     poisson_slopes: Array | None
     errors: Array | None
     complete_to: float
+    tensioned: bool = False
 
 
 def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
@@ -51,9 +54,13 @@ def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
     Raises
     ------
     MaterialError
-        When Poisson's ratio differs and the slopes are unknown.
+        When Poisson's ratio differs and the slopes are unknown, or both tension and stiffness
+        drive the body back.
     """
     lightness = old.density / new.density
+    if modes.tensioned:
+        _require_slack(modes)
+        new = replace(new, youngs_modulus=old.youngs_modulus, poisson_ratio=old.poisson_ratio)
     if np.isclose(old.poisson_ratio, new.poisson_ratio, rtol=0, atol=1e-9):
         factor = float(np.sqrt(new.youngs_modulus / old.youngs_modulus * lightness))
         return Stiffness(
@@ -61,6 +68,7 @@ def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
             poisson_slopes=modes.poisson_slopes,
             errors=modes.errors,
             complete_to=modes.complete_to * factor,
+            tensioned=modes.tensioned,
         )
     if modes.poisson_slopes is None or not np.isfinite(modes.poisson_slopes).all():
         raise MaterialError(
@@ -68,6 +76,14 @@ def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
             "and these modes do not tell how they follow it: compute them anew"
         )
     return _first_order(modes, modes.poisson_slopes, old, new, lightness)
+
+
+def _require_slack(modes: Stiffness) -> None:
+    if modes.poisson_slopes is None or not np.isfinite(modes.poisson_slopes).all():
+        raise MaterialError(
+            "tension and stiffness together drive this body back, and the modes do not tell their "
+            "shares: compute them anew with the other material"
+        )
 
 
 def _first_order(

@@ -6,6 +6,7 @@ StruckError
 ├── MaterialError             an unknown or impossible material or damping
 ├── ContactError              a contact off the body, or a listener inside it
 ├── SolverError               modes that could not be computed or certified
+├── RecordingError            a recording from which no model can be had as it stands
 ├── FileFormatError           a file that is not what it says, or cannot be read
 ├── DeviceError               an audio device that is missing or refuses
 └── MissingDependencyError    an optional package that is not installed
@@ -36,6 +37,10 @@ class ContactError(StruckError, ValueError):
 
 class SolverError(StruckError, RuntimeError):
     """Modes that could not be computed or certified."""
+
+
+class RecordingError(StruckError, ValueError):
+    """A recording from which no model can be had as it stands."""
 
 
 class FileFormatError(StruckError, ValueError):

@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
+from struck.forms import TransverseShapes
 from struck.geometry import Surface
 from struck.mesh import Mesh
 
 Array = NDArray[np.float64]
 # Modes closer than this share of their frequency count as turned copies of one another.
 _SHARED = 1e-3
+# How far a contact by a vertex lies toward a face's centroid, so that it has that face's normal.
+_INWARD = 0.02
 
 
 class Radiation(Protocol):
@@ -28,7 +31,7 @@ class Radiation(Protocol):
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
-    ) -> Array:
+    ) -> NDArray[np.complex128]:
         """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
         ...
 
@@ -126,6 +129,8 @@ class ShapeGains(Gains):
         Where the sound seems to come from: the centre of mass, m.
     radiation : Radiation
         What made `outputs`, to make them anew when frequencies or size change.
+    formula : TransverseShapes or None
+        The shapes at any place, where they are known beyond the vertices.
     """
 
     surface: Mesh
@@ -133,6 +138,7 @@ class ShapeGains(Gains):
     outputs: NDArray[np.complex128]
     centre: Array
     radiation: Radiation
+    formula: TransverseShapes | None = None
 
     @classmethod
     def radiating(
@@ -142,15 +148,16 @@ class ShapeGains(Gains):
         frequencies: Array,
         centre: Array,
         radiation: Radiation,
+        formula: TransverseShapes | None = None,
     ) -> ShapeGains:
         """Make gains whose outputs `radiation` tells."""
         return cls(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
-            outputs=radiation.coefficients(surface, shapes, frequencies, centre)
-            * quarter_turns(frequencies),
+            outputs=radiation.coefficients(surface, shapes, frequencies, centre),
             centre=np.asarray(centre, np.float64),
             radiation=radiation,
+            formula=formula,
         )
 
     def changed(
@@ -164,7 +171,8 @@ class ShapeGains(Gains):
         surface = self.surface if size == 1 else self.surface.scaled(size)
         shapes = self.shapes[:, :, modes].astype(np.float64) * factor
         centre = self.centre * size
-        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation)
+        formula = None if self.formula is None else self.formula.chosen(modes, size, density)
+        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
 
     @property
     def calibrated(self) -> bool:
@@ -181,8 +189,10 @@ class ShapeGains(Gains):
         """Radius of the smallest ball about `centre` that holds the body, m."""
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
 
-    def loudest(self, weights: Array) -> int:
-        """Return the outward-looking vertex where a push along the normal sounds loudest.
+    def loudest(self, weights: Array) -> Array:
+        """Return the point (3,) where a push straight into the surface sounds loudest.
+
+        It lies by the loudest outward-looking vertex, within that of its faces which answers most.
 
         Parameters
         ----------
@@ -192,14 +202,24 @@ class ShapeGains(Gains):
         normals = self.surface.vertex_normals
         outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
         drive = np.einsum("vd,vdm->vm", normals, self.shapes)
-        return int(np.argmax(np.square(np.abs(drive * self.outputs)) @ weights * outward))
+        vertex = int(np.argmax(np.square(np.abs(drive * self.outputs)) @ weights * outward))
+        around = np.flatnonzero((self.surface.faces == vertex).any(axis=1))
+        pushed = self.surface.face_normals[around] @ self.shapes[vertex]
+        face = around[np.argmax(np.square(np.abs(pushed * self.outputs)) @ weights)]
+        inward = self.surface.centroids[face] - self.surface.points[vertex]
+        return self.surface.points[vertex] + _INWARD * inward
 
     def at(self, points: Array, directions: Array) -> Array:
         """Return the mode shapes at the nearest surface points along unit `directions`."""
+        return np.einsum("kd,kdm->km", directions, self.shapes_at(points))[:, None, :]
+
+    def shapes_at(self, points: Array) -> Array:
+        """Return the mode shapes at the surface points nearest to `points`: (K, 3, M)."""
+        if self.formula is not None:
+            return self.formula.displacements(points)
         faces, weights = self.locator.barycentric(points)
         corners = self.surface.faces[faces]
-        shapes = np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
-        return np.einsum("kd,kdm->km", directions, shapes)[:, None, :]
+        return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
 
     def toward(self, listeners: Array) -> NDArray[np.complex128]:
         """Return outputs that fall as 1/r from the centre of mass."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from struck.contact import Contact, Place, located
 from struck.damping import Damping, natural_at, ringing
 from struck.elasticity import Stiffness, changed
-from struck.errors import ContactError, MaterialError, OptionError
+from struck.errors import MaterialError, OptionError
 from struck.gains import Gains, Radiation, ShapeGains, canonical_signs
 from struck.material import Material
 from struck.mesh import Mesh
@@ -22,6 +22,8 @@ from struck.tables import modes_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+XYZ = ("x (m)", "y (m)", "z (m)")
+_KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
 
@@ -41,8 +43,8 @@ class ModalModel:
         Drive over contacts and output over listeners.
     material, mass, centre, inertia, geometry
         None where unknown, as for recordings; kg, m and kg m^2.
-    supported : bool
-        Whether the body is held somewhere, so that it cannot move as a rigid one.
+    supported, tensioned : bool
+        Whether it is held somewhere; whether tension, not its stiffness, drives it back.
     complete_to : float
         No mode below this frequency is missing, Hz.
     poisson_slopes, errors : array (M,) or None
@@ -65,11 +67,12 @@ class ModalModel:
     inertia: Array | None = None
     geometry: Mesh | None = None
     supported: bool = False
+    tensioned: bool = False
     complete_to: float
     poisson_slopes: Array | None = None
     errors: Array | None = None
     places: Mapping[str, Array] = field(default_factory=dict)
-    coordinates: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
+    coordinates: tuple[str, ...] = XYZ
     provenance: Provenance = field(default_factory=Provenance)
 
     @classmethod
@@ -90,28 +93,29 @@ class ModalModel:
         radiation = radiation or by_name("power")
         kept = np.flatnonzero(modes.frequencies >= lowest)
         below = len(modes.frequencies) - len(kept)
-        dropped = (f"{below} modes lie below {lowest:g} Hz",) if below else ()
         natural = modes.frequencies[kept]
         shapes = modes.shapes[:, :, kept]
-        shapes = shapes * canonical_signs(modes.surface, shapes)
+        signs = canonical_signs(modes.surface, shapes)
+        formula = None if modes.formula is None else modes.formula.chosen(kept).signed(signs)
         model = cls(
             frequencies=natural,
             natural_frequencies=natural,
             decays=np.zeros_like(natural),
-            gains=ShapeGains.radiating(modes.surface, shapes, natural, modes.centre, radiation),
+            gains=ShapeGains.radiating(
+                modes.surface, shapes * signs, natural, modes.centre, radiation, formula
+            ),
             material=material,
-            mass=modes.mass,
-            centre=modes.centre,
-            inertia=modes.inertia,
             geometry=modes.surface,
-            supported=modes.supported,
-            complete_to=modes.complete_to,
             poisson_slopes=modes.poisson_slopes[kept],
             errors=modes.errors[kept],
             places=places or {},
+            coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
-                references=radiation.references, dropped=dropped, radiation=radiation.name
+                references=radiation.references,
+                dropped=(f"{below} modes lie below {lowest:g} Hz",) * (below > 0),
+                radiation=radiation.name,
             ),
+            **{name: getattr(modes, name) for name in _KEPT},
         )
         return model.damped(material.damping)
 
@@ -134,16 +138,10 @@ class ModalModel:
         up: str = "z",
     ) -> ModalModel:
         """Make a model of modes that another program computed: `Modes.given`, then `of`."""
-        modes = Modes.given(
-            Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up),
-            np.asarray(frequencies, float),
-            np.asarray(shapes, float),
-            mass=mass,
-            centre=np.asarray(centre, float),
-            inertia=np.asarray(inertia, float),
-            complete_to=complete_to,
-            method=method,
-        )
+        surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
+        bulk = {"mass": mass, "centre": centre, "inertia": inertia}
+        told = {"complete_to": complete_to, "method": method}
+        modes = Modes.given(surface, frequencies, shapes, **bulk, **told)
         return cls.of(modes, material, radiation=radiation, lowest=0.0, places=places)
 
     @property
@@ -172,12 +170,12 @@ class ModalModel:
             When there is no such place, or the point is off the body.
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
-            raise ContactError("this model has no surface to touch: give gains by its coordinates")
+            return Contact.recorded(at, self.places, self.coordinates)
         if at is None:  # what a mode gives off until it has died away goes with 1 / decay
             lasting = 1 / np.maximum(self.decays, 1e-3 * self.natural_frequencies)
-            point = self.geometry.points[self.gains.loudest(lasting)]
+            point = self.gains.loudest(lasting)
         else:
-            point = located(self.geometry, self.places, at)
+            point = located(self.geometry, self.places, at, len(self.coordinates))
         return Contact.on(self.gains.locator, self.geometry, point, direction)
 
     def damped(self, damping: Damping) -> ModalModel:
@@ -220,8 +218,7 @@ class ModalModel:
         """
         if self.material is None:
             raise MaterialError("this model's material, and so its damping, is unknown")
-        own = float(self.natural_frequencies[0])
-        return self.scaled(own / natural_at(lowest, self.material.damping))
+        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, self.material.damping))
 
     def made_of(self, material: Material | str) -> ModalModel:
         """Return the same body of another isotropic material.
@@ -238,8 +235,9 @@ class ModalModel:
         wanted = Material.named(material) if isinstance(material, str) else material
         if self.material is None:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
-        own = self._stiffness(self.natural_frequencies, self.complete_to)
-        after = changed(own, self.material, wanted)
+        after = changed(
+            self._stiffness(self.natural_frequencies, self.complete_to), self.material, wanted
+        )
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
         return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
 
@@ -248,8 +246,7 @@ class ModalModel:
         if self.gains.rank == 1:
             return self
         every = {name: np.tile(getattr(self, name), self.gains.rank) for name in _RINGING}
-        every |= {"gains": self.gains.expanded(), "poisson_slopes": None, "errors": None}
-        return replace(self, **every)
+        return replace(self, **every, gains=self.gains.expanded(), poisson_slopes=None, errors=None)
 
     def cite(self) -> str:
         """Return the papers behind this model, one a line."""
@@ -264,6 +261,7 @@ class ModalModel:
             poisson_slopes=self.poisson_slopes,
             errors=self.errors,
             complete_to=complete_to,
+            tensioned=self.tensioned,
         )
 
     def _remade(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import OptionError
+from struck.forms import TransverseShapes
 from struck.mesh import Mesh
 from struck.provenance import Provenance
 
@@ -38,6 +39,10 @@ class Modes:
         Relative discretisation error of each frequency; NaN where unknown.
     supported : bool
         Whether the body is held somewhere, so that it cannot move as a rigid one.
+    tensioned : bool
+        Whether tension, not the material's stiffness, drives it back.
+    formula : TransverseShapes or None
+        The shapes at any place, where they are known beyond the vertices.
     provenance : Provenance
         How the modes were made.
     """
@@ -52,18 +57,20 @@ class Modes:
     poisson_slopes: NDArray[np.float64]
     errors: NDArray[np.float64]
     supported: bool = False
+    tensioned: bool = False
+    formula: TransverseShapes | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     @classmethod
     def given(
         cls,
         surface: Mesh,
-        frequencies: NDArray[np.float64],
-        shapes: NDArray[np.float64],
+        frequencies: ArrayLike,
+        shapes: ArrayLike,
         *,
         mass: float,
-        centre: NDArray[np.float64],
-        inertia: NDArray[np.float64],
+        centre: ArrayLike,
+        inertia: ArrayLike,
         complete_to: float,
         method: str,
     ) -> Modes:
@@ -89,15 +96,16 @@ class Modes:
         OptionError
             When shapes do not fit points and frequencies, or frequencies do not ascend.
         """
-        _require_fitting(frequencies, shapes, len(surface.points))
-        unknown = np.full(len(frequencies), np.nan)
+        told, forms = np.asarray(frequencies, float), np.asarray(shapes, float)
+        _require_fitting(told, forms, len(surface.points))
+        unknown = np.full(len(told), np.nan)
         return cls(
-            frequencies=frequencies,
+            frequencies=told,
             surface=surface,
-            shapes=shapes,
+            shapes=forms,
             mass=float(mass),
-            centre=centre,
-            inertia=inertia,
+            centre=np.asarray(centre, float),
+            inertia=np.asarray(inertia, float),
             complete_to=complete_to,
             poisson_slopes=unknown,
             errors=unknown,

@@ -5,9 +5,10 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,10 +80,20 @@ def _size(model: ModalModel) -> list[float]:
     return (high - low).tolist()
 
 
-def page(title: str, introduction: str, exhibits: Sequence[Exhibit]) -> str:
-    """Return one HTML page, complete in itself, that shows and plays the exhibits."""
+def page(
+    title: str,
+    introduction: str,
+    exhibits: Sequence[Exhibit],
+    links: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return one HTML page that shows and plays the exhibits, with titles of other pages."""
+    more = " &middot; ".join(
+        f'<a href="{html.escape(name)}">{html.escape(text)}</a>' for name, text in links.items()
+    )
     sections = "\n".join(_section(exhibit) for exhibit in exhibits)
-    return _PAGE.format(title=html.escape(title), text=html.escape(introduction), body=sections)
+    return _PAGE.format(
+        title=html.escape(title), text=html.escape(introduction), links=more, body=sections
+    )
 
 
 def _section(exhibit: Exhibit) -> str:
@@ -125,6 +136,7 @@ figure {{ margin: 0; max-width: 30rem; }} figcaption {{ font-size: .9rem; color:
 table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
 td, th {{ padding: .15rem .8rem; text-align: right; }} th {{ border-bottom: 1px solid #bbb; }}
 </style></head><body><h1>{title}</h1><p>{text}</p>
+<nav>{links}</nav>
 {body}
 </body></html>
 """

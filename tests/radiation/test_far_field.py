@@ -52,7 +52,7 @@ def power(
     mesh: Mesh, shapes: NDArray[np.floating], frequency: ArrayLike, centre: Array = CENTRE
 ) -> Array:
     frequencies = np.broadcast_to(np.asarray(frequency, float), shapes.shape[2:])
-    return by_name("power").coefficients(mesh, shapes, frequencies, centre)
+    return np.abs(by_name("power").coefficients(mesh, shapes, frequencies, centre))
 
 
 def frequency_at(ka: ArrayLike, radius: float) -> Array:

@@ -52,13 +52,18 @@ def drive_at(
     """Return `drive` of a disc about `point`, in the plane whose unit normal is `normal`."""
     if not radius:
         return _rank_one(model, point[None], direction)[0]
+    if not normal.any():
+        raise OptionError(
+            f"the area of contact has a radius of {radius} m, but this body was recorded and has "
+            "no surface: leave patch= out"
+        )
     places, weights = _disc()
     offsets = places @ np.stack(_tangents(normal)) * radius
     return weights @ _rank_one(model, point + offsets, direction)
 
 
 def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
-    drives = model.gains.at(points, np.broadcast_to(direction, points.shape))
+    drives = model.gains.at(points, np.broadcast_to(direction, (len(points), 3)))
     if drives.shape[1] != 1:
         raise OptionError(
             f"the gains are a sum of {drives.shape[1]} products of contact and listener, and a "

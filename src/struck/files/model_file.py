@@ -21,6 +21,7 @@ from struck.files.description import (
     provenance_from_json,
     provenance_to_json,
 )
+from struck.files.formulas import formula_from_json, formula_to_json
 from struck.gains import Radiation, ShapeGains
 from struck.mesh import Mesh
 from struck.model import ModalModel
@@ -148,7 +149,7 @@ def _tensors(model: ModalModel) -> dict[str, NDArray[Any]]:
     }
     present = {name: np.asarray(array) for name, array in tensors.items() if array is not None}
     _require_layout(present)
-    return present
+    return {**present, **formula_to_json(gains.formula)[1]}
 
 
 def _shape_gains(model: ModalModel) -> ShapeGains:
@@ -183,11 +184,13 @@ def _description(model: ModalModel) -> dict[str, Any]:
         "inertia": _numbers(model.inertia),
         "geometry": None if model.geometry is None else "surface",
         "supported": model.supported,
+        "tensioned": model.tensioned,
         "up": gains.surface.up,
         "gains": {
             "kind": "ShapeGains",
             "centre": _numbers(gains.centre),
             "radiation": _radiation_name(gains.radiation),
+            "formula": formula_to_json(gains.formula)[0],
         },
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
@@ -255,6 +258,7 @@ def _model(text: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> Moda
         inertia=_array(text["inertia"], (3, 3)),
         geometry=surface if text["geometry"] == "surface" else None,
         supported=bool(text["supported"]),
+        tensioned=bool(text.get("tensioned", False)),
         complete_to=float(text["complete_to"]),
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
@@ -275,6 +279,7 @@ def _gains(
         outputs=np.ascontiguousarray(tensors["outputs"]).view(np.complex128)[:, 0],
         centre=_vector(text["centre"]),
         radiation=by_name(text["radiation"]),
+        formula=formula_from_json(text.get("formula"), tensors),
     )
 
 

@@ -40,7 +40,7 @@ def to_bytes(value: object, kinds: tuple[type, ...]) -> bytes:
         When it holds anything else.
     """
     arrays: Arrays = {}
-    text = json.dumps(_plain(value, kinds, arrays), separators=(",", ":"))
+    text = json.dumps(to_plain(value, kinds, arrays), separators=(",", ":"))
     return pack(arrays, {"format": _FORMAT, "version": str(VERSION), "json": text})
 
 
@@ -56,12 +56,15 @@ def from_bytes(data: bytes, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401  as
     """
     metadata, arrays = unpack(data, kind=_FORMAT, newest=VERSION)
     try:
-        return _value(json.loads(metadata["json"]), {kind.__name__: kind for kind in kinds}, arrays)
+        return from_plain(
+            json.loads(metadata["json"]), {kind.__name__: kind for kind in kinds}, arrays
+        )
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FileFormatError(f"it holds what is not expected: {error!r}") from error
 
 
-def _plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+def to_plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+    """Return a value as JSON holds it, and put its arrays into `arrays`; see `to_bytes`."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):
@@ -69,13 +72,13 @@ def _plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # no
     if isinstance(value, np.ndarray):
         return {"array": _put(value, arrays)}
     if isinstance(value, tuple | list):
-        return {type(value).__name__: [_plain(each, kinds, arrays) for each in value]}
+        return {type(value).__name__: [to_plain(each, kinds, arrays) for each in value]}
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
         pairs = value.items()
-        return {"mapping": [[name, _plain(each, kinds, arrays)] for name, each in pairs]}
+        return {"mapping": [[name, to_plain(each, kinds, arrays)] for name, each in pairs]}
     if type(value) in kinds and is_dataclass(value):
         given = [field.name for field in fields(value) if field.init]
-        content = {name: _plain(getattr(value, name), kinds, arrays) for name in given}
+        content = {name: to_plain(getattr(value, name), kinds, arrays) for name in given}
         return {type(value).__name__: content}
     raise FileFormatError(f"{type(value).__name__} cannot be kept as bytes")
 
@@ -99,7 +102,8 @@ def _is_index(array: NDArray[np.int64]) -> bool:
     return bool(array.min() >= 0 and array.max() <= _LARGEST)
 
 
-def _value(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+    """Return the value that `to_plain` took; `kinds` by name."""
     if not isinstance(plain, dict):
         return plain
     ((tag, content),) = plain.items()
@@ -107,11 +111,11 @@ def _value(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noq
         name, own = content
         return _taken(arrays[name], own)
     if tag in {"tuple", "list"}:
-        each = [_value(part, kinds, arrays) for part in content]
+        each = [from_plain(part, kinds, arrays) for part in content]
         return tuple(each) if tag == "tuple" else each
     if tag == "mapping":
-        return {name: _value(part, kinds, arrays) for name, part in content}
-    made = {name: _value(part, kinds, arrays) for name, part in content.items()}
+        return {name: from_plain(part, kinds, arrays) for name, part in content}
+    made = {name: from_plain(part, kinds, arrays) for name, part in content.items()}
     return kinds[tag](**made)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from struck.errors import OptionError
 from struck.gains import Radiation
-from struck.radiation.far_field import ObrienCoupling, RadiatedPower
+from struck.radiation.far_field import Heuristic1998, ObrienCoupling, RadiatedPower
 
-__all__ = ["ObrienCoupling", "RadiatedPower", "by_name"]
+__all__ = ["Heuristic1998", "ObrienCoupling", "RadiatedPower", "by_name"]
 
 
 def by_name(name: str) -> Radiation:
@@ -15,7 +15,8 @@ def by_name(name: str) -> Radiation:
     Parameters
     ----------
     name : str
-        ``"power"`` (calibrated, the default of struck) or ``"obrien2002"`` (relative).
+        ``"power"`` (calibrated, the default of struck), ``"obrien2002"`` or ``"heuristic1998"``
+        (both relative).
 
     Returns
     -------
@@ -27,7 +28,7 @@ def by_name(name: str) -> Radiation:
         When no estimate has that name.
     """
     estimates: dict[str, Radiation] = {
-        estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling())
+        estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
     }
     if name not in estimates:
         offer = " or ".join(repr(known) for known in estimates)

@@ -1,4 +1,4 @@
-"""Far-field estimates: one real coefficient a mode, the same in all directions."""
+"""Far-field estimates: one coefficient a mode, the same in all directions."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from struck.air import AIR, Air
 from struck.errors import OptionError
+from struck.gains import quarter_turns
 from struck.mesh import Mesh
 from struck.radiation.skin import Skin, normal_velocities
 
@@ -29,7 +30,7 @@ class ObrienCoupling:
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
-    ) -> Array:
+    ) -> NDArray[np.complex128]:
         """Return f times the integral of |normal displacement| for unit modal velocity.
 
         Parameters
@@ -45,8 +46,8 @@ class ObrienCoupling:
 
         Returns
         -------
-        array (M,)
-            Relative.
+        array (M,), complex
+            Relative; of modes that share a frequency see `quarter_turns`.
 
         Raises
         ------
@@ -57,7 +58,7 @@ class ObrienCoupling:
         _require_modes(surface, shapes, frequencies)
         displacements = 1 / (2 * np.pi * frequencies)  # of a mode that moves at unit velocity
         amounts = surface.areas @ np.abs(normal_velocities(surface, shapes))
-        return frequencies * displacements * amounts
+        return frequencies * displacements * amounts * quarter_turns(frequencies)
 
 
 class RadiatedPower:
@@ -83,7 +84,7 @@ class RadiatedPower:
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
-    ) -> Array:
+    ) -> NDArray[np.complex128]:
         """Return the pressure amplitude at 1 m, root mean square over directions.
 
         Parameters
@@ -99,8 +100,8 @@ class RadiatedPower:
 
         Returns
         -------
-        array (M,)
-            Pa for a modal velocity of 1 kg^1/2 m/s.
+        array (M,), complex
+            Pa for a modal velocity of 1 kg^1/2 m/s; see `quarter_turns`.
 
         Raises
         ------
@@ -120,7 +121,43 @@ class RadiatedPower:
             some = slice(first, first + _AT_ONCE)
             velocities = normal_velocities(surface, shapes[:, :, some])[skin.faces]
             squares[some] = radiator.mean_squares(velocities, wave_numbers[some])
-        return self.air.impedance * np.sqrt(squares)
+        return self.air.impedance * np.sqrt(squares) * quarter_turns(frequencies)
+
+
+class Heuristic1998:
+    """Van den Doel & Pai 1998, section 3: what is heard of a mode goes with its displacement.
+
+    "We will identify the coefficients a_n^S with the vibration amplitudes a_n, scaled with the
+    inverse of the distance" (eq. 10 and 11). No interference, no air: relative.
+    """
+
+    name: str = "heuristic1998"
+    calibrated: bool = False
+    references: tuple[str, ...] = ("doel1998",)
+
+    def coefficients(
+        self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
+    ) -> NDArray[np.complex128]:
+        """Return displacements for unit modal velocity, 1 / (2 pi f).
+
+        Parameters
+        ----------
+        surface, shapes, frequencies, centre
+            As for the other estimates; only the frequencies (M,), Hz, count.
+
+        Returns
+        -------
+        array (M,), complex
+            s.
+
+        Raises
+        ------
+        OptionError
+            When the arrays do not belong together or a frequency is not positive.
+        """
+        del centre
+        _require_modes(surface, shapes, frequencies)
+        return 1 / (2 * np.pi * np.asarray(frequencies, np.complex128))
 
 
 def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Array) -> None:

@@ -58,17 +58,27 @@ _TUBE_AROUND = (12, 16, 24)
 _TUBE_ALONG = (15, 48, 96)  # of a tube 40 radii long
 _TUBE_THROUGH = (2, 3, 4)  # of a tube whose wall fills it almost
 _ROD = ((8, 1), (12, 1), (16, 2))  # around, and between core and side
+_FLAT = 0.1  # radii: a thinner disk bends as a plate
+_DISK = ((24, 6), (32, 8), (48, 12))  # around, and between core and side, in one layer
 
 
 def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
     """Return elements around, along and through a tube."""
     if wall == radius:
-        return solid_counts(length, radius, accuracy)
+        return disk_counts(length, radius, accuracy)
     if length < _SLENDER * radius:
         return shell_counts(length, radius, wall, accuracy)
     step = level(accuracy)
     along = round(_TUBE_ALONG[step] * max(1.0, math.sqrt(length / radius / 40)))
     return _TUBE_AROUND[step], along, math.ceil(_TUBE_THROUGH[step] * wall / radius)
+
+
+def disk_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
+    """Return elements around, along, and between core and side of a rod or disk."""
+    if length > _FLAT * radius:
+        return solid_counts(length, radius, accuracy)
+    around, rings = _DISK[level(accuracy)]
+    return around, 1, rings
 
 
 def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:

@@ -1,132 +1,20 @@
-"""The demo: a gallery of bodies, computed, struck, drawn and put on one page."""
+"""Bodies of the gallery that finite elements compute."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-
-from struck.analysis import Solid, analyze
-from struck.atomic import write_bytes
-from struck.bird import bird, written
-from struck.errors import FileFormatError
+from struck.bird import bird
+from struck.demo.piece import Piece
 from struck.excitation.hold import Hold
 from struck.excitation.roll import Roll
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
-from struck.files import model_file
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.pictures import overview, spectrogram
-from struck.pictures import save as save_picture
-from struck.progress import Progress, silent
-from struck.rendering import Action, render
-from struck.report import Exhibit, page
 from struck.solids import Block, Tube
 from struck.solids.profiles import bell, bowl, wine_glass
-from struck.sound import Sound
 
-_INTRODUCTION = (
+INTRODUCTION = (
     "Each body below is a shape and a material, nothing else: its modes of vibration were "
     "computed by finite elements, and the sounds are those modes under a touch."
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
-    """One body of the gallery.
-
-    Parameters
-    ----------
-    name, title, text : str
-    body : callable
-        Makes the body.
-    material : str
-    sounds : sequence of (caption, what happens)
-    wall : float or None
-        m, of a hollow mesh.
-    damping : str
-    spectrograms : bool
-        Whether each sound gets a picture of its own.
-    """
-
-    name: str
-    title: str
-    text: str
-    body: Callable[[], Solid | Mesh]
-    material: str
-    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]
-    wall: float | None = None
-    damping: str = "own"
-    spectrograms: bool = False
-
-
-def gallery(folder: Path, progress: Progress = silent) -> Path:
-    """Compute the gallery: models, sounds, pictures and the page that plays them.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing.
-    progress : callable
-        Told the stage and the fraction of it that is done.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
-    exhibits = [_exhibit(piece, folder, progress) for piece in PIECES]
-    target = folder / "index.html"
-    write_bytes(target, page("struck: a gallery", _INTRODUCTION, exhibits).encode())
-    return target
-
-
-def _exhibit(piece: Piece, folder: Path, progress: Progress) -> Exhibit:
-    def staged(stage: str, fraction: float) -> None:
-        progress(f"{piece.title}: {stage}", fraction)
-
-    body = piece.body()
-    source = written(body, folder / f"{piece.name}.obj") if isinstance(body, Mesh) else body
-    model = analyze(
-        source,
-        piece.material,
-        up="z" if isinstance(body, Mesh) else None,
-        wall=piece.wall,
-        damping=piece.damping,
-        progress=staged,
-    )
-    model_file.save(model, folder / f"{piece.name}.struck")
-    staged("sounds", 0.0)
-    sounds = list(_sounds(piece, model, folder))
-    staged("picture", 0.0)
-    picture = overview(model, sounds[0][1], title=piece.title)
-    save_picture(picture, folder / f"{piece.name}.png")
-    return Exhibit(
-        title=piece.title,
-        text=piece.text,
-        model=model,
-        sounds=sounds,
-        picture=picture,
-        spectrograms=[spectrogram(sound) for _, sound in sounds] if piece.spectrograms else (),
-    )
-
-
-def _sounds(piece: Piece, model: ModalModel, folder: Path) -> Iterator[tuple[str, Sound]]:
-    for number, (caption, actions) in enumerate(piece.sounds, start=1):
-        sound = render(model, actions, seconds=3.0)
-        sound.save(folder / f"{piece.name}_{number}.wav", encoding="int24")
-        yield caption, sound
-
 
 _FROM, _TO = (-0.1, -0.06, 0.0015), (0.11, 0.05, 0.0015)
 

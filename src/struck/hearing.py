@@ -1,0 +1,206 @@
+"""Hearing: bands of the ear, thresholds, equal loudness, spread of excitation and masking.
+
+Arrays in, arrays out. Levels are dB re 20 micropascal; intensities are mean-square pressures over
+the square of that, so that a level is 10 log10 of an intensity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.errors import OptionError
+
+Array = NDArray[np.float64]
+
+REFERENCE_PRESSURE = 2e-5
+"""0 dB of sound pressure level, Pa."""
+INTEGRATION = 0.2
+"""For how long the ear adds up energy, s (Fastl & Zwicker 2007, section 4.4)."""
+JUST_NOTICED = 10**0.1 - 1
+"""The share by which an excitation must grow to be heard growing: 1 dB (Fastl & Zwicker 2007)."""
+
+THRESHOLDS = ("terhardt1979", "iso226")
+
+# ISO 226:2003, table 1: frequency (Hz), exponent of loudness, its level of transfer (dB, relative
+# to 1 kHz) and the threshold of hearing (dB).
+_ISO_226 = np.array(
+    [
+        (20, 0.532, -31.6, 78.5),
+        (25, 0.506, -27.2, 68.7),
+        (31.5, 0.480, -23.0, 59.5),
+        (40, 0.455, -19.1, 51.1),
+        (50, 0.432, -15.9, 44.0),
+        (63, 0.409, -13.0, 37.5),
+        (80, 0.387, -10.3, 31.5),
+        (100, 0.367, -8.1, 26.5),
+        (125, 0.349, -6.2, 22.1),
+        (160, 0.330, -4.5, 17.9),
+        (200, 0.315, -3.1, 14.4),
+        (250, 0.301, -2.0, 11.4),
+        (315, 0.288, -1.1, 8.6),
+        (400, 0.276, -0.4, 6.2),
+        (500, 0.267, 0.0, 4.4),
+        (630, 0.259, 0.3, 3.0),
+        (800, 0.253, 0.5, 2.2),
+        (1000, 0.250, 0.0, 2.4),
+        (1250, 0.246, -2.7, 3.5),
+        (1600, 0.244, -4.1, 1.7),
+        (2000, 0.243, -1.0, -1.3),
+        (2500, 0.243, 1.7, -4.2),
+        (3150, 0.243, 2.5, -6.0),
+        (4000, 0.242, 1.2, -5.4),
+        (5000, 0.242, -2.1, -1.5),
+        (6300, 0.245, -7.1, 6.0),
+        (8000, 0.254, -11.2, 12.6),
+        (10000, 0.271, -10.7, 13.9),
+        (12500, 0.301, -3.1, 12.3),
+    ]
+)
+
+
+def decibels(intensities: ArrayLike) -> Array:
+    """Return levels of intensities, dB; those of silence are -3000."""
+    return 10 * np.log10(np.maximum(np.asarray(intensities, float), 1e-300))
+
+
+def erb(frequencies: ArrayLike) -> Array:
+    """Return the equivalent rectangular bandwidth of the ear's filters, Hz.
+
+    Glasberg & Moore 1990, eq. 3: 24.7 (4.37 f + 1) with f in kHz.
+    """
+    return 24.7 * (4.37e-3 * np.asarray(frequencies, float) + 1)
+
+
+def erb_number(frequencies: ArrayLike) -> Array:
+    """Return how many of these bandwidths lie below frequencies (Glasberg & Moore 1990, eq. 4)."""
+    return 21.4 * np.log10(4.37e-3 * np.asarray(frequencies, float) + 1)
+
+
+def frequency_of(numbers: ArrayLike) -> Array:
+    """Return the frequencies of ERB numbers, Hz: the inverse of `erb_number`."""
+    return (10 ** (np.asarray(numbers, float) / 21.4) - 1) / 4.37e-3
+
+
+def bark(frequencies: ArrayLike) -> Array:
+    """Return critical-band rates (Zwicker & Terhardt 1980, eq. 1)."""
+    kilohertz = np.asarray(frequencies, float) / 1000
+    return 13 * np.arctan(0.76 * kilohertz) + 3.5 * np.arctan(np.square(kilohertz / 7.5))
+
+
+def threshold_in_quiet(frequencies: ArrayLike, formula: str = "terhardt1979") -> Array:
+    """Return the level of the softest audible tones, dB.
+
+    Parameters
+    ----------
+    frequencies : array-like
+        Hz.
+    formula : str
+        "terhardt1979" (his eq. 1, for all frequencies), or "iso226": the table of ISO 226:2003,
+        straight between its rows over the logarithm of frequency; beyond 20 Hz and 12.5 kHz it
+        goes on in parallel to the formula.
+
+    Raises
+    ------
+    OptionError
+        On an unknown formula or a frequency that does not exceed 0.
+    """
+    tones = _positive(frequencies)
+    if formula == "terhardt1979":
+        return _terhardt(tones)
+    if formula == "iso226":
+        return _between_rows(tones, _ISO_226[:, 3])
+    raise OptionError(f"threshold is {formula!r}: give one of {', '.join(THRESHOLDS)}")
+
+
+def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
+    """Return the levels of tones that sound as loud as one of `phon` dB at 1 kHz, dB.
+
+    ISO 226:2003, eq. 1 at the frequencies of its table; between and beyond as in
+    `threshold_in_quiet`.
+
+    Raises
+    ------
+    OptionError
+        When `phon` is outside 20 to 80, for which the standard holds, or a frequency does not
+        exceed 0.
+    """
+    if not 20 <= phon <= 80:
+        raise OptionError(f"phon is {phon}: ISO 226 holds for 20 to 80")
+    tones = _positive(frequencies)
+    _, exponents, transfers, thresholds = _ISO_226.T
+    loudness = 4.47e-3 * (10 ** (0.025 * phon) - 1.15)
+    loudness = loudness + (0.4 * 10 ** ((thresholds + transfers) / 10 - 9)) ** exponents
+    return _between_rows(tones, 10 / exponents * np.log10(loudness) - transfers + 94)
+
+
+def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
+    """Return the weight S(f) of 1998, section 5: 1 where the ear is best, toward 0 elsewhere.
+
+    The pressure of the softest among the tones of one loudness, as a share of the tone's own.
+    """
+    contour = equal_loudness(frequencies, phon)
+    best = equal_loudness(_ISO_226[:, 0], phon).min()
+    return np.minimum(10 ** ((best - contour) / 20), 1.0)
+
+
+def integrated(decays: ArrayLike) -> Array:
+    """Return the mean of exp(-2 d t) over the ear's integration time: what a decay leaves."""
+    exponents = 2 * np.asarray(decays, float) * INTEGRATION
+    return np.where(exponents > 1e-9, -np.expm1(-exponents) / np.maximum(exponents, 1e-9), 1.0)
+
+
+def spreading(frequencies: ArrayLike, centres: ArrayLike) -> Array:
+    """Return how much of the intensity of tones (M,) passes the ear's filters (B, M).
+
+    Rounded exponentials, (1 + p g) exp(-p g) with g = |f - centre| / centre and p = 4 centre / ERB:
+    Patterson et al. 1982; Glasberg & Moore 1990, at moderate levels, where they are symmetric.
+    """
+    middles = _positive(centres)[:, None]
+    steps = 4 * np.abs(_positive(frequencies)[None] - middles) / erb(middles)
+    return (1 + steps) * np.exp(-steps)
+
+
+def masked_thresholds(frequencies: ArrayLike, intensities: ArrayLike) -> Array:
+    """Return the intensity that each of several tones needs to be heard among the others.
+
+    Its excitation must exceed the threshold in quiet by a just noticeable share of the excitation
+    of all others, at the filter on its own frequency.
+
+    Parameters
+    ----------
+    frequencies : array-like (M,)
+        Hz.
+    intensities : array-like (..., M)
+        Over that of 20 micropascal.
+
+    Returns
+    -------
+    array (..., M)
+        Over that of 20 micropascal.
+    """
+    others = spreading(frequencies, frequencies)
+    np.fill_diagonal(others, 0.0)
+    quiet = 10 ** (threshold_in_quiet(frequencies) / 10)
+    return quiet + JUST_NOTICED * (np.asarray(intensities, float) @ others.T)
+
+
+def _positive(frequencies: ArrayLike) -> Array:
+    tones = np.asarray(frequencies, float)
+    if not np.all(tones > 0):
+        raise OptionError(f"the lowest frequency is {np.min(tones)} Hz: tones must exceed 0 Hz")
+    return tones
+
+
+def _terhardt(frequencies: Array) -> Array:
+    kilohertz = frequencies / 1000
+    dip = 6.5 * np.exp(-0.6 * np.square(kilohertz - 3.3))
+    return 3.64 * kilohertz**-0.8 - dip + 1e-3 * kilohertz**4
+
+
+def _between_rows(frequencies: Array, levels: Array) -> Array:
+    """Return levels at any frequencies, of levels in the rows of ISO 226."""
+    rows = _ISO_226[:, 0]
+    within = np.clip(frequencies, rows[0], rows[-1])
+    beyond = _terhardt(frequencies) - _terhardt(within)
+    return np.interp(np.log(within), np.log(rows), levels) + beyond

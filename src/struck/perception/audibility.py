@@ -1,0 +1,208 @@
+"""Which modes are heard, by the threshold in quiet and by masking, and a model of those alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.contact import Place
+from struck.errors import OptionError
+from struck.gains import Gains, ShapeGains
+from struck.hearing import JUST_NOTICED, spreading, threshold_in_quiet
+from struck.model import ModalModel
+from struck.perception.heard import Heard, contacts_over, surface_of
+from struck.perception.sonic_distance import filter_centres
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Spread over the surface where nobody says which contacts count.
+_CONTACTS = 256
+# Filters a quarter of their bandwidth apart see what a mode adds between two others.
+_FINE = 0.25
+# How much a change of a kept mode counts against what it mends: without it, modes that share a
+# filter at all contacts would trade their energies at will.
+_STAYING = 0.05
+_REFERENCES = ("glasberg1990", "terhardt1979", "fastl2007")
+
+
+def audible_modes(
+    model: ModalModel,
+    contacts: Sequence[Place] | None = None,
+    *,
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+) -> NDArray[np.bool_]:
+    """Return which modes are heard, for each contact and listener by itself.
+
+    Modes are left out, those that add least first, as long as behind no filter of the ear all
+    those left out together exceed the threshold that the others leave: the threshold in quiet and
+    a just noticeable share (1 dB) of the others' excitation.
+
+    Parameters
+    ----------
+    model : ModalModel
+        With a surface.
+    contacts : sequence of places, optional
+        As for `ModalModel.contact`; 256 spread over the surface unless given.
+    listener : array-like (3,) or (L, 3), optional
+        m; beside the model unless given.
+    level : float, optional
+        Of the loudest contact, dB re 20 micropascal; 85 unless given.
+
+    Returns
+    -------
+    array (K, L, M) of bool
+
+    Raises
+    ------
+    ContactError
+        On a place off the body, or a listener inside it.
+    OptionError
+        On a level that is not finite, or no contacts.
+    """
+    intensities = _intensities(model, contacts, Heard.at(model, listener, level))
+    cases = intensities.reshape(-1, 1, intensities.shape[2])
+    heard = [~_left_out(model.frequencies, case) for case in cases]
+    return np.stack(heard).reshape(intensities.shape)
+
+
+def audible(
+    model: ModalModel,
+    contacts: Sequence[Place] | None = None,
+    *,
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+) -> ModalModel:
+    """Return a model of the modes that are heard anywhere, their gains solved for anew.
+
+    A mode is left out when nobody misses it at any contact and listener, in the sense of
+    `audible_modes`. What is left out sounds, together, though each mode of it does not; so each
+    mode that stays gets a factor, the same for all contacts, such that what passes the ear's
+    filters at all contacts comes nearest to what did, in relative least squares with a weak pull
+    toward 1. (The nearest waveform would leave the gains as they are: modes of different
+    frequencies are orthogonal.)
+
+    Parameters
+    ----------
+    model, contacts, listener, level
+        As for `audible_modes`.
+
+    Returns
+    -------
+    ModalModel
+        Its provenance counts what was left out.
+
+    Raises
+    ------
+    ContactError
+        On a place off the body, or a listener inside it.
+    OptionError
+        On a level that is not finite or at which no mode is heard, no contacts, or gains without
+        mode shapes.
+    """
+    hearing = Heard.at(model, listener, level)
+    intensities = _intensities(model, contacts, hearing)
+    cases = intensities.reshape(-1, intensities.shape[2])
+    kept = np.flatnonzero(~_left_out(model.frequencies, cases))
+    if len(kept) == len(model.frequencies):
+        return model
+    if not len(kept):
+        raise OptionError(
+            f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is heard"
+        )
+    factors = _solved(model.frequencies, cases, kept)
+    return _of_modes(model, kept, factors, hearing.level)
+
+
+def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: Heard) -> Array:
+    """Return what each mode brings, over the intensity of 20 micropascal (K, L, M)."""
+    if contacts is None:
+        return hearing.intensities(*contacts_over(surface_of(model), _CONTACTS))
+    if isinstance(contacts, str) or not len(contacts):
+        raise OptionError(f"contacts are {contacts!r}: give a list of at least one place")
+    found = [model.contact(place) for place in contacts]
+    points, directions = ([each.point for each in found], [each.direction for each in found])
+    return hearing.intensities(np.stack(points), np.stack(directions))
+
+
+def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
+    """Return which modes nobody misses in any of several cases (C, M)."""
+    centres = filter_centres(_FINE)
+    passing = spreading(frequencies, centres)
+    quiet = 10 ** (threshold_in_quiet(centres) / 10)
+    room = (quiet + JUST_NOTICED * (intensities @ passing.T)) / (1 + JUST_NOTICED)
+    prominence = [
+        (case[:, None] * share / room).max()
+        for case, share in zip(intensities.T, passing.T, strict=True)
+    ]
+    out = np.zeros(len(frequencies), np.bool_)
+    for mode in np.argsort(prominence, kind="stable"):
+        less = room - intensities[:, mode, None] * passing[:, mode]
+        if less.min() >= 0:
+            room, out[mode] = less, True
+    return out
+
+
+def _solved(frequencies: Array, intensities: Array, kept: Index) -> Array:
+    """Return factors for the intensities of the modes that stay."""
+    from scipy.optimize import nnls
+
+    centres = filter_centres()
+    passing = spreading(frequencies, centres)
+    quiet = 10 ** (threshold_in_quiet(centres) / 10)
+    matrix, aim = np.zeros((len(kept), len(kept))), np.zeros(len(kept))
+    for case in intensities:
+        excitation = passing @ case
+        shares = passing[:, kept] * case[kept] / (excitation + quiet)[:, None]
+        matrix += shares.T @ shares
+        aim += (excitation / (excitation + quiet)) @ shares
+    pull = _STAYING * np.trace(matrix) / len(kept)
+    root = np.linalg.cholesky(matrix + pull * np.eye(len(kept)))
+    factors, _ = nnls(root.T, np.linalg.solve(root, aim + pull))
+    return factors
+
+
+def _of_modes(model: ModalModel, kept: Index, factors: Array, level: float) -> ModalModel:
+    lost = np.setdiff1d(np.arange(len(model.frequencies)), kept)
+    loss = (
+        f"{len(lost)} of {len(model.frequencies)} modes are not heard when the loudest contact "
+        f"reaches {level:g} dB"
+    )
+    slopes, errors = model.poisson_slopes, model.errors
+    return replace(
+        model,
+        frequencies=model.frequencies[kept],
+        natural_frequencies=model.natural_frequencies[kept],
+        decays=model.decays[kept],
+        gains=_weighted(model.gains, kept, factors),
+        poisson_slopes=None if slopes is None else slopes[kept],
+        errors=None if errors is None else errors[kept],
+        complete_to=min(model.complete_to, float(model.natural_frequencies[lost].min())),
+        provenance=model.provenance.extended(
+            references=_REFERENCES,
+            dropped=(loss,),
+            audible_level=level,
+        ),
+    )
+
+
+def _weighted(gains: Gains, kept: Index, factors: Array) -> ShapeGains:
+    """Return the gains of some modes, their squares times `factors`.
+
+    Half of it goes to the contact side and half to the listener's: as for a mode of less mass,
+    whose shape, and what it radiates, grow alike.
+    """
+    if not isinstance(gains, ShapeGains):
+        raise OptionError("this model has no mode shapes: leave modes out where it was made")
+    half = factors**0.25
+    formula = gains.formula
+    return replace(
+        gains,
+        shapes=(gains.shapes[:, :, kept] * half).astype(np.float32),
+        outputs=gains.outputs[kept] * half,
+        formula=None if formula is None else formula.chosen(kept).signed(half),
+    )

@@ -1,0 +1,1 @@
+"""Recordings of real objects: taken, judged, fitted, and made into timbre fields."""

@@ -1,0 +1,175 @@
+"""Rectangular membranes (1998, section 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.material import Material
+from struck.mesh import Mesh
+from struck.shapes.plans import INSET, places_on, require_countable, require_tension
+from struck.shapes.shape import Shape, Vibration
+from struck.shapes.skins import rectangle, slab
+from struck.solids.resolution import require_length
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SineForms:
+    """Forms of a rectangle that is held all around: 2 sin(i pi x / length) sin(j pi y / width).
+
+    Parameters
+    ----------
+    length, width : float
+        m.
+    along, across : array (M,)
+        Half waves i and j.
+    """
+
+    length: float
+    width: float
+    along: Index
+    across: Index
+
+    @property
+    def dimensions(self) -> int:
+        """Coordinates of a place: x and y."""
+        return 2
+
+    def values(self, places: Array) -> Array:
+        """Return the forms at places (K, 2), m: (K, M). Beyond an edge: as on it."""
+        x, y = np.asarray(places, dtype=np.float64)[:, :2].T
+        first = _sines(x / self.length, self.along)
+        return 2 * first * _sines(y / self.width, self.across)
+
+    def chosen(self, modes: Index) -> Self:
+        """Return the forms of some modes, in that order."""
+        return replace(self, along=self.along[modes], across=self.across[modes])
+
+
+def _sines(shares: Array, half_waves: Index) -> Array:
+    """Return sin(n pi x) for each place and mode (K, M), computed once for each n."""
+    numbers, back = np.unique(half_waves, return_inverse=True)
+    return np.sin(np.pi * np.clip(shares, 0, 1)[:, None] * numbers)[:, back]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RectangularMembrane(Shape):
+    """A taut rectangle, held at its edges x = 0, x = length, y = 0 and y = width.
+
+    Parameters
+    ----------
+    length, width, thickness : float
+        m.
+    tension : float
+        N/m, the same in all directions.
+
+    Raises
+    ------
+    OptionError
+        On lengths or a tension that are not positive.
+
+    Notes
+    -----
+    f_ij = c / 2 [(i / length)^2 + (j / width)^2]^(1/2) with c^2 = tension / (density thickness)
+    (1998, section 2; Morse 1948, section 18).
+
+    Examples
+    --------
+    >>> drum = RectangularMembrane(length=0.3, width=0.3, thickness=0.0005, tension=2000.0)
+    >>> skin = Material(density=1300.0, youngs_modulus=3.5e9, poisson_ratio=0.4)
+    >>> drum.vibration(skin, 300.0).frequencies.round(2)
+    array([130.74, 206.72, 206.72, 261.49, 292.35, 292.35])
+    """
+
+    length: float
+    width: float
+    thickness: float
+    tension: float
+
+    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+
+    def __post_init__(self) -> None:
+        for name in ("length", "width", "thickness"):
+            require_length(f"{name} of the membrane", getattr(self, name))
+        require_tension("membrane", self.tension)
+
+    @property
+    def supported(self) -> bool:
+        """True: its edges are held."""
+        return True
+
+    @property
+    def tensioned(self) -> bool:
+        """True: tension drives it back."""
+        return True
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return self.length * self.width * self.thickness
+
+    @property
+    def extent(self) -> float:
+        """Longest edge, m."""
+        return max(self.length, self.width)
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the top.
+
+        "middle" (also "top"), "quarter" of both lengths, "edge" 1 % off x = length, "corner" 1 %
+        off both far edges.
+        """
+        shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
+        shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
+        plan = {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
+        return places_on(plan, self.thickness)
+
+    def vibration(self, material: Material, highest: float) -> Vibration:
+        """Return every mode up to `highest` Hz.
+
+        Raises
+        ------
+        OptionError
+            When they are more than 100,000.
+        """
+        speed = math.sqrt(self.tension / (material.density * self.thickness))
+        area, wavenumber = self.length * self.width, 2 * math.pi * highest / speed
+        require_countable("membrane", area, wavenumber, highest)
+        along, across, frequencies = self._grid(speed, highest)
+        return Vibration(
+            frequencies=frequencies,
+            forms=SineForms(length=self.length, width=self.width, along=along, across=across),
+            poisson_slopes=np.zeros(len(frequencies)),
+            errors=np.full(len(frequencies), _ROUNDING),
+            half_wave=self._half_wave(along, across),
+            method="rectangular membrane: products of sines",
+            references=("morse1948",),
+            details={"speed of waves": speed},
+        )
+
+    def skin(self, spacing: float) -> Mesh:
+        """Return its closed surface with vertices about `spacing` m apart over the plan."""
+        return slab(*rectangle(self.length, self.width, spacing), self.thickness)
+
+    def _grid(self, speed: float, highest: float) -> tuple[Index, Index, Array]:
+        """Return half waves along and across and frequencies, ascending, up to `highest`."""
+        most = [int(2 * side * highest / speed) for side in (self.length, self.width)]
+        i, j = np.meshgrid(*(np.arange(1, n + 1) for n in most), indexing="ij")
+        frequencies = speed / 2 * np.sqrt((i / self.length) ** 2 + (j / self.width) ** 2)
+        order = np.lexsort((j.ravel(), i.ravel(), frequencies.ravel()))
+        order = order[frequencies.ravel()[order] <= highest]
+        return i.ravel()[order], j.ravel()[order], frequencies.ravel()[order]
+
+    def _half_wave(self, along: Index, across: Index) -> float:
+        return float(min(self.length / along.max(initial=1), self.width / across.max(initial=1)))

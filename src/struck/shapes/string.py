@@ -1,0 +1,167 @@
+"""Strings: taut, and as stiff as they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import OptionError
+from struck.material import Material
+from struck.mesh import Mesh
+from struck.shapes.lengths import places_along
+from struck.shapes.shape import Shape, Vibration
+from struck.shapes.sleeves import sleeve
+from struck.solids.resolution import require_length
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_AROUND = 12
+_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StringForms:
+    """Deflections of a string: sqrt(2) sin(n pi x / length).
+
+    Parameters
+    ----------
+    length : float
+        m.
+    numbers : array (M,)
+        Half waves n of each mode.
+    """
+
+    length: float
+    numbers: Index
+
+    @property
+    def dimensions(self) -> int:
+        """One: x."""
+        return 1
+
+    def values(self, places: Array) -> Array:
+        """Return the deflections at x in m (K, 1): (K, M)."""
+        x = np.clip(np.asarray(places)[:, :1] / self.length, 0.0, 1.0)
+        return math.sqrt(2) * np.sin(np.pi * x * self.numbers)
+
+    def chosen(self, modes: Index) -> Self:
+        """Return the deflections of some modes, in that order."""
+        return replace(self, numbers=self.numbers[modes])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class String(Shape):
+    """A round string along x, held at both ends, that moves along z.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    radius : float
+        m.
+    tension : float
+        N.
+    stiff : bool
+        Whether it resists bending; its ends are hinged then.
+
+    Raises
+    ------
+    OptionError
+        On lengths or a tension that are not positive.
+
+    Notes
+    -----
+    f_n = n f_1 sqrt(1 + B n^2) with f_1 = sqrt(tension / (rho A)) / (2 length) and
+    B = pi^2 E I / (tension length^2); B = 0 without stiffness, and the spectrum is harmonic (1998,
+    section 6; Morse 1948, chapters III and IV; Fletcher 1964). The theory of Euler and Bernoulli
+    for the bending.
+
+    Examples
+    --------
+    >>> string = String(length=0.65, radius=0.0005, tension=70.0)
+    >>> steel = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)
+    >>> string.vibration(steel, 300.0).frequencies.round(2)
+    array([ 81.96, 163.93, 245.89])
+    """
+
+    length: float
+    radius: float
+    tension: float
+    stiff: bool = False
+
+    coordinates: ClassVar[tuple[str, ...]] = ("x (m)",)
+
+    def __post_init__(self) -> None:
+        require_length("length of the string", self.length)
+        require_length("radius of the string", self.radius)
+        if not (math.isfinite(self.tension) and self.tension > 0):
+            raise OptionError(f"tension of the string is {self.tension} N: it must exceed 0")
+
+    @property
+    def supported(self) -> bool:
+        """True: its ends are held."""
+        return True
+
+    @property
+    def tensioned(self) -> bool:
+        """True: tension drives it back, and where it is stiff, stiffness too."""
+        return True
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return math.pi * self.radius**2 * self.length
+
+    @property
+    def extent(self) -> float:
+        """Length, m."""
+        return self.length
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the top: "middle" (also "top"), "quarter", "end" 1 % off x = length."""
+        return places_along(self.length, 2 * self.radius)
+
+    def vibration(self, material: Material, highest: float) -> Vibration:
+        """Return every mode up to `highest` Hz."""
+        lowest = self._lowest(material)
+        inharmonicity = self._inharmonicity(material)
+        # Stiffness only raises frequencies: no more modes than harmonics lie below.
+        numbers = np.arange(1, int(highest / lowest) + 1)
+        frequencies = lowest * np.sqrt(1 + inharmonicity * numbers**2.0) * numbers
+        within = frequencies <= highest
+        count = np.count_nonzero(within)
+        return Vibration(
+            frequencies=frequencies[within],
+            forms=StringForms(length=self.length, numbers=numbers[within]),
+            # Slopes cannot tell what stiffness and tension each do: then another wire is refused.
+            poisson_slopes=np.full(count, np.nan if self.stiff else 0.0),
+            errors=np.full(count, _ROUNDING),
+            half_wave=self.length / max(count, 1),
+            method=f"{'stiff' if self.stiff else 'ideal'} string",
+            references=("morse1948", *(("fletcher1964",) if self.stiff else ())),
+            details={"inharmonicity": inharmonicity},
+        )
+
+    def skin(self, spacing: float) -> Mesh:
+        """Return its closed surface with vertices about `spacing` m apart along x."""
+        return sleeve(self.length, self.radius, 0.0, spacing, around=_AROUND)
+
+    def _lowest(self, material: Material) -> float:
+        """Return the lowest frequency that tension alone makes, Hz."""
+        area = math.pi * self.radius**2
+        return math.sqrt(self.tension / (material.density * area)) / (2 * self.length)
+
+    def _inharmonicity(self, material: Material) -> float:
+        """Return B."""
+        if not self.stiff:
+            return 0.0
+        second_moment = math.pi / 4 * self.radius**4
+        bending = math.pi**2 * material.youngs_modulus * second_moment
+        return bending / (self.tension * self.length**2)

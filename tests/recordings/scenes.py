@@ -1,0 +1,257 @@
+"""Synthetic takes of struck objects whose modes are known, and how well a fit finds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+RATE = 44100
+LEAD = RATE // 2
+"""Samples of ambient noise before the hit."""
+DETECTABLE = 16.0
+"""Energy of a mode over the noise from which a matched filter detects it, dB."""
+_RANGE = (120.0, 14000.0)
+_SPLIT = (0.3, 5.0)
+_HUM = (50.0, 100.0, 240.0, 480.0, 1440.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """Modes: Hz (M,), 1/s (M,), complex gains (channels, M), noise (channels,) rms."""
+
+    frequencies: Array
+    decays: Array
+    gains: Complex
+    noise: Array
+
+    @property
+    def poles(self) -> Complex:
+        return -self.decays + 2j * np.pi * self.frequencies
+
+    def detectable(self) -> NDArray[np.bool_]:
+        """Return which modes have enough energy over white noise of the same level."""
+        energies = np.abs(self.gains) ** 2 / (4 * self.decays) * RATE
+        return 10 * np.log10((energies / self.noise[:, None] ** 2).sum(axis=0)) > DETECTABLE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Samples (channels, n) with a lead-in of `LEAD` samples, and the truth."""
+
+    samples: Array
+    truth: Truth
+
+
+def scene(
+    modes: int,
+    level: float,
+    chance: Generator,
+    *,
+    channels: int = 1,
+    fan: bool = False,
+    seconds: float = 2.0,
+) -> Scene:
+    """Return a take of a body of so many modes, three in ten beside another, at a level in dB."""
+    frequencies, decays, gains = body(modes, chance)
+    return recorded(
+        frequencies,
+        decays,
+        _at_microphones(gains, channels, chance),
+        level,
+        chance,
+        fan=fan,
+        seconds=seconds,
+    )
+
+
+def pairs(decay: float, split: float, level: float, chance: Generator) -> Scene:
+    """Return a take of four isolated pairs of one decay, 1/s, and one split, Hz."""
+    low = _apart(4, (400.0, 6000.0), 100.0, chance)
+    gains = np.ones(4)
+    partners = 10 ** (chance.uniform(-8, 8, 4) / 20)
+    frequencies = np.column_stack((low, low + split)).ravel()
+    both = np.column_stack((gains, partners)).ravel()
+    decays = np.full(8, decay)
+    return recorded(frequencies, decays, both[None].astype(complex), level, chance)
+
+
+def recorded(
+    frequencies: Array,
+    decays: Array,
+    gains: Complex,
+    level: float,
+    chance: Generator,
+    *,
+    fan: bool = False,
+    seconds: float = 2.0,
+) -> Scene:
+    """Return a take with noise so far, dB, under the mean rms of the first 100 ms."""
+    sound = ringing(frequencies, decays, gains, round(seconds * RATE))
+    peak = np.abs(sound).max()
+    loud = np.sqrt((sound[:, : RATE // 10] ** 2).mean(axis=1)).mean()
+    samples = np.pad(sound, ((0, 0), (LEAD, 0)))
+    make = _fan if fan else _white
+    noise = np.stack([make(samples.shape[1], chance) for _ in samples])
+    rms = loud * 10 ** (-level / 20)
+    truth = Truth(
+        frequencies=frequencies,
+        decays=decays,
+        gains=gains / peak,
+        noise=np.full(len(gains), rms / peak),
+    )
+    return Scene(samples=(samples + rms * noise) / peak, truth=truth)
+
+
+def ringing(frequencies: Array, decays: Array, gains: Complex, length: int) -> Array:
+    """Return the sum of Im[g exp(-d t + 2 pi i f t)], (channels, length)."""
+    times = np.arange(length) / RATE
+    sound = np.zeros((len(gains), length))
+    for frequency, decay, gain in zip(frequencies, decays, gains.T, strict=True):
+        sound += np.imag(np.outer(gain, np.exp((-decay + 2j * np.pi * frequency) * times)))
+    return sound
+
+
+def body(modes: int, chance: Generator) -> tuple[Array, Array, Array]:
+    """Return frequencies, decays and gains (M,) of a body, three modes in ten beside another."""
+    alone = round(0.85 * modes)
+    low = _apart(alone, _RANGE, 6.0 if alone < 120 else 0.0, chance)
+    decays = (
+        1.5 + 2.5e-7 * low**2 * np.exp(chance.normal(0, 0.4, alone)) + chance.uniform(0, 0.3, alone)
+    )
+    decays *= np.exp(chance.normal(0, 0.25, alone))
+    gains = 10 ** (chance.normal(0, 8, alone) / 20) * np.sqrt(1000 / np.maximum(low, 1000))
+    doubled = chance.permutation(alone)[: modes - alone]
+    count = len(doubled)
+    partners = low[doubled] + np.exp(chance.uniform(*np.log(_SPLIT), count))
+    frequencies = np.r_[low, partners]
+    decays = np.r_[decays, decays[doubled] * np.exp(chance.normal(0, 0.1, count))]
+    gains = np.r_[gains, gains[doubled] * 10 ** (chance.uniform(-8, 8, count) / 20)]
+    order = np.argsort(frequencies)
+    return frequencies[order], decays[order], gains[order]
+
+
+def _apart(count: int, between: tuple[float, float], gap: float, chance: Generator) -> Array:
+    """Return frequencies drawn log-uniformly, those closer than the gap drawn anew."""
+    drawn = np.sort(np.exp(chance.uniform(*np.log(between), count)))
+    while (close := np.flatnonzero(np.diff(drawn) < gap)).size:
+        drawn[close] = np.exp(chance.uniform(*np.log(between), close.size))
+        drawn.sort()
+    return drawn
+
+
+def _at_microphones(gains: Array, channels: int, chance: Generator) -> Complex:
+    if channels == 1:
+        return gains[None].astype(complex)
+    shape = (channels, len(gains))
+    spread = 10 ** (chance.normal(0, 6, shape) / 20) * chance.choice([-1, 1], shape)
+    silent = np.where(chance.random(shape) < 0.15, 0.03, 1.0)
+    return (gains * spread * silent).astype(complex)
+
+
+def _white(length: int, chance: Generator) -> Array:
+    return chance.standard_normal(length)
+
+
+def _fan(length: int, chance: Generator) -> Array:
+    """Return pink-like noise with the tones of a motor, of rms 1."""
+    bins = np.fft.rfftfreq(length, 1 / RATE)
+    spectrum = np.fft.rfft(_white(length, chance)) / np.sqrt(1 + (bins / 200) ** 1.6)
+    noise = np.fft.irfft(spectrum, length)
+    noise /= noise.std()
+    times = np.arange(length) / RATE
+    for index, tone in enumerate(_HUM):
+        phase = chance.uniform(0, 2 * np.pi)
+        noise += 0.5 * 10 ** (-index / 10) * np.sin(2 * np.pi * tone * times + phase)
+    return noise / noise.std()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """How a fit compares with the truth; errors are medians over the modes found.
+
+    found, detected: shares of all and of the detectable modes; false: modes that are none;
+    cents, decay (relative), gain (dB).
+    """
+
+    found: float
+    detected: float
+    false: int
+    cents: float
+    decay: float
+    gain: float
+
+
+def paired(truth: Truth, poles: Complex, gains: Complex) -> tuple[NDArray[np.intp], ...]:
+    """Return indices of true modes and of the fitted ones that are them, one to one.
+
+    A mode is found when its frequency is right within 0.5 Hz or 10 cents, whichever is more, but
+    within 0.45 of the distance to the next mode, and its gain (the largest over channels) within
+    12 dB.
+    """
+    true, fitted = truth.frequencies, poles.imag / (2 * np.pi)
+    reach = np.minimum(np.maximum(0.5, true * (2 ** (10 / 1200) - 1)), 0.45 * _spacings(true))
+    away = np.abs(true[:, None] - fitted) / np.maximum(reach, 0.02)[:, None]
+    levels = [20 * np.log10(np.abs(each).max(axis=0) + 1e-15) for each in (truth.gains, gains)]
+    off = np.abs(levels[0][:, None] - levels[1]) / 12
+    possible = (away < 1) & (off < 1)
+    rows, columns = linear_sum_assignment(np.where(possible, away + off, 1e3))
+    right = possible[rows, columns]
+    return rows[right], columns[right]
+
+
+def score(truth: Truth, poles: Complex, gains: Complex) -> Score:
+    """Compare fitted poles (-d + 2 pi i f) and gains (channels, M) with the truth."""
+    if not poles.size:
+        return Score(found=0, detected=0, false=0, cents=np.nan, decay=np.nan, gain=np.nan)
+    rows, columns = paired(truth, poles, gains)
+    hit = np.isin(np.arange(len(truth.frequencies)), rows)
+    fitted = poles.imag / (2 * np.pi)
+    ratios = np.abs(gains).max(axis=0)[columns] / np.abs(truth.gains).max(axis=0)[rows]
+    return Score(
+        found=float(hit.mean()),
+        detected=float(hit[truth.detectable()].mean()),
+        false=len(poles) - len(columns),
+        cents=float(np.median(1200 * np.abs(np.log2(fitted[columns] / truth.frequencies[rows])))),
+        decay=float(np.median(np.abs(-poles.real[columns] / truth.decays[rows] - 1))),
+        gain=float(np.median(np.abs(20 * np.log10(ratios)))),
+    )
+
+
+def _spacings(frequencies: Array) -> Array:
+    gaps = np.r_[np.inf, np.diff(frequencies), np.inf]
+    return np.minimum(gaps[:-1], gaps[1:])
+
+
+def repeated(
+    count: int, chance: Generator, *, noise: float = 50.0
+) -> tuple[Array, NDArray[np.int64], Truth]:
+    """Return a take (1, n) of so many hits of one body, their first samples, and the truth.
+
+    Hits differ by up to 18 dB and in the levels of their modes, and come every 0.25 to 0.9 s, on
+    the tails of those before. The gains (hits, M) are those that each hit adds.
+    """
+    frequencies, decays, gains = body(30, chance)
+    own = gains * 10 ** (chance.uniform(-18, 0, (count, 1)) / 20)
+    own = own * 10 ** (chance.normal(0, 3, (count, len(gains))) / 20)
+    gaps = chance.uniform(0.25, 0.9, count)
+    starts = LEAD + np.round(np.cumsum(gaps) * RATE).astype(int) - round(gaps[0] * RATE)
+    length = int(starts[-1]) + 2 * RATE
+    sound = np.zeros(length)
+    for start, each in zip(starts, own, strict=True):
+        sound[start:] += ringing(frequencies, decays, each[None].astype(complex), length - start)[0]
+    peak = np.abs(sound).max()
+    rms = 10 ** (-noise / 20)
+    truth = Truth(
+        frequencies=frequencies,
+        decays=decays,
+        gains=own.astype(complex) / peak,
+        noise=np.full(count, rms),
+    )
+    return (sound / peak + rms * _fan(length, chance))[None], starts, truth

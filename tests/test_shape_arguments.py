@@ -1,0 +1,125 @@
+"""Closed forms as the shell names them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from struck.cli import main
+from struck.errors import OptionError
+from struck.material import Material
+from struck.shape_arguments import add_shape, shape_named
+from struck.shapes import (
+    AnnularMembrane,
+    Bar,
+    CircularMembrane,
+    CircularPlate,
+    PolygonMembrane,
+    RectangularMembrane,
+    RectangularPlate,
+    RoundSection,
+    String,
+)
+from struck.shapes.shape import Shape
+
+FILM = "--thickness 2e-4 --tension 2000"
+NAMED: dict[str, Shape] = {
+    "string --length 0.6 --radius 2e-4 --tension 60 --stiff": String(
+        length=0.6, radius=2e-4, tension=60.0, stiff=True
+    ),
+    "bar --length 0.3 --width 0.03 --thickness 0.005 --ends clamped,free": Bar(
+        length=0.3, width=0.03, thickness=0.005, ends=("clamped", "free")
+    ),
+    "bar --length 0.3 --width 0.03 --thickness 0.005 --theory euler-bernoulli": Bar(
+        length=0.3, width=0.03, thickness=0.005, theory="euler-bernoulli"
+    ),
+    "rod --length 0.5 --radius 0.01 --wall 0.001": Bar(
+        length=0.5, section=RoundSection(radius=0.01, wall=0.001)
+    ),
+    f"rectangular-membrane --length 0.5 --width 0.4 {FILM}": RectangularMembrane(
+        length=0.5, width=0.4, thickness=2e-4, tension=2000.0
+    ),
+    f"circular-membrane --radius 0.2 {FILM}": CircularMembrane(
+        radius=0.2, thickness=2e-4, tension=2000.0
+    ),
+    f"annular-membrane --radius 0.2 --hole 0.05 {FILM}": AnnularMembrane(
+        radius=0.2, hole=0.05, thickness=2e-4, tension=2000.0
+    ),
+    f"l-membrane --side 0.2 {FILM}": PolygonMembrane.l_shape(
+        side=0.2, thickness=2e-4, tension=2000.0
+    ),
+    f"polygon-membrane --corners 0,0 0.3,0 0,0.2 {FILM}": PolygonMembrane(
+        corners=((0.0, 0.0), (0.3, 0.0), (0.0, 0.2)), thickness=2e-4, tension=2000.0
+    ),
+    "circular-plate --radius 0.1 --thickness 0.001 --ends clamped": CircularPlate(
+        radius=0.1, thickness=0.001, edge="clamped"
+    ),
+    "rectangular-plate --length 0.3 --width 0.2 --thickness 0.002": RectangularPlate(
+        length=0.3, width=0.2, thickness=0.002
+    ),
+    "rectangular-plate --length 0.3 --width 0.2 --thickness 0.002 "
+    "--ends clamped,free,supported,free": RectangularPlate(
+        length=0.3, width=0.2, thickness=0.002, edges=("clamped", "free", "supported", "free")
+    ),
+}
+
+
+def parsed(text: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--wall", type=float)  # which bodies from files have too
+    add_shape(parser)
+    return parser.parse_args(["--shape", *text.split()])
+
+
+@pytest.mark.parametrize("text", NAMED)
+def test_every_shape_has_its_name(text: str) -> None:
+    assert shape_named(parsed(text)) == NAMED[text]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("bar --length 0.3", "--width ... --thickness"),
+        ("string --length 1 --radius 1e-3 --tension 1 --width 1", r"\[--stiff ...\]"),
+        ("circular-membrane --radius 0.1", "--tension"),
+        ("bar --length -0.3 --width 0.03 --thickness 0.005", "must exceed 0"),
+        ("bar --length 0.3 --width 0.03 --thickness 0.005 --ends glued", "glued"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_told(text: str, told: str) -> None:
+    with pytest.raises(OptionError, match=told):
+        shape_named(parsed(text))
+
+
+def test_a_bar_is_analyzed_rendered_and_mapped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    size = ["--length", "0.3", "--width", "0.03", "--thickness", "0.005"]
+    made = ["analyze", "--shape", "bar", *size, "--material", "steel", "-o", "bar.struck"]
+    assert main([*made, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    steel = Material.named("steel")
+    speed = np.sqrt(steel.youngs_modulus / steel.density)
+    slender = 4.730040744862704**2 / (2 * np.pi * 0.3**2) * speed * 0.005 / np.sqrt(12)
+    assert told["frequencies"][0] == pytest.approx(slender, rel=0.005)
+    assert np.max(told["errors"]) < 1e-9
+    assert main(["render", "bar.struck", "--strike", "0.02", "--seconds", "0.5"]) == 0
+    assert main(["sound-map", "bar.struck", "--threshold", "6", "-o", "map.png"]) == 0
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+
+
+def test_help_shows_a_line_that_works(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb, words in {"analyze": "--shape bar --length 0.3", "sound-map": "sound-map"}.items():
+        with pytest.raises(SystemExit, match="0"):
+            main([verb, "--help"])
+        assert words in capsys.readouterr().out
+
+
+def test_a_body_and_a_shape_at_once_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyze", "--material", "steel"]) == 2
+    assert "give one of them" in capsys.readouterr().err
