@@ -224,6 +224,7 @@ def test_a_stream_states_its_latency_and_says_when_it_is_closed() -> None:
     assert player.shared.counters[CALLS] >= 0.1 * RATE / BLOCK
 
 
+@pytest.mark.prove
 def test_beside_a_busy_interpreter_nothing_underflows(
     jack: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -40,8 +40,18 @@ def test_polynomials_are_orthonormal_and_held(ends: tuple[int, int]) -> None:
     )
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("edges", list(itertools.product(KINDS, repeat=4)))
 def test_every_mix_of_edges(edges: tuple[str, str, str, str]) -> None:
+    check_edges(edges)
+
+
+@pytest.mark.parametrize("edges", list(itertools.combinations_with_replacement(KINDS, 4)))
+def test_mixes_of_edges(edges: tuple[str, str, str, str]) -> None:
+    check_edges(edges)
+
+
+def check_edges(edges: tuple[str, str, str, str]) -> None:
     """More held edges are stiffer, and the plate turned over vibrates as before."""
     found = plate(edges=edges).vibration(STEEL, 400.0)
     turned = plate(edges=(edges[1], edges[0], edges[3], edges[2])).vibration(STEEL, 400.0)

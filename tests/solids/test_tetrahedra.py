@@ -49,6 +49,7 @@ def cells_of(mesh: Mesh, wall: float | None, spacing: float, halved: int = 0) ->
     return cells_in(body.depths, body.bounds, spacing, halved=halved)
 
 
+@pytest.mark.prove
 def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
     solid = Extrusion(outline=ANGLE, height=0.05)
     filling = filled(Body(mesh=surface_of(solid)), "standard")

@@ -25,6 +25,8 @@ _SPOILT = 0.05
 """So long after its onset a hit may be clipped, s."""
 _BLOCK = 0.05
 _OVER_NOISE = 2.0
+_FAINT = 1e-3
+"""Of the energy of a take's loudest hit: 30 dB below it, a hit is none of those that were meant."""
 _GRID = 32
 """Lengths are multiples of one over this, s: alike ones are transformed together."""
 
@@ -119,7 +121,10 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
     measure = Noise.heard_in if before.shape[1] else Noise.quietest
     noise = measure(quiet, take.sample_rate, floor)
     flat = clipped(take)
+    loudness = [_loudness(take, hit) for hit in hits]
     for place, hit in enumerate(hits):
+        if loudness[place] < _FAINT * max(loudness):
+            continue
         whole = _unclipped(hit, flat, take.sample_rate)
         end = _over(take, whole, noise)
         if end - whole.start >= _SHORTEST * take.sample_rate:
@@ -132,6 +137,12 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
                 before=before,
                 sample_rate=take.sample_rate,
             )
+
+
+def _loudness(take: Take, hit: Hit) -> float:
+    """Return the energy of a hit's first moments."""
+    last = min(hit.end, hit.start + round(_SPOILT * take.sample_rate))
+    return float((take.samples[:, hit.start : last] ** 2).sum())
 
 
 def _unclipped(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:

@@ -12,7 +12,7 @@ from struck.hearing import erb_number
 from struck.recordings.block import Block, unique
 from struck.recordings.candidates import Candidates
 from struck.recordings.groups import overlapping, overlaps
-from struck.recordings.refine import refine
+from struck.recordings.refine import SLOWEST, refine
 from struck.recordings.ringing import Ringing
 from struck.recordings.segment import Segment
 
@@ -114,7 +114,12 @@ def prune(
 
 def _impossible(ringing: Ringing, segments: Sequence[Segment]) -> Mask:
     highest = _HIGHEST * max(segment.sample_rate for segment in segments)
-    return (ringing.frequencies < _LOWEST) | (ringing.frequencies > highest)
+    outside = (ringing.frequencies < _LOWEST) | (ringing.frequencies > highest)
+    # A tone that never decays may be of the surroundings; one beside others makes up for a body
+    # that changed from hit to hit.
+    steady = ringing.decays < 1.01 * SLOWEST
+    close = overlaps(ringing.poles, max(segment.duration for segment in segments))
+    return outside | (steady & ((close > _TOUCHING).sum(axis=1) > 1))
 
 
 def _apart(bad: Mask, energy: Array, ringing: Ringing, segments: Sequence[Segment]) -> Mask:

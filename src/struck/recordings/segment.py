@@ -13,8 +13,8 @@ from struck.recordings.ringing import Ringing, Spectrum, samples
 Array = NDArray[np.float64]
 
 _SHORTEST = 1024
-_ALIVE = 8.0
-"""A mode is over after so many times its decay time: 70 dB down."""
+_ALIVE = 10.0
+"""A mode is over after so many times its decay time: 87 dB down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
 
-_SUSPECT, _PROVEN = 1e-3, 1e-6
+_SUSPECT, _PROVEN = 1e-3, 1e-5
 _STEPS = 12
 _COMPANY, _CLOSE = 6, 0.05
 

@@ -18,6 +18,8 @@ LEAST = 8.0
 MODES = 128
 """With so many modes."""
 _STEADY = 0.5
+_SLOW = 0.05
+"""1/s: it would ring for more than two minutes."""
 _LATE, _EARLY = 0.1, 0.05
 _SWELLS = 6.0
 
@@ -76,14 +78,12 @@ def _reason(segments: Sequence[Segment], ringing: Ringing, misfit: float) -> str
 
 
 def _steady(segments: Sequence[Segment], ringing: Ringing) -> float:
-    """Return the share of energy in modes that fall by less than 3 dB in their segment."""
-    whole = steady = 0.0
-    for segment in segments:
-        nepers = ringing.decays * segment.duration
-        powers = (np.abs(ringing.gains[segment.rows]) ** 2).sum(axis=0)
-        energies = powers * -np.expm1(-2 * nepers) / (2 * ringing.decays)
-        whole, steady = whole + energies.sum(), steady + energies[nepers < 0.35].sum()
-    return steady / max(whole, 1e-300)
+    """Return the share of energy in what does not decay."""
+    steady = ringing.of(ringing.decays < _SLOW)
+    if not steady.count:
+        return 0.0
+    whole = sum(float((each.samples**2).sum()) for each in segments)
+    return sum(float((each.model(steady) ** 2).sum()) for each in segments) / whole
 
 
 def _swelling(segments: Sequence[Segment]) -> float:

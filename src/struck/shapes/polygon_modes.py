@@ -96,7 +96,7 @@ _ROUGH = 2e-3  # relative error of rough eigenvalues, seldom reached
 # Distances of the sources from the edges, in parts of area / perimeter, and near corners, in
 # parts of their clearance: none at first, then ever nearer.
 _DISTANCES = ((0.0, 0.0), (1.5, 0.5), (1.5, 0.25), (0.75, 0.12))
-_GOOD = 3e-9  # error at which no richer basis is tried
+_GOOD = 1e-8  # error at which no richer basis is tried
 _MOST_FUNCTIONS = 1200
 
 
@@ -121,8 +121,8 @@ def _chosen(plan: Plan, rough: Array) -> tuple[Basis, Trial]:
 
 _TOO_MANY = "{} modes of this polygon need more than {} functions: lower the band's end"
 _SOURCES_A_WAVE = 5
-# Orders about corners that steep functions need beyond those of waves, and in all.
-_STEEP, _LEAST_ORDER = 20, 60
+# Orders about corners beyond those of waves, without sources and with them; and at least without.
+_STEEP, _STEEP_NEAR, _LEAST_ORDER = 20, 14, 60
 
 
 def _candidates(plan: Plan, wavenumber: float) -> Iterator[Basis]:
@@ -135,7 +135,7 @@ def _candidates(plan: Plan, wavenumber: float) -> Iterator[Basis]:
             # Sources make up what is smooth: corners serve their neighbourhood alone.
             distance = farthest * plan.area / plan.lengths.sum()
             sources = around(plan, distance, near, 2 * np.pi / (_SOURCES_A_WAVE * wavenumber))
-            orders = np.full(len(orders), _STEEP + wavenumber * distance)
+            orders = np.full(len(orders), _STEEP_NEAR + wavenumber * distance)
         basis = Basis(
             plan=plan,
             centres=centres,
