@@ -13,14 +13,16 @@ from skfem import Basis, BilinearForm, ElementTriCR, ElementTriP2, MeshTri
 from skfem.helpers import dot, grad
 
 from struck import Material
-from struck.errors import OptionError
+from struck.errors import OptionError, SolverError
 from struck.shapes import PolygonMembrane
 from struck.shapes.bessel_kernels import pair, series, series_slope
 from struck.shapes.bessel_tables import irregular, regular
 from struck.shapes.fourier_bessel import PolygonForms
+from struck.shapes.particular_solutions import Found
 from struck.shapes.plan import plan_of
 from struck.shapes.plan_elements import Triangulation
 from struck.shapes.plan_nodes import all_over, around
+from struck.shapes.polygon_modes import _merged, _proved
 from struck.shapes.shape import Vibration
 from tests.shapes.test_membranes import closed
 
@@ -164,10 +166,52 @@ def test_size_tension_and_density_scale_frequencies(l_shape: Vibration) -> None:
 
 
 def test_it_tells_how_far_its_modes_are_proved_to_be_all(l_shape: Vibration) -> None:
-    assert l_shape.details["proved complete up to (Hz)"] > l_shape.frequencies[-1]
+    assert l_shape.details["proved complete up to (Hz)"] >= 1300.0
+    for highest in (350.0, 400.0, 449.0, 467.0, 470.0):
+        told = L_SHAPE.vibration(MYLAR, highest)
+        assert told.details["proved complete up to (Hz)"] >= highest
+        assert len(told.frequencies) == np.count_nonzero(l_shape.frequencies <= highest)
     assert not l_shape.poisson_slopes.any()
     speed = np.sqrt(3000.0 / 0.0002 / 1390.0)
     assert l_shape.half_wave == pytest.approx(speed / l_shape.frequencies[-1] / 2)
+
+
+@pytest.mark.parametrize(("left_out", "doubled"), [((), ()), ((3,), ()), ((), (3,)), ((8,), (6,))])
+def test_counts_notice_modes_missing_or_doubled(
+    left_out: tuple[int, ...], doubled: tuple[int, ...]
+) -> None:
+    """Of the L's lowest nine: those of a square twice 49.348, then 56.71."""
+    values = [9.639724, 15.197252, 19.739209, 29.521481, 31.912636, 41.47451, 44.948488]
+    values += [49.348022, 49.348022]
+    kept = [value for i, value in enumerate(values) if i not in left_out]
+    kept = sorted(kept + [values[i] for i in doubled])
+    found = [
+        Found(value=value, wavenumber=value**0.5, coefficients=np.zeros(0), error=1e-6)
+        for value in kept
+    ]
+    plan = plan_of(5 * np.array(L_SHAPE.corners))
+    if len(kept) == 9:  # as many as there are: what is doubled is for `_merged` to find
+        assert _proved(plan, found, 50.0, 56.7) > 50.0
+    else:
+        with pytest.raises(SolverError, match=f"{len(kept)} modes .* elements count 9"):
+            _proved(plan, found, 50.0, 56.7)
+
+
+def test_groups_that_find_the_same_mode_are_merged() -> None:
+    rough, groups = np.array([1.01, 2.01, 2.02, 3.01]), [(0, 1), (1, 2), (2, 3), (3, 4)]
+
+    def merged(*values: float) -> list[tuple[int, int]]:
+        found = [
+            [Found(value=value, wavenumber=1.0, coefficients=np.zeros(0), error=0.0)]
+            for value in values
+        ]
+        return _merged(groups, found, rough, 1e-8)
+
+    assert merged(1.0, 2.0, 2.01, 3.0) == groups
+    assert merged(1.0, 2.0, 2.0 + 1e-9, 3.0) == [(0, 1), (1, 3), (3, 4)]  # the same
+    assert merged(1.0, 2.015, 2.012, 3.0) == [(0, 1), (1, 3), (3, 4)]  # past each other
+    assert merged(1.0, 2.0, 2.5, 3.0) == [(0, 1), (1, 2), (2, 4)]  # above what it can be
+    assert merged(1.0, 2.0, 2.01, 3.5) == [(0, 1), (1, 2), (2, 4)]
 
 
 def test_places_lie_inside_on_the_top() -> None:

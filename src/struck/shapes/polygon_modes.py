@@ -52,7 +52,7 @@ def spectrum(corners: Array, highest: float) -> Spectrum:
     Raises
     ------
     SolverError
-        When as many eigenvalues as there must be cannot be told apart.
+        When as many eigenvalues as there must be cannot be told apart, or counted.
     """
     plan = plan_of(corners)
     rough = _upper_bounds(plan, highest)
@@ -61,7 +61,7 @@ def spectrum(corners: Array, highest: float) -> Spectrum:
         return _packed(plan, None, [], 0.0)
     basis, trial = _chosen(plan, rough[:-1])
     found = _all(trial, rough[:-1])
-    proved_to = _proved(plan, found, float(rough[-1]))
+    proved_to = _proved(plan, found, highest, float(rough[-1]))
     return _packed(plan, basis, [each for each in found if each.value <= highest], proved_to)
 
 
@@ -86,9 +86,10 @@ def _upper_bounds(plan: Plan, highest: float) -> Array:
 
 
 def _cut(rough: Array, highest: float) -> int:
-    """Return the number of the last eigenvalue below the widest gap about or above `highest`."""
+    """Return the number of the last eigenvalue below the widest gap above `highest`."""
     least = max(int(np.searchsorted(rough, highest * (1 + _ROUGH))) - 1, 0)
-    gaps = np.diff(rough[least : least + _SPARE + 2 + least // 20])
+    some = rough[least : least + _SPARE + 2 + least // 20]
+    gaps = some[1:] - np.maximum(some[:-1], highest)
     return least + int(np.argmax(gaps)) if len(gaps) else len(rough)
 
 
@@ -203,26 +204,31 @@ def _merged(
     return merged
 
 
-_MOST_EDGES = 1_000_000
+_MOST_EDGES, _FINER = 1_000_000, 4  # unknowns of a count; how often it is tried finer
 
 
-def _proved(plan: Plan, found: list[Found], following: float) -> float:
-    """Return up to where no eigenvalue can be missing, 0 where the count stays open.
+def _proved(plan: Plan, found: list[Found], highest: float, following: float) -> float:
+    """Return up to where no eigenvalue can be missing, 0 where the count is too large to take.
 
     With m Crouzeix-Raviart eigenvalues below s, the next true one exceeds s / (1 + slack s).
     """
-    last = found[-1].value * (1 + found[-1].error)
-    target = last + 0.1 * (following - last)
+    last = max(found[-1].value * (1 + found[-1].error), highest)
+    target, count = last + 0.1 * (following - last), 0
     longest = edge_for(0.5 * (following - last) / target**2)
-    while 6 * plan.area / longest**2 < _MOST_EDGES:
+    for _ in range(_FINER):
+        if 6 * plan.area / longest**2 > _MOST_EDGES:
+            return 0.0
         filling = Triangulation.of(plan.corners, longest)
         count = filling.nonconforming().count(target / (1 - filling.slack * target))
-        if count < len(found):
-            raise SolverError(f"{len(found)} modes were found where only {count} can be")
         if count == len(found):
             return target
+        if count < len(found):
+            break
         longest *= np.sqrt(0.5)
-    return 0.0
+    raise SolverError(
+        f"{len(found)} modes of this polygon were found where finite elements count {count}: "
+        "change the band's end slightly, or move corners that nearly meet"
+    )
 
 
 def _packed(plan: Plan, basis: Basis | None, found: list[Found], proved_to: float) -> Spectrum:
