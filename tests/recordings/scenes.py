@@ -111,11 +111,16 @@ def recorded(
 
 def ringing(frequencies: Array, decays: Array, gains: Complex, length: int) -> Array:
     """Return the sum of Im[g exp(-d t + 2 pi i f t)], (channels, length)."""
-    times = np.arange(length) / RATE
     sound = np.zeros((len(gains), length))
-    for frequency, decay, gain in zip(frequencies, decays, gains.T, strict=True):
-        sound += np.imag(np.outer(gain, np.exp((-decay + 2j * np.pi * frequency) * times)))
+    for pole, gain in zip(-decays + 2j * np.pi * frequencies, gains.T, strict=True):
+        sound += np.imag(np.outer(gain, _wave(pole, length)))
     return sound
+
+
+def _wave(pole: complex, length: int) -> Complex:
+    """Return exp(s n / rate): every exponential is the product of a coarse and a fine one."""
+    coarse = np.exp(pole / RATE * 512 * np.arange(-(-length // 512)))
+    return np.outer(coarse, np.exp(pole / RATE * np.arange(512))).ravel()[:length]
 
 
 def body(modes: int, chance: Generator) -> tuple[Array, Array, Array]:
@@ -196,8 +201,7 @@ def paired(truth: Truth, poles: Complex, gains: Complex) -> tuple[NDArray[np.int
     12 dB.
     """
     true, fitted = truth.frequencies, poles.imag / (2 * np.pi)
-    reach = np.minimum(np.maximum(0.5, true * (2 ** (10 / 1200) - 1)), 0.45 * _spacings(true))
-    away = np.abs(true[:, None] - fitted) / np.maximum(reach, 0.02)[:, None]
+    away = np.abs(true[:, None] - fitted) / reaches(true)[:, None]
     levels = [20 * np.log10(np.abs(each).max(axis=0) + 1e-15) for each in (truth.gains, gains)]
     off = np.abs(levels[0][:, None] - levels[1]) / 12
     possible = (away < 1) & (off < 1)
@@ -224,9 +228,12 @@ def score(truth: Truth, poles: Complex, gains: Complex) -> Score:
     )
 
 
-def _spacings(frequencies: Array) -> Array:
+def reaches(frequencies: Array) -> Array:
+    """Return how far a fitted frequency may be off to be that of a mode, Hz."""
     gaps = np.r_[np.inf, np.diff(frequencies), np.inf]
-    return np.minimum(gaps[:-1], gaps[1:])
+    spacings = np.minimum(gaps[:-1], gaps[1:])
+    wide = np.maximum(0.5, frequencies * (2 ** (10 / 1200) - 1))
+    return np.maximum(np.minimum(wide, 0.45 * spacings), 0.02)
 
 
 def repeated(
@@ -244,8 +251,10 @@ def repeated(
     starts = LEAD + np.round(np.cumsum(gaps) * RATE).astype(int) - round(gaps[0] * RATE)
     length = int(starts[-1]) + 2 * RATE
     sound = np.zeros(length)
-    for start, each in zip(starts, own, strict=True):
-        sound[start:] += ringing(frequencies, decays, each[None].astype(complex), length - start)[0]
+    for pole, each in zip(-decays + 2j * np.pi * frequencies, own.T, strict=True):
+        wave = _wave(pole, length).imag
+        for start, gain in zip(starts, each, strict=True):
+            sound[start:] += gain * wave[: length - start]
     peak = np.abs(sound).max()
     rms = 10 ** (-noise / 20)
     truth = Truth(

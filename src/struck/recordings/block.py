@@ -21,6 +21,8 @@ _WIDTHS = 8.0
 
 
 _INDEPENDENT = 1e-4
+_CHANCE = 3.0
+"""Standard deviations of the mean energy that a bin of noise leaves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -166,11 +168,11 @@ def unique(block: Block, group: Ringing) -> tuple[Array, Array]:
 
 
 def misfit(projections: Sequence[Projection]) -> float:
-    """Return the energy left a bin and channel, noise being 1, but not less than 1."""
+    """Return the energy left a bin and channel, noise being 1; 1 where chance may explain it."""
     unknowns = sum(each.residues.size for each in projections) + len(projections[0].residues)
-    values = sum(each.left.size for each in projections)
-    left = sum(each.cost for each in projections)
-    return max(1.0, left / max(values - unknowns, 1))
+    values = max(sum(each.left.size for each in projections) - unknowns, 1)
+    left = sum(each.cost for each in projections) / values
+    return left if left > 1 + _CHANCE / np.sqrt(values) else 1.0
 
 
 def _factors(lines: Complex) -> tuple[Complex, Complex]:

@@ -26,7 +26,7 @@ _BLOCK = 0.05
 
 
 def clipped(take: Take) -> Mask:
-    """Return which samples (n,) are flat tops: at full scale, or three of them below it."""
+    """Return which samples (n,) are cut off: a flat top at full scale, or three below it."""
     found = np.zeros(take.samples.shape[1], bool)
     for channel in take.samples:
         for side in (channel, -channel):
@@ -34,7 +34,7 @@ def clipped(take: Take) -> Mask:
             inside = np.convolve(side == top, np.ones(_FLAT), "valid") > _FLAT - 0.5
             runs = np.count_nonzero(np.diff(inside.astype(int), prepend=0) == 1)
             if runs >= (1 if top >= _FULL_SCALE else _TOPS):
-                found |= np.convolve(inside, np.ones(_FLAT)) > 0.5
+                found |= side == top
     return found
 
 

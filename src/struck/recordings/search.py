@@ -76,9 +76,11 @@ def search(
     ringing = _paired(segments, refine(segments, ringing, sweeps=2), budget)
     progress("refining", 0.4)
     ringing = refine(segments, _within(segments, ringing, budget), sweeps=4, steps=4)
-    progress("refining", 0.9)
-    noisy = segments if budget else _noisier(segments, ringing)
-    return with_best_gains(segments, prune(noisy, ringing)).by_frequency()
+    progress("refining", 0.8)
+    kept = prune(segments if budget else _noisier(segments, ringing), ringing)
+    if kept.count < ringing.count:
+        kept = refine(segments, kept, sweeps=2, steps=4)
+    return with_best_gains(segments, kept).by_frequency()
 
 
 def _looks(segments: Sequence[Segment], rounds: int) -> Iterator[Look]:
