@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.recordings.scenes import DETECTABLE, RATE, Truth, reaches
+from tests.recordings.scenes import RATE, Truth, reaches
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,9 +32,7 @@ def bounds(truth: Truth, seconds: float = 2.0) -> tuple[Array, Array]:
 def resolvable(truth: Truth, seconds: float = 2.0) -> NDArray[np.bool_]:
     """Return modes that can be told from noise and, at two standard errors, from neighbours."""
     errors, _ = bounds(truth, seconds)
-    energies = np.abs(truth.gains) ** 2 / (4 * truth.decays) * RATE / truth.noise[:, None] ** 2
-    detectable = 10 * np.log10(energies.sum(axis=0)) > DETECTABLE
-    return detectable & (2 * errors < reaches(truth.frequencies))
+    return truth.detectable() & (2 * errors < reaches(truth.frequencies))
 
 
 def _products(poles: Complex, left: Complex, right: Complex, power: int, length: int) -> Array:

@@ -181,13 +181,14 @@ def _fan(length: int, chance: Generator) -> Array:
 class Score:
     """How a fit compares with the truth; errors are medians over the modes found.
 
-    found, detected: shares of all and of the detectable modes; false: modes that are none;
-    cents, decay (relative), gain (dB).
+    found, detected: shares of all and of the detectable modes; false: modes that are none; merged:
+    modes that stand for two which nobody could tell apart; cents, decay (relative), gain (dB).
     """
 
     found: float
     detected: float
     false: int
+    merged: int
     cents: float
     decay: float
     gain: float
@@ -200,8 +201,46 @@ def paired(truth: Truth, poles: Complex, gains: Complex) -> tuple[NDArray[np.int
     within 0.45 of the distance to the next mode, and its gain (the largest over channels) within
     12 dB.
     """
-    true, fitted = truth.frequencies, poles.imag / (2 * np.pi)
-    away = np.abs(true[:, None] - fitted) / reaches(true)[:, None]
+    return _assigned(truth, poles, gains, reaches(truth.frequencies))
+
+
+def score(
+    truth: Truth, poles: Complex, gains: Complex, resolvable: NDArray[np.bool_] | None = None
+) -> Score:
+    """Compare fitted poles (-d + 2 pi i f) and gains (channels, M) with the truth.
+
+    A fitted mode that is none of the true ones, yet within 0.5 Hz or 10 cents of one that is not
+    `resolvable`, is not false but merged; without that argument none is.
+    """
+    if not poles.size:
+        return Score(
+            found=0, detected=0, false=0, merged=0, cents=np.nan, decay=np.nan, gain=np.nan
+        )
+    rows, columns = paired(truth, poles, gains)
+    hit = np.isin(np.arange(len(truth.frequencies)), rows)
+    over = np.setdiff1d(np.arange(len(poles)), columns)
+    merged = 0
+    if resolvable is not None and over.size:
+        reach = np.where(hit | resolvable, 1e-9, _widest(truth.frequencies))
+        merged = len(_assigned(truth, poles[over], gains[:, over], reach)[0])
+    fitted = poles.imag / (2 * np.pi)
+    ratios = np.abs(gains).max(axis=0)[columns] / np.abs(truth.gains).max(axis=0)[rows]
+    return Score(
+        found=float(hit.mean()),
+        detected=float(hit[truth.detectable()].mean()),
+        false=len(over) - merged,
+        merged=merged,
+        cents=float(np.median(1200 * np.abs(np.log2(fitted[columns] / truth.frequencies[rows])))),
+        decay=float(np.median(np.abs(-poles.real[columns] / truth.decays[rows] - 1))),
+        gain=float(np.median(np.abs(20 * np.log10(ratios)))),
+    )
+
+
+def _assigned(
+    truth: Truth, poles: Complex, gains: Complex, reach: Array
+) -> tuple[NDArray[np.intp], ...]:
+    fitted = poles.imag / (2 * np.pi)
+    away = np.abs(truth.frequencies[:, None] - fitted) / reach[:, None]
     levels = [20 * np.log10(np.abs(each).max(axis=0) + 1e-15) for each in (truth.gains, gains)]
     off = np.abs(levels[0][:, None] - levels[1]) / 12
     possible = (away < 1) & (off < 1)
@@ -210,30 +249,15 @@ def paired(truth: Truth, poles: Complex, gains: Complex) -> tuple[NDArray[np.int
     return rows[right], columns[right]
 
 
-def score(truth: Truth, poles: Complex, gains: Complex) -> Score:
-    """Compare fitted poles (-d + 2 pi i f) and gains (channels, M) with the truth."""
-    if not poles.size:
-        return Score(found=0, detected=0, false=0, cents=np.nan, decay=np.nan, gain=np.nan)
-    rows, columns = paired(truth, poles, gains)
-    hit = np.isin(np.arange(len(truth.frequencies)), rows)
-    fitted = poles.imag / (2 * np.pi)
-    ratios = np.abs(gains).max(axis=0)[columns] / np.abs(truth.gains).max(axis=0)[rows]
-    return Score(
-        found=float(hit.mean()),
-        detected=float(hit[truth.detectable()].mean()),
-        false=len(poles) - len(columns),
-        cents=float(np.median(1200 * np.abs(np.log2(fitted[columns] / truth.frequencies[rows])))),
-        decay=float(np.median(np.abs(-poles.real[columns] / truth.decays[rows] - 1))),
-        gain=float(np.median(np.abs(20 * np.log10(ratios)))),
-    )
+def _widest(frequencies: Array) -> Array:
+    return np.maximum(0.5, frequencies * (2 ** (10 / 1200) - 1))
 
 
 def reaches(frequencies: Array) -> Array:
     """Return how far a fitted frequency may be off to be that of a mode, Hz."""
     gaps = np.r_[np.inf, np.diff(frequencies), np.inf]
     spacings = np.minimum(gaps[:-1], gaps[1:])
-    wide = np.maximum(0.5, frequencies * (2 ** (10 / 1200) - 1))
-    return np.maximum(np.minimum(wide, 0.45 * spacings), 0.02)
+    return np.maximum(np.minimum(_widest(frequencies), 0.45 * spacings), 0.02)
 
 
 def repeated(

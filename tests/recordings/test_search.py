@@ -76,9 +76,10 @@ def outcome(seeds: range, modes: int, level: float, channels: int = 1) -> Outcom
     for seed in seeds:
         take = scene(modes, level, np.random.default_rng(seed), channels=channels, fan=channels > 1)
         fit = fitted(take)
-        scores.append(score(take.truth, poles(fit), since_the_hit(fit)))
+        possible = resolvable(take.truth)
+        scores.append(score(take.truth, poles(fit), since_the_hit(fit), possible))
         found = np.isin(np.arange(modes), paired(take.truth, poles(fit), since_the_hit(fit))[0])
-        shares.append(found[resolvable(take.truth)].mean())
+        shares.append(found[possible].mean())
         honest.append(within_two(fit, take.truth))
         missing.append(strong_missing(fit, take.truth))
     mean = Score(

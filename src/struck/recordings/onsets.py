@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from struck.hearing import erb_number
@@ -22,7 +23,7 @@ Index = NDArray[np.int64]
 
 _WINDOW, _STEP, _CHUNK = 0.023, 0.0029, 4096
 """Windows, their distance, s, and how many are transformed at a time."""
-_RISE, _LAG = 3.0, 4
+_RISE, _LAG = 2.5, 4
 """dB, mean over bands, from so many windows before."""
 _USUAL = 0.5
 """A rise is compared with the usual ones within this time, s."""
@@ -30,6 +31,8 @@ _DEPTH = 60.0
 """dB under the loudest moment that count."""
 _APART, _REACH, _BLOCK = 0.06, 0.015, 0.001
 _STEEP = 2.0
+_ORDER, _PAST = 32, 50
+"""Of linear prediction, and how many milliseconds it learns from."""
 _CLOSE = 0.01
 """Within this time after a hit the sound is at its loudest, s."""
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
@@ -123,14 +126,29 @@ def _steepest(take: Take, around: Index) -> Iterator[int]:
 
 
 def _rise(samples: Array, first: int, last: int, size: int) -> Array:
-    """Return the energy of the next millisecond over that of the last four, high tones first."""
+    """Return the energy of the next millisecond over that of the last four.
+
+    Of what the past does not predict: a ringing tail is predicted, a hit is not.
+    """
     margin = 4 * size
-    start, stop = max(0, first - margin - 1), min(samples.shape[1], last + margin)
-    sharp = np.diff(samples[:, start:stop], axis=1, prepend=samples[:, start : start + 1])
-    if start == 0:
-        sharp[:, 0] = samples[:, 0]
-    energy = (sharp**2 / np.maximum(np.mean(sharp**2, axis=1, keepdims=True), 1e-300)).sum(axis=0)
+    start, stop = max(0, first - margin), min(samples.shape[1], last + margin)
+    energy = np.zeros(stop - start)
+    for channel in samples:
+        past = channel[max(0, start - _PAST * size) : start]
+        surprise = _unpredicted(past, channel[start:stop])
+        energy += surprise / max(float(surprise.mean()), 1e-300)
     after = uniform_filter1d(energy, size, origin=-(size // 2), mode="constant")
     before = uniform_filter1d(energy, margin, origin=margin // 2 - 1, mode="constant")
     rise = after / (before + 1e-6 * after.max(initial=0.0) + 1e-300)
     return rise[first - start : last - start]
+
+
+def _unpredicted(past: Array, now: Array) -> Array:
+    """Return the squared error of linear prediction, by coefficients of the past."""
+    if len(past) < 4 * _ORDER or not np.ptp(past):
+        return np.square(np.diff(now, prepend=0.0))
+    lags = np.correlate(past, past[: len(past) - _ORDER], "valid")
+    lags = lags[: _ORDER + 1] * np.r_[1 + 1e-6, np.ones(_ORDER)]
+    weights = solve_toeplitz(lags[:-1], lags[1:])
+    whole = np.concatenate((past[-_ORDER:], now))
+    return np.square(np.convolve(whole, np.r_[1.0, -weights], "valid"))
