@@ -15,7 +15,7 @@ from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.live import binding
 from struck.progress import TerminalProgress
 from struck.record_command import Terminal, declare_record
-from struck.recordings.manifest import read_manifest
+from struck.recordings.manifests.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 
 

@@ -15,8 +15,8 @@ from struck.errors import DeviceError, OptionError, RecordingError
 from struck.progress import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.recordings.capture import Operator, Outcome, Recorder
-    from struck.recordings.capture_plan import CapturePlan
+    from struck.recordings.capture.capture import Operator, Outcome, Recorder
+    from struck.recordings.capture.capture_plan import CapturePlan
 
 
 def declare_record(commands: argparse._SubParsersAction) -> None:
@@ -40,8 +40,8 @@ def declare_record(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    from struck.recordings.capture import capture
-    from struck.recordings.plan_file import read_plan
+    from struck.recordings.capture.capture import capture
+    from struck.recordings.capture.plan_file import read_plan
 
     if options.list_devices:
         return _devices()
@@ -58,7 +58,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 @contextmanager
 def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Recorder]:
-    from struck.recordings.simulated import SimulatedRecorder
+    from struck.recordings.capture.simulated import SimulatedRecorder
 
     if options.simulate is not None:
         yield SimulatedRecorder(Path(options.simulate))

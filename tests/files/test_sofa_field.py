@@ -17,10 +17,10 @@ from struck.files import sofa_container
 from struck.files.sofa_field import load_sofa_field, save_sofa
 from struck.files.sofa_responses import load_sofa_responses, save_sofa_responses
 from struck.model import ModalModel
-from struck.recordings.sampled_field import SampledField
-from struck.recordings.survey import from_spherical
+from struck.recordings.fields.sampled_field import SampledField
+from struck.recordings.fields.survey import from_spherical
 from tests.live.hand import ball
-from tests.recordings.vases import HEIGHTS, Vase, listeners
+from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 
 sofar = pytest.importorskip("sofar", reason="NO SOFA FILE WAS VERIFIED: pip install sofar")
 

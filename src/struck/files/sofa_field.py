@@ -21,7 +21,7 @@ from struck.files.sofa_geometry import (
     symmetry_of,
 )
 from struck.model import ModalModel
-from struck.recordings.sampled_field import SampledField
+from struck.recordings.fields.sampled_field import SampledField
 
 Array = NDArray[np.float64]
 Contacts = ArrayLike | Sequence[Place]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
 from struck.files.sofa_container import Container, Variable, metres
-from struck.recordings.sampled_field import SampledField
-from struck.recordings.survey import SYMMETRIES
+from struck.recordings.fields.sampled_field import SampledField
+from struck.recordings.fields.survey import SYMMETRIES
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from struck.files.sofa_geometry import (
     listeners_of,
 )
 from struck.model import ModalModel
-from struck.recordings.ringing import samples
-from struck.recordings.sampled_field import SampledField
+from struck.recordings.fields.sampled_field import SampledField
+from struck.recordings.takes.ringing import samples
 
 Array = NDArray[np.float64]
 

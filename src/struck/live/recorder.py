@@ -15,7 +15,7 @@ from struck.errors import DeviceError
 from struck.live.callback import SIGNATURE
 from struck.live.portaudio import COMPLETE, CONTINUE, INPUT_OVERFLOW, PortAudio
 from struck.live.stream import keep
-from struck.recordings.capture import Take
+from struck.recordings.capture.capture import Take
 from struck.sound import Sound
 from struck.synth.addresses import singles_at
 

@@ -1,0 +1,1 @@
+"""A model beside another, or beside a recording."""

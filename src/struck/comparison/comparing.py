@@ -1,0 +1,247 @@
+"""How a computed body differs from the real one, or from another: mode by mode."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.atomic import write_bytes
+from struck.comparison.page import page
+from struck.comparison.pictures import differences, spectra
+from struck.comparison.sides import Side
+from struck.errors import OptionError
+from struck.excitation.strike import Strike
+from struck.model import ModalModel
+from struck.pictures import spectrogram
+from struck.recordings.calibration.chance import explains
+from struck.recordings.calibration.pairing import Pairing, paired
+from struck.recordings.calibration.partials import FittedModes
+from struck.sound import Sound
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """A model beside a recording of the body, or beside another model.
+
+    Parameters
+    ----------
+    model, other : Side
+        What was compared.
+    pairing : Pairing
+        Which of the other's modes is which of the model's, and how sure that is.
+    cents : array (P,)
+        By which the other's modes are higher.
+    decay_ratios : array (P,)
+        The other's decay rates over the model's; NaN where that does not decay.
+    level_differences : array (P,)
+        By which the other's modes are louder, `level_offset` apart, dB; NaN where one is silent.
+    level_offset : float
+        Median of the level differences, dB, taken out of them unless both are calibrated.
+    missing : array
+        Numbers of the model's modes that the other lacks though they should be heard.
+    extra : array
+        Numbers of the other's modes that the model lacks though it should have them.
+    explained : bool
+        Whether the two agree better than by chance.
+    """
+
+    model: Side
+    other: Side
+    pairing: Pairing
+    cents: Array
+    decay_ratios: Array
+    level_differences: Array
+    level_offset: float
+    missing: Index
+    extra: Index
+    explained: bool
+
+    @property
+    def pairs(self) -> Index:
+        """Numbers of the model's modes and the other's that belong together (P, 2)."""
+        return np.stack([self.pairing.computed, self.pairing.fitted], axis=1)
+
+    def summary(self) -> list[str]:
+        """Return how they differ, a line each."""
+        mine, theirs = len(self.model.partials.frequencies), len(self.other.partials.frequencies)
+        name = self.other.name
+        lines = [
+            f"{len(self.cents)} pairs of {mine} modes of the model and {theirs} of the {name}",
+            f"{len(self.missing)} of the model should be in the {name} and are not",
+            f"{len(self.extra)} of the {name} should be in the model and are not",
+        ]
+        if not self.explained:
+            lines.append("caution: random modes would agree as well; this may be another body")
+        if not len(self.cents):
+            return lines
+        offset = (
+            f", besides {self.level_offset:+.3g} dB for all" if self._relative else ", absolute"
+        )
+        return [
+            *lines,
+            f"frequencies differ by {_spread(self.cents, 'cents')}",
+            f"decay rates differ by {_spread(100 * (self.decay_ratios - 1), '%')}",
+            f"levels differ by {_spread(self.level_differences, 'dB')}{offset}",
+        ]
+
+    @property
+    def _relative(self) -> bool:
+        return not (self.model.calibrated and self.other.calibrated)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return a row of text for each pair, under `comparison_page.HEADINGS`."""
+        mine, theirs = self.model.partials, self.other.partials
+        columns = (
+            [f"{mode + 1}" for mode in self.pairing.computed],
+            _told(mine.frequencies[self.pairing.computed], ".2f"),
+            _told(theirs.frequencies[self.pairing.fitted], ".2f"),
+            _told(self.cents, "+.2f"),
+            _told(_t60(mine.decays[self.pairing.computed]), ".3g"),
+            _told(_t60(theirs.decays[self.pairing.fitted]), ".3g"),
+            _told(100 * (self.decay_ratios - 1), "+.1f"),
+            _told(self.level_differences, "+.1f"),
+            _told(100 * self.pairing.confidence, ".0f"),
+        )
+        return list(zip(*columns, strict=True))
+
+    def page(self) -> str:
+        """Return an HTML page of its own: sounds, spectra, differences and the table of modes."""
+        sides, alone = (self.model, self.other), (self.missing, self.extra)
+        sounds = [side.sound(self.other.seconds) for side in sides]
+        pictures = [("Both spectra", spectra(sides, sounds, alone))]
+        if len(self.cents):
+            places = self.model.partials.frequencies[self.pairing.computed]
+            values = (self.cents, 100 * (self.decay_ratios - 1), self.level_differences)
+            picture = differences(sides, places, values, self.pairing.confidence)
+            pictures.append(("Differences of paired modes", picture))
+        return page(
+            names=[side.name for side in sides],
+            lines=self.summary(),
+            sounds=sounds,
+            spectrograms=[spectrogram(sound) for sound in sounds],
+            pictures=pictures,
+            rows=self.rows(),
+            alone=[
+                side.partials.frequencies[modes] for side, modes in zip(sides, alone, strict=True)
+            ],
+        )
+
+    def save_page(self, path: str | os.PathLike[str]) -> None:
+        """Write the page, whole or not at all.
+
+        Raises
+        ------
+        FileFormatError
+            When the file cannot be written.
+        """
+        write_bytes(path, self.page().encode())
+
+    def _repr_html_(self) -> str:
+        return self.page()
+
+
+def compare(
+    model: ModalModel,
+    other: ModalModel | FittedModes,
+    *,
+    strike: Strike | None = None,
+    against: Strike | None = None,
+    listener: ArrayLike | None = None,
+    recording: Sound | None = None,
+    widest: float = 1.25,
+) -> Comparison:
+    """Compare a model with what was fitted to a recording, or with another model.
+
+    Parameters
+    ----------
+    model : ModalModel
+    other : ModalModel or FittedModes
+        Another model, or anything with `frequencies`, `decays` and `gains`.
+    strike : Strike, optional
+        Where and with what the model is struck: it tells the levels of its modes. ``Strike()``
+        unless given.
+    against : Strike, optional
+        The same for another model; as `strike` unless given.
+    listener : array-like (3,), optional
+        In the coordinates of each model, m; beside it unless given.
+    recording : Sound, optional
+        What was fitted, to be heard on the page; else the fitted modes are.
+    widest : float
+        Largest factor between the frequencies of the two, either way.
+
+    Returns
+    -------
+    Comparison
+        The validation of 2002, section 5, for any body.
+
+    Raises
+    ------
+    OptionError
+        On `against` or `recording` without what they belong to.
+    ContactError
+        When a contact is off the body, or a model has no surface.
+    RecordingError
+        When either has no modes.
+    """
+    blow = strike or Strike()
+    mine = Side.of_model("model", model, blow, listener)
+    theirs = _other(other, against, blow, listener, recording)
+    audible = None if theirs.computed else mine.audible
+    pairing = paired(theirs.partials, model, widest=widest, audible=audible)
+    one, two = pairing.computed, pairing.fitted
+    tones, others = mine.partials, theirs.partials
+    levels = theirs.levels[two] - mine.levels[one]
+    offset = float(np.nanmedian(levels)) if np.isfinite(levels).any() else 0.0
+    absolute = mine.calibrated and theirs.calibrated
+    decays = np.where(tones.decays[one] > 0, tones.decays[one], np.nan)
+    return Comparison(
+        model=mine,
+        other=theirs,
+        pairing=pairing,
+        cents=1200 * np.log2(others.frequencies[two] / tones.frequencies[one]),
+        decay_ratios=others.decays[two] / decays,
+        level_differences=levels if absolute else levels - offset,
+        level_offset=offset,
+        missing=mine.lonely(pairing.missing, theirs, pairing.factor),
+        extra=theirs.lonely(pairing.extra, mine, 1 / pairing.factor),
+        explained=explains(others, model, pairing),
+    )
+
+
+def _other(
+    other: ModalModel | FittedModes,
+    against: Strike | None,
+    strike: Strike,
+    listener: ArrayLike | None,
+    recording: Sound | None,
+) -> Side:
+    if isinstance(other, ModalModel):
+        if recording is not None:
+            raise OptionError("recording= belongs to fitted modes: another model is rendered")
+        return Side.of_model("other model", other, against or strike, listener)
+    if against is not None:
+        raise OptionError("against= tells how another model is struck: a recording was struck once")
+    return Side.of_recording(other, recording)
+
+
+def _spread(values: Array, unit: str) -> str:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return f"an unknown number of {unit}"
+    low, middle, high = np.quantile(known, [0.1, 0.5, 0.9])
+    return f"{middle:+.3g} {unit} in the median, most by {low:+.3g} to {high:+.3g} {unit}"
+
+
+def _t60(decays: Array) -> Array:
+    return np.log(1000) / np.where(decays > 0, decays, np.nan)
+
+
+def _told(values: Array, form: str) -> Sequence[str]:
+    return [f"{value:{form}}" if np.isfinite(value) else "-" for value in values]

@@ -1,0 +1,1 @@
+"""Recordings of an object in, its model out."""

@@ -1,0 +1,1 @@
+"""Fitted modes against computed ones: which is which, and what the body is made of."""

@@ -1,0 +1,184 @@
+"""Which law of damping the decays of some modes follow, chosen by cross-validation.
+
+Decays scatter by factors, not by amounts, so all fits are least squares of ln d, with errors beyond
+two standard deviations counted less (P. J. Huber, Annals of Mathematical Statistics 35, 1964).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.damping import Damping
+from struck.errors import RecordingError
+from struck.recordings.calibration.loss_laws import LAWS, Curve, Law
+
+Array = NDArray[np.float64]
+
+_CURVES = (3, 5, 8, 12)
+_MODES_A_COEFFICIENT = 3
+_FOLDS = 10
+_HUBER = 2.0
+_WORST = 3.0
+_LEAST = 1e-4
+"""No decay is told more closely than this, relative."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Losses:
+    """How the modes of a body lose their energy.
+
+    Parameters
+    ----------
+    law : Damping
+        What predicts unseen modes best; a simpler one where it is not significantly worse.
+    name : str
+        What it is called.
+    coefficients, standard_errors : mapping
+        Of the law, by name, in its units.
+    scatter : float
+        Standard deviation of ln d about the law.
+    scores : mapping
+        By law: root mean square of ln d of unseen modes about it, capped at three standard
+        deviations of the closest.
+    """
+
+    law: Damping
+    name: str
+    coefficients: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    scatter: float
+    scores: Mapping[str, float]
+
+
+def losses(frequencies: ArrayLike, decays: ArrayLike, errors: ArrayLike | None = None) -> Losses:
+    """Find the law of damping that some modes follow.
+
+    Parameters
+    ----------
+    frequencies : array-like (n,)
+        Natural, Hz.
+    decays : array-like (n,)
+        1/s; modes that do not decay are left out.
+    errors : array-like (n,), optional
+        Standard errors of the decays, 1/s.
+
+    Returns
+    -------
+    Losses
+        A constant loss tangent, one with external losses (1998, eq. 12 and 13), Rayleigh damping
+        (2002, eq. 9), or a free curve, by tenfold cross-validation.
+
+    Raises
+    ------
+    RecordingError
+        When no mode decays.
+    """
+    told = np.asarray(decays, np.float64)
+    stated = np.zeros_like(told) if errors is None else np.asarray(errors, np.float64)
+    kept = np.flatnonzero(told > 0)
+    if not kept.size:
+        raise RecordingError("no fitted mode decays: there is no damping to find")
+    kept = kept[np.argsort(np.asarray(frequencies)[kept], kind="stable")]
+    modes = _Decays(
+        frequencies=np.asarray(frequencies, np.float64)[kept],
+        decays=told[kept],
+        errors=np.maximum(stated[kept] / told[kept], _LEAST),
+    )
+    return modes.explained()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Decays:
+    frequencies: Array  # ascending
+    decays: Array
+    errors: Array  # of ln d
+
+    def explained(self) -> Losses:
+        laws = self.laws()
+        apart = {law.name: self.unseen(law) for law in laws}
+        scale = min(_spread(each) for each in apart.values())
+        capped = {name: np.minimum(each**2, (_WORST * scale) ** 2) for name, each in apart.items()}
+        law = _simplest(laws, capped)
+        coefficients, slopes, weights, scatter = self.settled(law)
+        deviations = _standard_errors(slopes * np.sqrt(weights)[:, None])
+        labels = law.labels(coefficients)
+        return Losses(
+            law=law.damping(coefficients),
+            name=law.name,
+            coefficients=dict(zip(labels, map(float, coefficients), strict=True)),
+            standard_errors=dict(zip(labels, map(float, deviations), strict=True)),
+            scatter=scatter,
+            scores={name: float(np.sqrt(each.mean())) for name, each in capped.items()},
+        )
+
+    def laws(self) -> list[Law]:
+        curves = [Curve.through(self.frequencies, count) for count in _CURVES]
+        every: list[Law] = [*LAWS, *curves]
+        few = len(self.decays) / _MODES_A_COEFFICIENT
+        named = {law.name: law for law in every if law.count == 1 or law.count <= few}
+        return list(named.values())
+
+    def apart(self, law: Law, coefficients: Array) -> Array:
+        told = law.damping(coefficients).decays(self.frequencies)
+        return np.log(self.decays / np.maximum(told, np.finfo(float).tiny))
+
+    def of(self, modes: NDArray[np.bool_]) -> _Decays:
+        return _Decays(
+            frequencies=self.frequencies[modes],
+            decays=self.decays[modes],
+            errors=self.errors[modes],
+        )
+
+    def settled(self, law: Law) -> tuple[Array, Array, Array, float]:
+        """Return coefficients, slopes of ln d over them, weights, and the scatter of ln d."""
+        weights = np.ones_like(self.decays)
+        coefficients, slopes, scatter = np.zeros(0), np.zeros(0), 0.0
+        for _ in range(4):
+            coefficients, slopes = law.fitted(self.frequencies, self.decays, weights)
+            apart = self.apart(law, coefficients)
+            freedom = max(len(apart) - law.count, 1) / len(apart)
+            scatter = _spread(apart) / np.sqrt(freedom)
+            own = np.maximum(scatter**2 - np.median(self.errors) ** 2, 0.0)
+            deviations = np.sqrt(own + self.errors**2)
+            huber = np.minimum(1.0, _HUBER * deviations / np.maximum(np.abs(apart), _LEAST**2))
+            weights = huber / deviations**2
+        return coefficients, slopes, weights, scatter
+
+    def unseen(self, law: Law) -> Array:
+        """Return how far ln d is from what the law, fitted to other modes, says (n,)."""
+        count = len(self.decays)
+        folds = np.arange(count) % min(_FOLDS, count)
+        apart = np.zeros(count)
+        for fold in np.unique(folds):
+            hidden = folds == fold
+            rest = self.of(~hidden) if count > 1 else self
+            apart[hidden] = self.of(hidden).apart(law, rest.settled(law)[0])
+        return apart
+
+
+def _spread(apart: Array) -> float:
+    """Return a standard deviation that a few outliers do not move."""
+    return max(1.4826 * float(np.median(np.abs(apart))), _LEAST)
+
+
+def _standard_errors(design: Array) -> Array:
+    """Return those of coefficients in whatever units, of equations of unit variance (n, k)."""
+    sizes = np.linalg.norm(design, axis=0)
+    inverse = np.linalg.pinv((design / sizes).T @ (design / sizes))
+    return np.sqrt(np.diag(inverse)) / sizes
+
+
+def _simplest(laws: list[Law], squares: Mapping[str, Array]) -> Law:
+    """Return the law with the fewest coefficients that is not significantly worse than the best."""
+    best = min(laws, key=lambda law: squares[law.name].mean())
+
+    def as_good(law: Law) -> bool:
+        more = squares[law.name] - squares[best.name]
+        return law is best or more.mean() <= more.std() / np.sqrt(len(more))
+
+    chosen = [law for law in laws if as_good(law)]
+    return min(chosen, key=lambda law: (law.count, squares[law.name].mean()))

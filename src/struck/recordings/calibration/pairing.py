@@ -1,0 +1,227 @@
+"""Which fitted mode is which computed one: one to one, with a factor and Poisson's ratio unknown.
+
+A computed mode is fitted with some probability, and then lies about where the model expects it;
+other fitted modes are none of the model's, and as dense as fitted modes are around. All ways to
+pair the two lists in order are weighed by likelihood; factor, ratio, scatter and shares are found
+by expectation maximisation, from those that most pairs vote for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
+
+from struck.errors import OptionError, RecordingError
+from struck.model import ModalModel
+from struck.recordings.calibration.agreement import Agreement
+from struck.recordings.calibration.expected import Expected
+from struck.recordings.calibration.hypotheses import Hypotheses, guesses
+from struck.recordings.calibration.partials import FittedModes, Partials
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_ROUGH, _ROUNDS = 6, 40
+_RIVALS = 6
+# Rounds end when no case moves by more than this share of its scatter.
+_SETTLED = 0.01
+# From a wide scatter and from a narrow one: either may take a stray for a partner or miss many.
+_NARROWER = 5.0
+# Hypotheses this close are one.
+_SAME_SHIFT, _SAME_RATIO = 2e-3, 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairing:
+    """Fitted modes with the computed ones that they are.
+
+    Parameters
+    ----------
+    fitted, computed : array (P,)
+        Numbers of the modes of each pair, in ascending order of fitted frequency.
+    confidence : array (P,)
+        How likely each pair is. Some are below a half: those that may be exchanged with neighbours.
+    extra : array
+        Numbers of the fitted modes without a partner.
+    missing : array
+        Numbers of the computed modes without a partner.
+    factor : float
+        By which fitted frequencies exceed the computed ones of `poisson_ratio`: the root of
+        E / density over the model's, times the model's size over the body's.
+    poisson_ratio : float
+        With which the model fits best; its own where it does not tell how modes follow it, NaN
+        where it has none.
+    scatter : float
+        Standard deviation of ln f about what the model then expects, errors of fitting apart.
+    expected : array (N,)
+        Natural frequencies that the model then expects, Hz.
+    certainty : float
+        How likely this factor and ratio are, beside others.
+    support : float
+        ln of how much likelier the fitted modes are with the model than alone. Above 0 the model
+        surely explains the recording; below, `beyond_chance` tells.
+    """
+
+    fitted: Index
+    computed: Index
+    confidence: Array
+    extra: Index
+    missing: Index
+    factor: float
+    poisson_ratio: float
+    scatter: float
+    expected: Array
+    certainty: float
+    support: float
+
+    def __len__(self) -> int:
+        return len(self.fitted)
+
+
+def paired(
+    fitted: FittedModes | Partials,
+    model: ModalModel,
+    *,
+    widest: float = 2.0,
+    audible: ArrayLike | None = None,
+) -> Pairing:
+    """Find which fitted mode is which of a model's modes.
+
+    Parameters
+    ----------
+    fitted : FittedModes or Partials
+        Anything with `frequencies`, `decays` and `gains`, in any order; some modes may be missing,
+        some none of the body's.
+    model : ModalModel
+        The body as computed.
+    widest : float
+        Largest factor between their frequencies, either way; 1 where factor and Poisson's ratio
+        are known but for some parts in a thousand.
+    audible : array-like (N,), optional
+        How far each computed mode can be expected in the recording, 0 to 1: one that was not woken
+        is not missed.
+
+    Returns
+    -------
+    Pairing
+
+    Raises
+    ------
+    OptionError
+        On a `widest` below 1, or `audible` outside 0 to 1.
+    RecordingError
+        When there are no modes on either side, or such as no mode can be.
+    """
+    partials = fitted if isinstance(fitted, Partials) else Partials.of(fitted)
+    if not len(model.frequencies):
+        raise RecordingError("the model has 0 modes to pair with: widen its band")
+    if not (np.isfinite(widest) and widest >= 1):
+        raise OptionError(f"widest is {widest}: give the largest factor, at least 1")
+    shares = _shares(audible, len(model.frequencies))
+    agreement = Agreement.of(partials, Expected(model=model), shares)
+    cases, likelihoods = _likely(agreement, widest)
+    best = np.argsort(-likelihoods, kind="stable")[:_RIVALS]
+    cases = _improved(agreement, cases.chosen(best).and_narrower(_NARROWER), _ROUNDS)
+    order = np.argsort(partials.natural_frequencies, kind="stable")
+    return _decided(agreement, cases, order)
+
+
+def first_support(partials: Partials, model: ModalModel, widest: float = 2.0) -> float:
+    """Return about the support of the best pairing: ln of its likelihood after a few rounds."""
+    shares = _shares(None, len(model.frequencies))
+    agreement = Agreement.of(partials, Expected(model=model), shares)
+    return float(_likely(agreement, widest)[1].max())
+
+
+def _likely(agreement: Agreement, widest: float) -> tuple[Hypotheses, Array]:
+    """Return hypotheses with their likelihoods, a few rounds from the first guesses."""
+    first = guesses(agreement.heard, agreement.expected, widest)
+    cases = _improved(agreement, first, _ROUGH)
+    return cases, agreement.under(cases).likelihoods
+
+
+def _shares(audible: ArrayLike | None, count: int) -> Array:
+    shares = np.ones(count) if audible is None else np.asarray(audible, np.float64)
+    if shares.shape != (count,) or not ((shares >= 0) & (shares <= 1)).all():
+        raise OptionError(
+            f"audible has shape {shares.shape} and reaches from {shares.min():g} to "
+            f"{shares.max():g}: give a share from 0 to 1 for each of {count} modes"
+        )
+    return shares
+
+
+def _improved(agreement: Agreement, cases: Hypotheses, rounds: int) -> Hypotheses:
+    for _ in range(rounds):
+        before = cases
+        cases = agreement.improved(cases, agreement.under(cases))
+        steps = np.abs(cases.shifts - before.shifts) + np.abs(cases.scatters - before.scatters)
+        if np.all(steps < _SETTLED * cases.scatters):
+            break
+    return cases
+
+
+def _decided(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
+    """Pair what is likelier paired than not, over all hypotheses as far as each is likely."""
+    evidence = agreement.under(cases)
+    weights, best, certainty = _weights(cases, evidence.likelihoods)
+    likely: Array = (weights[:, None, None] * evidence.over_modes()).sum(axis=0)
+    ratio, scatter = float(cases.ratios[best]), float(cases.scatters[best])
+    logarithms = agreement.expected.logarithms(np.array([ratio]))[0][0] + cases.shifts[best]
+    rows, columns = linear_sum_assignment(likely, maximize=True)
+    confidence = _confidences(likely, logarithms, rows, columns, scatter)
+    sure = confidence > 0.5
+    rows, columns = rows[sure], columns[sure]
+    steadiness = _steadiness(agreement, rows, logarithms[columns], scatter)
+    return Pairing(
+        fitted=order[rows],
+        computed=columns.astype(np.int64),
+        confidence=np.minimum(confidence[sure], 1.0) * steadiness,
+        extra=np.sort(np.delete(order, rows)),
+        missing=np.delete(np.arange(len(logarithms)), columns),
+        factor=float(np.exp(cases.shifts[best])),
+        poisson_ratio=ratio,
+        scatter=scatter,
+        expected=np.exp(logarithms),
+        certainty=certainty,
+        support=float(evidence.likelihoods[best]),
+    )
+
+
+def _weights(cases: Hypotheses, likelihoods: Array) -> tuple[Array, int, float]:
+    """Return how likely each case is, the number of the best, and how likely it and its like are.
+
+    Cases that have come to the same place share what one of them has.
+    """
+    best = int(np.argmax(likelihoods))
+    weights = np.exp(likelihoods - likelihoods[best])
+    same = np.abs(cases.shifts - cases.shifts[best]) < _SAME_SHIFT
+    same &= ~(np.abs(cases.ratios - cases.ratios[best]) >= _SAME_RATIO)
+    weights = np.where(same, weights / same.sum(), weights)
+    weights /= weights.sum()
+    return weights, best, float(weights[same].sum())
+
+
+def _confidences(
+    likely: Array, logarithms: Array, rows: Index, columns: Index, scatter: float
+) -> Array:
+    """Return how likely each fitted mode is the computed one, or one that it cannot be told from.
+
+    A round body has its modes two by two at one frequency: which of both is heard does not matter.
+    """
+    alike = np.abs(logarithms - logarithms[columns, None]) < scatter
+    return np.where(alike, likely[rows], 0.0).sum(axis=1)
+
+
+def _steadiness(agreement: Agreement, rows: Index, logarithms: Array, scatter: float) -> Array:
+    """Return how likely pairs are not exchanged with their neighbours, whose order may be wrong."""
+    variances = agreement.errors[rows] ** 2 + scatter**2
+    heard, expected = np.diff(agreement.heard[rows]), np.diff(logarithms)
+    between = (variances[1:] + variances[:-1]) / 2
+    exchanged = np.exp(-np.maximum(heard * expected, 0) / between) * (expected > scatter)
+    steadiness = np.ones(len(rows))
+    steadiness[1:] /= 1 + exchanged
+    steadiness[:-1] /= 1 + exchanged
+    return steadiness

@@ -1,0 +1,1 @@
+"""Recordings made by a plan: prompted, struck, recorded, judged, and kept."""

@@ -1,0 +1,1 @@
+"""The fit of 2007 as its paper has it."""

@@ -1,0 +1,1 @@
+"""Timbre fields: gains over contact and listener."""

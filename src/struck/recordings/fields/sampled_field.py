@@ -1,0 +1,183 @@
+"""Gains of a model sampled at contacts and listeners: what files of timbre fields hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.contact import Place
+from struck.errors import OptionError
+from struck.gains import ExpandedGains, Gains, ShapeGains
+from struck.model import ModalModel
+from struck.provenance import Provenance
+from struck.recordings.fields.field import TimbreField
+from struck.recordings.fields.survey import Survey
+from struck.recordings.fields.table import TimbreTable
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+WAYS = ("field", "table")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledField:
+    """The gains of every contact with every listener.
+
+    Parameters
+    ----------
+    frequencies, decays : array (M,)
+        Ringing, Hz, and 1/s.
+    contacts : array (P, D)
+        Coordinates u, or u and v, or x, y, z in m.
+    listeners : array (Q, 3)
+        Body coordinates, m.
+    gains : array (P, Q, M), complex
+        Relative to the arrival time r/c, with r from the centre.
+    centre : array (3,)
+        Where the sound seems to come from, m.
+    symmetry : str
+        "none" or "axial", as in `Survey`.
+    calibrated : bool
+        Whether gains are Pa/(N s), not relative.
+    coordinates : tuple of str
+        Names and units of a contact's coordinates.
+    title : str
+    """
+
+    frequencies: Array
+    decays: Array
+    contacts: Array
+    listeners: Array
+    gains: Complex
+    centre: Array
+    symmetry: str = "none"
+    calibrated: bool = False
+    coordinates: tuple[str, ...] = ()
+    title: str = ""
+
+    @classmethod
+    def of(
+        cls, model: ModalModel, contacts: ArrayLike | Sequence[Place], listeners: ArrayLike
+    ) -> SampledField:
+        """Take the gains of a model at contacts (P, D) and listeners (Q, 3).
+
+        Contacts of a body with a surface may be places by name too; pushes go inward.
+
+        Raises
+        ------
+        ContactError
+            On a contact off the body, or a listener inside it.
+        OptionError
+            When contacts or listeners have another shape, or gains are not finite.
+        """
+        places, directions = _touched(model, contacts)
+        heard = np.asarray(listeners, np.float64)
+        if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
+            raise OptionError(f"listeners have shape {heard.shape}: give x, y, z of each, m")
+        drives = model.gains.at(places, directions)
+        gains = np.einsum("prm,qrm->pqm", drives, model.gains.toward(heard))
+        if not np.isfinite(gains).all():
+            raise OptionError("the model has gains that are not finite: fit or analyze it again")
+        return cls(
+            frequencies=model.frequencies,
+            decays=model.decays,
+            contacts=places,
+            listeners=heard,
+            gains=gains,
+            centre=_centre(model),
+            symmetry="axial" if _is_axial(model.gains) else "none",
+            calibrated=model.calibrated,
+            coordinates=model.coordinates,
+        )
+
+    def survey(self) -> Survey:
+        """Return the gains as of a measurement.
+
+        Raises
+        ------
+        OptionError
+            When contacts have three coordinates.
+        """
+        if self.contacts.shape[1] > 2:
+            raise OptionError(
+                "its contacts have 3 coordinates, and fields are interpolated over 1 or 2: give "
+                "`contacts` as coordinates on the surface, or use `gains` as they are"
+            )
+        return Survey.full(
+            self.contacts,
+            self.listeners,
+            self.gains,
+            self.frequencies,
+            centre=self.centre,
+            symmetry=self.symmetry,
+            calibrated=self.calibrated,
+        )
+
+    def model(self, way: str = "field", *, radius: float = 0.0) -> ModalModel:
+        """Return a model that interpolates between contacts and between listeners.
+
+        Parameters
+        ----------
+        way : str
+            "field": a product for each mode (`TimbreField`); "table": all gains, linear in between
+            (`TimbreTable`), for contacts and listeners on grids.
+        radius : float
+            As for `TimbreField.of`, m.
+
+        Raises
+        ------
+        OptionError
+            On an unknown way, or places that do not suit it.
+        """
+        if way not in WAYS:
+            raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
+        natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
+        order = np.argsort(natural, kind="stable")
+        ordered = replace(self, frequencies=self.frequencies[order], gains=self.gains[:, :, order])
+        survey = ordered.survey()
+        gains = TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
+        return ModalModel(
+            frequencies=ordered.frequencies,
+            natural_frequencies=natural[order],
+            decays=self.decays[order],
+            gains=gains,
+            centre=self.centre,
+            complete_to=0.0,
+            coordinates=self.coordinates or ("u", "v")[: self.contacts.shape[1]],
+            provenance=Provenance(method=f"timbre {way} of sampled gains"),
+        )
+
+
+def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
+    """Return contacts (P, D) and the directions of pushes there (P, 3)."""
+    if isinstance(model.gains, ShapeGains) and model.geometry is not None:
+        found = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
+        return np.array([each.point for each in found]), np.array(
+            [each.direction for each in found]
+        )
+    places = np.asarray(contacts, np.float64)
+    if places.ndim != 2 or not places.size:
+        raise OptionError(f"contacts have shape {places.shape}: give the coordinates of each")
+    return places, np.zeros((len(places), 3))
+
+
+def _centre(model: ModalModel) -> Array:
+    """Return the point from which travel times count, m."""
+    gains = model.gains.products if isinstance(model.gains, ExpandedGains) else model.gains
+    if isinstance(gains, TimbreTable):
+        return gains.centre * gains.size
+    if isinstance(gains, TimbreField | ShapeGains):
+        return gains.centre
+    return np.zeros(3) if model.centre is None else model.centre
+
+
+def _is_axial(gains: Gains) -> bool:
+    """Tell whether only the azimuth between contact and listener matters."""
+    whole = gains.products if isinstance(gains, ExpandedGains) else gains
+    if isinstance(whole, TimbreTable):
+        return whole.mirrored
+    return isinstance(whole, TimbreField) and whole.listener_part.mirrored

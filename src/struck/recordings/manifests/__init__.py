@@ -1,0 +1,1 @@
+"""Which recording was struck where, and heard from where."""

@@ -1,0 +1,236 @@
+"""First estimates of poles, by ESPRIT in the bins of windowed transforms of several lengths.
+
+In a bin of a transform whose frames look forward each mode is an exponential from frame to frame,
+and few modes share a bin. Poles follow from the invariance of the signal subspace under a shift by
+one frame (Roy and Kailath 1989), against noise whitened for the overlap of the frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+from scipy.ndimage import uniform_filter1d
+
+from struck.recordings.takes.frames import blackman_harris, frames
+from struck.recordings.takes.segment import Segment
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating]
+Index = NDArray[np.int64]
+
+_OVERLAP = 8
+_RISE = 8.0
+"""A bin is searched when its first frames rise so far over the noise: 9 dB."""
+_GONE = 3.0
+"""Frames count until the power falls to so many times the noise."""
+_FIRST = 6
+_FEWEST = 12
+_WINDOW = 36
+_BATCH = 64
+_DIRECTIONS = 8
+_COUNTS = np.array([24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 300])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resolution:
+    """A window and what is looked for in it.
+
+    Parameters
+    ----------
+    window : int
+        Samples, a power of two.
+    fastest : float
+        Decay rates of candidates are below, 1/s.
+    frames : int
+        Not more frames than these.
+    orders : int
+        Not more poles a bin than these.
+    """
+
+    window: int
+    fastest: float
+    frames: int
+    orders: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidates:
+    """Poles (M,), 1/s, and their energies, in the unit of the noise's density."""
+
+    poles: Complex
+    energies: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Candidates]) -> Candidates:
+        """Return all in one."""
+        return cls(
+            poles=np.concatenate([np.zeros(0, complex), *(part.poles for part in parts)]),
+            energies=np.concatenate([np.zeros(0), *(part.energies for part in parts)]),
+        )
+
+    def distinct(self, resolved: float, share: float) -> Candidates:
+        """Return the strongest of those within so many Hz, or this share of their widths."""
+        frequencies, widths = self.poles.imag / (2 * np.pi), -self.poles.real / (2 * np.pi)
+        open_ = np.ones(len(self.poles), bool)
+        kept = []
+        for mode in np.argsort(-self.energies):
+            if open_[mode]:
+                kept.append(mode)
+                reach = np.maximum(resolved, share * (widths + widths[mode]))
+                open_ &= np.abs(frequencies - frequencies[mode]) >= reach
+        return Candidates(poles=self.poles[kept], energies=self.energies[kept])
+
+
+def candidates(
+    segments: Sequence[Segment], left: Sequence[Array], resolution: Resolution
+) -> Candidates:
+    """Search what is left of all segments together.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        All channels and hits, at one sample rate.
+    left : sequence of arrays (C, n)
+        Their samples, less the modes found so far.
+    resolution : Resolution
+        Where to look.
+
+    Returns
+    -------
+    Candidates
+        None where the segments are too short for the window.
+    """
+    search = _Search(
+        window=blackman_harris(resolution.window),
+        step=resolution.window // _OVERLAP,
+        sample_rate=segments[0].sample_rate,
+        resolution=resolution,
+    )
+    white = search.white(segments, left)
+    if white.shape[1] < _FEWEST:
+        return Candidates.joined([])
+    powers = np.max([each.real**2 + each.imag**2 for each in white], axis=0)
+    found = []
+    for count, bins in _counted(powers, search.spacing, search.sample_rate):
+        for part in np.array_split(bins, -(-len(bins) // _BATCH)):
+            found += search.bins(white[:, :count, part].transpose(2, 0, 1), part)
+    return Candidates.joined(found).distinct(0.02 * search.spacing, share=0.1)
+
+
+def _counted(powers: Array, spacing: float, sample_rate: float) -> Iterator[tuple[int, Index]]:
+    """Yield numbers of frames and the bins that stay over the noise for about so many."""
+    total = len(powers)
+    centres = np.arange(powers.shape[1]) * spacing
+    heard = (powers[:_FIRST].max(axis=0) > _RISE) & (centres > 30) & (centres < 0.47 * sample_rate)
+    bins = np.flatnonzero(heard)
+    alive = uniform_filter1d(powers[:, bins], 5, axis=0, mode="constant") > _GONE
+    last = np.where(alive.any(axis=0), total - np.argmax(alive[::-1], axis=0), 0)
+    counts = np.append(_COUNTS[total > _COUNTS], total)
+    wanted = counts[np.searchsorted(counts, np.minimum(last, total))]
+    for count in np.unique(wanted):
+        yield int(count), bins[wanted == count]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    window: Array
+    step: int
+    sample_rate: float
+    resolution: Resolution
+
+    @property
+    def spacing(self) -> float:
+        """From one bin to the next, Hz."""
+        return self.sample_rate / len(self.window)
+
+    def white(self, segments: Sequence[Segment], left: Sequence[Array]) -> Complex:
+        """Return frames of the long segments, (C, frames, bins), in units of the noise."""
+        counts = [(each.shape[1] - len(self.window)) // self.step + 1 for each in left]
+        most = min(max(counts), self.resolution.frames)
+        count = min(each for each in (*counts, most) if each >= most / 2)
+        centres = np.arange(len(self.window) // 2) * self.spacing
+        energy = (self.window**2).sum()
+        parts = [
+            frames(samples, self.window, self.step, count)
+            / np.sqrt(segment.noise.at(centres) * energy)[:, None].astype(np.float32)
+            for segment, samples, here in zip(segments, left, counts, strict=True)
+            if here >= count
+        ]
+        return np.concatenate(parts)
+
+    def bins(self, white: Complex, bins: Index) -> list[Candidates]:
+        """Return what is found in some bins, (bins, C, frames), noise being 1."""
+        count = white.shape[2]
+        length = min(count // 2, _WINDOW)
+        whitening = self._whitening(length)
+        strongest = _strongest_directions(white.astype(complex))
+        sliding = np.lib.stride_tricks.sliding_window_view(strongest, length, axis=2)
+        rows = sliding.reshape(len(bins), -1, length)
+        pieces = strongest.shape[1] * sliding.shape[2]
+        covariance = rows.swapaxes(1, 2) @ rows.conj() / pieces
+        powers, vectors = np.linalg.eigh(whitening @ covariance @ whitening.conj().T)
+        noise = 3 * (1 + np.sqrt(2 * length / pieces)) ** 2
+        orders = np.minimum((powers > noise).sum(axis=1), self.resolution.orders)
+        back = np.linalg.inv(whitening)
+        found = []
+        for order in np.unique(orders[orders > 0]):
+            these = orders == order
+            signals = np.asarray(back @ vectors[these][:, :, -order:], complex)
+            ratios = _ratios(signals)
+            found.append(self._accepted(ratios, white[these], bins[these]))
+        return found
+
+    def _whitening(self, length: int) -> Array:
+        """Return what makes noise in overlapping frames white, nearly."""
+        size, energy = len(self.window), (self.window**2).sum()
+        lags = [
+            (self.window[: size - shift] * self.window[shift:]).sum() / energy
+            for shift in range(0, min(length * self.step, size), self.step)
+        ]
+        correlation = np.zeros(length)
+        correlation[: len(lags)] = lags
+        regular = toeplitz(correlation) + 5e-3 * np.eye(length)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
+
+    def _accepted(self, ratios: Complex, white: Complex, bins: Index) -> Candidates:
+        """Return poles that belong to their own bin and do not merely cancel others."""
+        rate = self.sample_rate / self.step
+        modulus = np.clip(np.abs(ratios), 1e-2, np.exp(-0.05 / rate))
+        decays, shifts = -np.log(modulus) * rate, np.angle(ratios) * rate / (2 * np.pi)
+        times = np.arange(white.shape[2]) / rate
+        waves = np.exp(times[:, None] * (-decays + 2j * np.pi * shifts)[:, None, :])
+        amplitudes = _least_squares(waves, white.swapaxes(1, 2))
+        observed = np.abs(white).max(axis=(1, 2))[:, None]
+        good = np.abs(shifts) < 0.55 * self.spacing
+        good &= (decays < self.resolution.fastest) & (np.abs(amplitudes).max(axis=2) < 2 * observed)
+        energies = (np.abs(amplitudes) ** 2).sum(axis=2) * (np.abs(waves) ** 2).sum(axis=1)
+        frequencies = (bins * self.spacing)[:, None] + shifts
+        return Candidates(
+            poles=(-decays + 2j * np.pi * frequencies)[good],
+            energies=(2 * self.step / len(self.window) * energies)[good],
+        )
+
+
+def _strongest_directions(white: Complex) -> Complex:
+    """Turn many channels into few: the directions that hold most of the energy."""
+    if white.shape[1] <= 2 * _DIRECTIONS:
+        return white
+    _, vectors = np.linalg.eigh(white @ white.conj().swapaxes(1, 2))
+    return vectors[:, :, -_DIRECTIONS:].conj().swapaxes(1, 2) @ white
+
+
+def _ratios(subspaces: Complex) -> Complex:
+    """Return the eigenvalues of the shift by one frame within each subspace."""
+    before, after = subspaces[:, :-1], subspaces[:, 1:]
+    return np.linalg.eigvals(_least_squares(before, after))
+
+
+def _least_squares(matrices: Complex, sides: Complex) -> Complex:
+    adjoint = matrices.conj().swapaxes(1, 2)
+    normal = adjoint @ matrices
+    size = np.trace(normal, axis1=1, axis2=2).real[:, None, None]
+    return np.linalg.solve(normal + 1e-10 * size * np.eye(normal.shape[1]), adjoint @ sides)

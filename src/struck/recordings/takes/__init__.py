@@ -1,0 +1,1 @@
+"""What was recorded, where it was struck, and the stretches that ring freely."""

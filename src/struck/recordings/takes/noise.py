@@ -1,0 +1,151 @@
+"""The noise that a take was made in, as a density over frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+
+from struck.recordings.takes.frames import blackman_harris, frames
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.046
+"""Length of the windows that a density is averaged over, s."""
+_QUIET = 0.1
+_LONGEST = 10.0
+"""The last seconds of ambient sound are enough."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Noise:
+    """Density of stationary noise, as the variance a sample of white noise of the same level.
+
+    A discrete Fourier transform of N samples so has the mean square N times the density.
+
+    Parameters
+    ----------
+    frequencies : array (F,)
+        Ascending, Hz.
+    densities : array (C, F)
+        In the squared unit of the samples.
+    """
+
+    frequencies: Array
+    densities: Array
+
+    @classmethod
+    def white(cls, variances: ArrayLike) -> Noise:
+        """Return noise of the same density everywhere, one variance a channel."""
+        column = np.reshape(np.asarray(variances, float), (-1, 1))
+        return cls(frequencies=np.array([0.0, 1.0]), densities=np.repeat(column, 2, axis=1))
+
+    @classmethod
+    def heard_in(cls, samples: Array, sample_rate: float, floor: float = 0.0) -> Noise:
+        """Measure the noise of a stretch that holds nothing else.
+
+        Parameters
+        ----------
+        samples : array (C, n)
+            Ambient sound.
+        sample_rate : float
+            Hz.
+        floor : float
+            Least density, for recordings that are digitally silent.
+        """
+        samples = samples[:, -round(_LONGEST * sample_rate) :]
+        size = _window_size(sample_rate, samples.shape[1])
+        window = blackman_harris(size)
+        pieces = frames(samples, window, size // 4)
+        powers = (np.abs(pieces) ** 2).mean(axis=1) / (window**2).sum()
+        return cls(
+            frequencies=np.arange(powers.shape[1]) * (sample_rate / size),
+            densities=np.maximum(_smooth_but_for_lines(powers), floor),
+        )
+
+    @classmethod
+    def quietest(cls, samples: Array, sample_rate: float, floor: float = 0.0) -> Noise:
+        """Estimate the noise of a take that has no lead-in, from its quietest tenth of a second.
+
+        Lines are taken for modes, not for noise.
+
+        Parameters
+        ----------
+        samples : array (C, n)
+            The whole take.
+        sample_rate : float
+            Hz.
+        floor : float
+            Least density.
+        """
+        size = round(_QUIET * sample_rate)
+        blocks = samples[:, : samples.shape[1] // size * size].reshape(len(samples), -1, size)
+        quietest = np.diff(blocks, axis=2).var(axis=2).argmin(axis=1)
+        calm = np.stack([each[place] for each, place in zip(blocks, quietest, strict=True)])
+        heard = cls.heard_in(calm, sample_rate, floor)
+        broad = median_filter(heard.densities, (1, 31), mode="nearest")
+        return replace(heard, densities=np.maximum(broad, floor))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Noise]) -> Noise:
+        """Return the noise of all channels, one part after the other."""
+        frequencies = np.unique(np.concatenate([each.frequencies for each in parts]))
+        return cls(
+            frequencies=frequencies, densities=np.vstack([each.at(frequencies) for each in parts])
+        )
+
+    def at(self, frequencies: ArrayLike) -> Array:
+        """Return the densities there, (C, ...)."""
+        wanted = np.asarray(frequencies, float)
+        return np.stack([np.interp(wanted, self.frequencies, each) for each in self.densities])
+
+    def raised(self, residual: Array, sample_rate: float, breadth: float = 100.0) -> Noise:
+        """Return a copy that is nowhere below what a fit left over.
+
+        Where the model is wrong its error is no noise, yet nothing smaller than it can be told
+        from it.
+
+        Parameters
+        ----------
+        residual : array (C, n)
+            What the fit left.
+        sample_rate : float
+            Hz.
+        breadth : float
+            The residual's power is averaged over so many Hz.
+        """
+        length = residual.shape[1]
+        powers = np.abs(np.fft.rfft(residual, axis=1)) ** 2 / length
+        bins = max(1, round(breadth * length / sample_rate))
+        grid = np.arange(0, sample_rate / 2, breadth / 4)
+        measured = np.stack(
+            [
+                np.interp(grid, np.arange(len(each)) * (sample_rate / length), each)
+                for each in uniform_filter1d(powers, bins, axis=1)
+            ]
+        )
+        frequencies = np.union1d(self.frequencies, grid)
+        left = np.stack([np.interp(frequencies, grid, each) for each in measured])
+        return Noise(frequencies=frequencies, densities=np.maximum(self.at(frequencies), left))
+
+    def energy(self, length: int) -> Array:
+        """Return the energy of so many samples, (C,)."""
+        grid = np.linspace(self.frequencies[0], self.frequencies[-1], 2048)
+        return length * self.at(grid).mean(axis=1)
+
+
+def _window_size(sample_rate: float, length: int) -> int:
+    wanted = min(WINDOW * sample_rate, length)
+    return 2 ** int(np.log2(wanted) + 0.5 if wanted < length else np.log2(length))
+
+
+def _smooth_but_for_lines(powers: Array) -> Array:
+    """Average over neighbours, but keep tones: what stands 6 dB over the median around it."""
+    broad = median_filter(powers, (1, 31), mode="nearest")
+    toned = powers > 4 * broad
+    calm = uniform_filter1d(np.where(toned, broad, powers), 9, axis=1, mode="nearest")
+    lines = maximum_filter1d(np.where(toned, powers, 0.0), 3, axis=1)
+    return np.maximum(calm, lines)

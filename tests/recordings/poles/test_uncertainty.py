@@ -1,0 +1,91 @@
+"""Standard errors, against the Cramer-Rao bound computed otherwise and against true errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from struck.recordings.poles.refine import refine
+from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.takes.noise import Noise
+from struck.recordings.takes.ringing import Ringing
+from struck.recordings.takes.segment import Segment
+from tests.recordings.bounds import bounds
+from tests.recordings.scenes import LEAD, RATE, Scene, Truth, pairs, recorded, ringing
+
+
+def segment_of(take: Scene) -> Segment:
+    return Segment.of(take.samples[:, LEAD:], RATE, Noise.white(take.truth.noise**2))
+
+
+def true_modes(truth: Truth) -> Ringing:
+    return Ringing(poles=truth.poles, gains=truth.gains)
+
+
+def test_the_bound_itself_is_that_of_one_decaying_sine() -> None:
+    # The integrals of t^k exp(-2 d t) leave 1 / 8 d^3 of t^2 once the gain is eliminated, and a
+    # sine has half the energy: var(2 pi f) = var(d) = 16 noise^2 d^3 / (amplitude^2 rate).
+    alone = Truth(
+        frequencies=np.array([1000.0]),
+        decays=np.array([20.0]),
+        gains=np.array([[1.0 + 0j]]),
+        noise=np.array([0.01]),
+    )
+    expected = np.sqrt(16 * 0.01**2 * 20**3 / RATE)
+    frequency, decay = bounds(alone)
+    assert decay[0] == pytest.approx(expected, rel=2e-3)
+    assert frequency[0] == pytest.approx(expected / (2 * np.pi), rel=2e-3)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_standard_errors_are_the_cramer_rao_bound(channels: int) -> None:
+    chance = np.random.default_rng(4)
+    frequencies = np.array([300.0, 301.5, 800.0, 2000.0, 2004.0, 9000.0])
+    decays = np.array([2.0, 2.5, 4.0, 9.0, 12.0, 60.0])
+    gains = chance.uniform(0.3, 1, (channels, 6)) * np.exp(
+        2j * np.pi * chance.random((channels, 6))
+    )
+    take = recorded(frequencies, decays, gains, 30, chance)
+    fitted = standard_errors([segment_of(take)], true_modes(take.truth))
+    for ours, bound in zip(fitted, bounds(take.truth), strict=True):
+        assert ours == pytest.approx(bound, rel=0.1)
+
+
+def test_what_a_model_leaves_counts_as_noise() -> None:
+    take = pairs(2.0, 1.0, 40, np.random.default_rng(5))
+    segment = segment_of(take)
+    usual, _ = standard_errors([segment], true_modes(take.truth))
+    quieter = replace(segment, noise=Noise.white(take.truth.noise**2 / 100))
+    told, _ = standard_errors([quieter], true_modes(take.truth))
+    assert told == pytest.approx(usual, rel=0.3)
+
+
+def scaled_errors(seeds: range) -> tuple[list[float], list[float]]:
+    """Return errors of refined frequencies and decays in standard errors, 6 modes a seed."""
+    frequencies = np.array([300.0, 301.5, 800.0, 2000.0, 2004.0, 9000.0])
+    decays = np.array([2.0, 2.5, 4.0, 9.0, 12.0, 60.0])
+    clean = ringing(frequencies, decays, np.ones((1, 6), complex), 2 * RATE)
+    truth = Truth(
+        frequencies=frequencies,
+        decays=decays,
+        gains=np.ones((1, 6), complex),
+        noise=np.array([0.1]),
+    )
+    away: tuple[list[float], list[float]] = ([], [])
+    for seed in seeds:
+        noise = 0.1 * np.random.default_rng(seed).standard_normal(clean.shape)
+        segment = Segment.of(clean + noise, RATE, Noise.white([0.01]))
+        found = refine([segment], true_modes(truth), sweeps=3, steps=6)
+        frequency, decay = standard_errors([segment], found)
+        away[0].extend((found.frequencies - frequencies) / frequency)
+        away[1].extend((found.decays - decays) / decay)
+    return away
+
+
+def test_refined_modes_scatter_by_their_standard_errors() -> None:
+    for away in scaled_errors(range(40)):
+        # 240 values of a standard normal distribution: its rms is known to 5 %.
+        assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1, abs=0.15)
+        assert abs(np.mean(away)) < 0.2

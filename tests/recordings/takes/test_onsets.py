@@ -1,0 +1,92 @@
+"""Hits found in takes whose hits are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from struck.recordings.takes.onsets import find_hits, hit_at
+from struck.recordings.takes.take import Take
+from tests.recordings.scenes import LEAD, RATE, repeated, scene
+
+Array = NDArray[np.float64]
+
+
+def take(samples: Array) -> Take:
+    return Take(samples=samples, sample_rate=RATE)
+
+
+def missed_and_false(seeds: range) -> tuple[int, int, Array]:
+    """Count hits missed and false, and tell how late the others are found, s."""
+    missed, false, late = 0, 0, []
+    for seed in seeds:
+        samples, starts, _ = repeated(8, np.random.default_rng(seed))
+        found = np.array([hit.onset for hit in find_hits(take(samples))])
+        away = np.abs(found[:, None] - starts)
+        missed += np.count_nonzero(away.min(axis=0) > 0.005 * RATE)
+        false += np.count_nonzero(away.min(axis=1) > 0.005 * RATE)
+        late += list((found - starts[away.argmin(axis=1)]) / RATE)
+    return missed, false, np.array(late)
+
+
+def test_hits_on_loud_tails_are_found_to_the_sample() -> None:
+    missed, false, late = missed_and_false(range(900, 903))
+    assert (missed, false) == (0, 0)
+    assert np.abs(np.median(late)) <= 1 / RATE
+    assert np.abs(late).max() < 0.003
+
+
+@pytest.mark.prove
+def test_hits_on_loud_tails_are_found_in_160() -> None:
+    missed, false, late = missed_and_false(range(920, 940))
+    assert (missed, false) == (0, 0)
+    assert np.quantile(np.abs(late), 0.9) < 0.001
+
+
+def test_free_ringing_starts_after_the_onset_and_soon() -> None:
+    hits = find_hits(take(scene(20, 40, np.random.default_rng(1)).samples))
+    assert len(hits) == 1
+    assert abs(hits[0].onset - LEAD) < 0.001 * RATE
+    assert LEAD <= hits[0].start < LEAD + 0.004 * RATE
+
+
+def test_a_file_may_begin_with_its_hit() -> None:
+    times = np.arange(RATE) / RATE
+    hits = find_hits(take(np.sin(2 * np.pi * 500 * times) * np.exp(-8 * times)))
+    assert [hit.onset < 0.001 * RATE for hit in hits] == [True]
+
+
+def test_a_slow_rise_is_waited_for() -> None:
+    times = np.arange(RATE) / RATE
+    rising = np.minimum(times / 0.004, 1) * np.sin(2 * np.pi * 500 * times) * np.exp(-8 * times)
+    (hit,) = find_hits(take(np.pad(rising, (RATE // 4, 0)) + noise(1.25, 1e-4)))
+    assert 0.002 < (hit.start - RATE // 4) / RATE < 0.006
+
+
+def noise(seconds: float, rms: float) -> Array:
+    return rms * np.random.default_rng(3).standard_normal(round(seconds * RATE))
+
+
+@pytest.mark.parametrize("rate", [8000, 192_000])
+def test_hits_are_found_at_any_rate(rate: int) -> None:
+    times = np.arange(rate) / rate
+    rung = sum(np.sin(2 * np.pi * tone * times) for tone in (300, 900, 2100)) * np.exp(-9 * times)
+    sound = np.pad(rung, (rate // 2, 0)) + 1e-3 * np.random.default_rng(0).standard_normal(
+        rate * 3 // 2
+    )
+    (hit,) = find_hits(Take(samples=sound, sample_rate=rate))
+    assert abs(hit.onset / rate - 0.5) < 0.001
+
+
+def test_noise_and_swelling_tones_hold_no_hit() -> None:
+    times = np.arange(2 * RATE) / RATE
+    assert not find_hits(take(noise(2.0, 0.1)))
+    assert not find_hits(take(np.minimum(times, 1) * np.sin(2 * np.pi * 440 * times)))
+
+
+def test_a_known_onset_is_taken_as_it_is() -> None:
+    samples = scene(20, 40, np.random.default_rng(2)).samples
+    hit = hit_at(take(samples), LEAD, samples.shape[1])
+    assert (hit.onset, hit.end) == (LEAD, samples.shape[1])
+    assert hit.start > LEAD
