@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from struck.ears.listeners import Binaural, Stereo
-from struck.errors import OptionError
+from struck.ears.listeners import Binaural, Mono, Stereo
+from struck.errors import FileFormatError, OptionError
 from struck.listener_arguments import add_listener, add_room, listener, room
 
 
@@ -59,3 +60,23 @@ def test_what_makes_no_listener_is_refused(words: tuple[str, ...], message: str)
 def test_a_reverberation_without_a_room_is_refused() -> None:
     with pytest.raises(OptionError, match="--reverberation needs a room"):
         room(parsed("--reverberation", "1"))
+
+
+def test_somebody_walks_by_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("0,1,0,0\n1.5,0,1,0\n\n3,-1,0,0\n")
+    found = listener(parsed("--walk", str(path)))
+    assert isinstance(found, Mono)
+    times, places = found.position
+    assert times.tolist() == [0, 1.5, 3]
+    assert places.tolist() == [[1, 0, 0], [0, 1, 0], [-1, 0, 0]]
+    assert isinstance(listener(parsed("--walk", str(path), "--head", "exact")), Stereo)
+    with pytest.raises(OptionError, match="two places"):
+        listener(parsed("--walk", str(path), "--listener", "1,0,0"))
+
+
+@pytest.mark.parametrize("text", ["0,1,0", "time,x,y,z\n0,1,0,0", "0,1,0,0\n1,2"])
+def test_a_file_that_is_no_walk_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "walk.csv").write_text(text)
+    with pytest.raises(FileFormatError, match="four numbers"):
+        listener(parsed("--walk", str(tmp_path / "walk.csv")))

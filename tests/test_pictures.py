@@ -20,6 +20,7 @@ from struck.material import Material
 from struck.mesh import Mesh
 from struck.model import ModalModel
 from struck.painting import Painter
+from struck.recordings.fields.single_point import SinglePoint
 from struck.sound import Sound
 
 CLAY = Material(name="clay", density=2000.0, youngs_modulus=10e9, poisson_ratio=0.2)
@@ -223,6 +224,33 @@ def test_figures_that_cannot_be_saved_say_why(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="does not exist"):
         pictures.save(figure, tmp_path / "none" / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+def recorded(*decays: float) -> ModalModel:
+    frequencies = 440.0 * np.arange(1, len(decays) + 1)
+    return ModalModel(
+        frequencies=frequencies,
+        natural_frequencies=frequencies,
+        decays=np.array(decays),
+        gains=SinglePoint(outputs=np.ones(len(decays), complex)),
+        complete_to=0.0,
+    )
+
+
+def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
+    figure = pictures.overview(recorded(1.0, 2.0, 40.0), CHORD, title="A mug")
+    ringing, levels = figure.axes
+    frequencies, times = ringing.lines[0].get_data()
+    assert frequencies.tolist() == [440.0, 880.0, 1320.0]
+    np.testing.assert_allclose(times, np.log(1000) / [1.0, 2.0, 40.0])
+    assert [text.get_text() for text in levels.texts] == ["440", "1000", "3000"]
+    for part in ("A mug", "3 modes", "time to fall by 60 dB (s)", "level (dB"):
+        assert part in texts(figure)
+    silent = pictures.overview(recorded(1.0))
+    assert len(silent.axes) == 1
+    assert "1 mode" in texts(silent)
+    with pytest.raises(OptionError, match="0 modes"):
+        pictures.overview(recorded())
 
 
 def test_models_without_shapes_or_modes_are_refused() -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from struck import errors
     from struck._api import load, play, save, show, tune
     from struck.analysis import analyze
+    from struck.comparison.comparing import compare
     from struck.damping import Damping, InternalFriction, Measured, Rayleigh
     from struck.ears.listeners import Binaural, Mono, Stereo
     from struck.ears.reverberation import Reverberation
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from struck.excitation.scrape import Scrape
     from struck.excitation.strike import Strike
     from struck.excitation.track import ForceTrack
+    from struck.fitting.fit import fit
     from struck.material import Material, materials
     from struck.mesh import Mesh
     from struck.model import ModalModel
@@ -68,7 +70,9 @@ __all__ = [
     "Strike",
     "analyze",
     "audible",
+    "compare",
     "errors",
+    "fit",
     "load",
     "materials",
     "play",
@@ -88,6 +92,7 @@ _HOMES = {
     "struck.perception.sonic_distance": ("sonic_distance",),
     "struck.perception.sound_map": ("SoundMap", "sound_map"),
     "struck.rendering": ("render",),
+    "struck.comparison.comparing": ("compare",),
     "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
     "struck.ears.listeners": ("Binaural", "Mono", "Stereo"),
     "struck.ears.reverberation": ("Reverberation",),
@@ -100,6 +105,7 @@ _HOMES = {
     "struck.excitation.scrape": ("Scrape",),
     "struck.excitation.strike": ("Strike",),
     "struck.excitation.track": ("ForceTrack",),
+    "struck.fitting.fit": ("fit",),
     "struck.material": ("Material", "materials"),
     "struck.mesh": ("Mesh",),
     "struck.model": ("ModalModel",),

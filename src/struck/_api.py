@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.files import model_file
 from struck.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -17,31 +16,53 @@ if TYPE_CHECKING:
 
     from struck.discretisation import Solid
     from struck.ears.listeners import Listener
+    from struck.files.sofa_field import Contacts
     from struck.live.player import Player
     from struck.material import Material
     from struck.model import ModalModel
 
 
-def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
-    """Write a model to a ``.struck`` file, atomically.
+def save(
+    model: ModalModel,
+    path: str | os.PathLike[str],
+    *,
+    contacts: Contacts | None = None,
+    listeners: ArrayLike | None = None,
+) -> None:
+    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path
+        Its ending tells the kind.
+    contacts, listeners : array-like, optional
+        For ``.sofa`` files, where the model is struck and heard: coordinates, m, or names; those
+        that were recorded unless given.
 
     Raises
     ------
     FileFormatError
         When the folder is missing or cannot be written.
+    OptionError
+        On contacts or listeners for a ``.struck`` file, or none for a computed model's SOFA file.
     """
-    model_file.save(model, path)
+    from struck.files import any_model
+
+    any_model.save(model, path, contacts=contacts, listeners=listeners)
 
 
 def load(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model from a ``.struck`` file.
+    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
 
     Raises
     ------
     FileFormatError
         When the file is missing, damaged, no model, or of a newer version.
     """
-    return model_file.load(path)
+    from struck.files import any_model
+
+    return any_model.load(path)
 
 
 def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import struck
-from struck.arguments import body_named, material_named, numbers, writable
+from struck.arguments import body_named, material_named, numbers
+from struck.atomic import writable
 from struck.command import Result, command
 from struck.errors import OptionError
 from struck.progress import TerminalProgress

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from struck.damping import InternalFriction
-from struck.errors import FileFormatError, MaterialError, OptionError
+from struck.errors import MaterialError, OptionError
 from struck.material import Material
 
 if TYPE_CHECKING:
@@ -26,6 +25,14 @@ def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return parse
+
+
+def place(text: str) -> str | tuple[float, ...]:
+    """Return the coordinates that "0.1,0,0.02" tells, else a name of a place."""
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        return text
 
 
 def body_named(text: str) -> str | Solid:
@@ -88,19 +95,3 @@ def material_named(text: str, damping: str = "own") -> Material:
 def _dimension(text: str) -> float | tuple[float, ...]:
     edges = tuple(map(float, text.split("x")))
     return edges[0] if len(edges) == 1 else edges
-
-
-def writable(path: str | Path) -> Path:
-    """Return the path of a file to write, refused before any work when its folder is missing.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder is missing or the path is a folder.
-    """
-    target = Path(path)
-    if target.is_dir():
-        raise FileFormatError(f"{target} is a folder: give the name of a file in it")
-    if not target.parent.is_dir():
-        raise FileFormatError(f"there is no folder {target.parent}: make it first")
-    return target

@@ -57,6 +57,22 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         ) from error
 
 
+def writable(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file to write, refused before any work when its folder is missing.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or the path is a folder.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise FileFormatError(f"{target} is a folder: give the name of a file in it")
+    if not target.parent.is_dir():
+        raise FileFormatError(f"there is no folder {target.parent}: make it first")
+    return target
+
+
 def sweep(folder: Path) -> int:
     """Remove the hidden files of processes that were killed while writing, and count them.
 

@@ -12,10 +12,15 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.analyze_command import LISTED, MATERIAL, declare_analyze, described
-from struck.arguments import body_named, material_named, writable
+from struck.arguments import body_named, material_named
+from struck.atomic import writable
 from struck.cache_command import declare_cache
+from struck.calibrate_command import declare_calibrate
 from struck.command import Result, command, warnings_in_one_line
+from struck.compare_command import declare_compare
 from struck.errors import StruckError
+from struck.export_command import declare_export
+from struck.fit_command import declare_fit
 from struck.listener_arguments import add_listener, add_room, listener, room
 from struck.play_command import declare_play
 from struck.progress import TerminalProgress
@@ -72,6 +77,10 @@ def _parser() -> argparse.ArgumentParser:
         declare_sound_map,
         declare_play,
         declare_record,
+        declare_fit,
+        declare_compare,
+        declare_calibrate,
+        declare_export,
         _tune,
         _materials,
         declare_cache,

@@ -121,6 +121,23 @@ class Measured:
         return np.exp(np.interp(wanted, np.log(self.frequencies), np.log(self.rates)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Each:
+    """The decay rate of each mode of one body, whatever made it.
+
+    Parameters
+    ----------
+    rates : array (M,)
+        1/s.
+    """
+
+    rates: Array
+
+    def decays(self, frequencies: ArrayLike) -> Array:
+        """Return the rates of these M modes, 1/s."""
+        return np.broadcast_to(self.rates, np.shape(frequencies))
+
+
 def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
     """Return the damped frequencies f = sqrt(f0^2 - (d / 2 pi)^2), Hz; 0 where overdamped."""
     squares = np.square(np.asarray(natural, float)) - np.square(np.asarray(decays) / (2 * np.pi))

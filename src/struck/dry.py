@@ -9,6 +9,7 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.beside import residual_sound, set_back
 from struck.contact import Contact
 from struck.driven import LONGEST_RING, Driven, lasting
 from struck.errors import OptionError
@@ -16,7 +17,7 @@ from struck.excitation.hold import Hold
 from struck.excitation.pushing import Excitation
 from struck.excitation.strike import Strike
 from struck.model import Array, ModalModel
-from struck.scene.body import Action
+from struck.scene.body import Action, centre_of
 from struck.synth.ring_down import Complex, Pulse, below_nyquist, released, ring_down
 
 # Contacts moved by less than this share of the body are not worth a note.
@@ -48,6 +49,7 @@ def dry_sound(
     sample_rate: int,
 ) -> Dry:
     """Return what arrives at a place (3,) in body coordinates; see `struck.rendering.render`."""
+    asked, actions = actions, set_back(model, actions)
     holds = [each for each in actions if isinstance(each, Hold)]
     strikes = [each for each in actions if _is_plain(each) and not holds]
     others = [each for each in actions if not (isinstance(each, Hold) or each in strikes)]
@@ -64,6 +66,10 @@ def dry_sound(
         length = max(1, round((natural if seconds is None else seconds) * sample_rate))
     samples = ring_down(frequencies, decays, heard, sample_rate=sample_rate, length=length)
     samples[: len(driven)] += driven
+    away = np.array([np.linalg.norm(listener - centre_of(model))], np.float64)
+    samples += residual_sound(
+        model, asked, lambda _time: away, sample_rate=sample_rate, length=length
+    )[0]
     notes = left_out(kept, sample_rate) + notes + (cut if seconds is None else ())
     return Dry(samples=samples, notes=notes)
 

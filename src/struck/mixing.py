@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.air import AIR
+from struck.beside import residual_sound, set_back
 from struck.driven import Driven
 from struck.dry import dry_sound, finite, left_out
 from struck.ears.hearing import Hearing
@@ -68,30 +69,42 @@ def _sent_to_ears(
     body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
     model = body.model.expanded()
+    actions = set_back(body.model, body.actions)
     outputs = _toward_ears(body, pose)
     driven = Driven(
         model=model,
         outputs=outputs(0.0),
-        excitations=[each for each in body.actions if not isinstance(each, Hold)],
-        holds=[each for each in body.actions if isinstance(each, Hold)],
+        excitations=[each for each in actions if not isinstance(each, Hold)],
+        holds=[each for each in actions if isinstance(each, Hold)],
         sample_rate=sample_rate,
         moving=outputs if pose.moves or body.emitter.centre.moves else None,
     )
     kept = below_nyquist(model.frequencies, sample_rate)
-    return driven.samples(seconds, at_least=0.0), left_out(kept, sample_rate)
+    samples = driven.samples(seconds, at_least=0.0)
+    samples += residual_sound(
+        body.model,
+        body.actions,
+        lambda time: np.linalg.norm(_ears_from(body, pose, time), axis=1),
+        sample_rate=sample_rate,
+        length=samples.shape[1],
+    )
+    return samples, left_out(kept, sample_rate)
+
+
+def _ears_from(body: Body, pose: Pose, time: float) -> Array:
+    """Return the ears as seen from a body when they hear what it sends at a time, m (ears, 3)."""
+    place = body.emitter.centre.at(np.array([time]))
+    way = float(np.linalg.norm(pose.at(np.array([time]))[0][0, 0] - place))
+    return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
 
 
 def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
     """Return a function of the time of sending: gains toward the ears when that arrives."""
-    centre, gains = body.emitter.centre, body.model.gains.expanded()
-    back = np.asarray(body.rotation).T
+    gains, back = body.model.gains.expanded(), np.asarray(body.rotation).T
 
     def outputs(time: float) -> Complex:
-        now = np.array([time])
-        place = centre.at(now)
-        way = float(np.linalg.norm(pose.at(now)[0][0, 0] - place))
-        ears = pose.at(now + way / AIR.sound_speed)[0][0, 1:]
-        return finite(gains.toward((ears - place) @ back.T + centre_of(body.model))[:, 0])
+        ears = _ears_from(body, pose, time) @ back.T + centre_of(body.model)
+        return finite(gains.toward(ears)[:, 0])
 
     return outputs
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.contact import Contact, Place, located
-from struck.damping import Damping, natural_at, ringing
+from struck.damping import Damping, Each, natural_at, ringing
 from struck.elasticity import Stiffness, changed
 from struck.errors import MaterialError, OptionError
 from struck.gains import Gains, Radiation, ShapeGains, canonical_signs
@@ -18,6 +18,7 @@ from struck.mesh import Mesh
 from struck.modes import Modes
 from struck.provenance import Provenance
 from struck.radiation import by_name
+from struck.residual import Residual
 from struck.tables import modes_table
 
 Array = NDArray[np.float64]
@@ -53,8 +54,8 @@ class ModalModel:
         Contacts by name, m, each (3,).
     coordinates : tuple of str
         Names and units of a contact's axes.
-    provenance : Provenance
-        Method, versions, what was dropped, references.
+    residual, provenance
+        What recordings have beside their modes; method, versions, what was dropped, references.
     """
 
     frequencies: Array
@@ -73,6 +74,7 @@ class ModalModel:
     errors: Array | None = None
     places: Mapping[str, Array] = field(default_factory=dict)
     coordinates: tuple[str, ...] = XYZ
+    residual: Residual | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     @classmethod
@@ -183,8 +185,7 @@ class ModalModel:
         every = damping.decays(self.natural_frequencies)
         kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
         lost = len(every) - len(kept)
-        own = self._stiffness(self.natural_frequencies, self.complete_to)
-        model = self._chosen(kept, own) if lost else self
+        model = self._chosen(kept, self._stiffness()) if lost else self
         return replace(
             model,
             frequencies=ringing(model.natural_frequencies, every[kept]),
@@ -205,8 +206,7 @@ class ModalModel:
         """
         if not (np.isfinite(factor) and factor > 0):
             raise OptionError(f"factor is {factor}: a size must exceed 0")
-        modes = self._stiffness(self.natural_frequencies / factor, self.complete_to / factor)
-        return self._remade(modes, self.material, size=factor)
+        return self._remade(self._stiffness(factor), self.material, size=factor)
 
     def tuned(self, *, lowest: float) -> ModalModel:
         """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
@@ -235,9 +235,7 @@ class ModalModel:
         wanted = Material.named(material) if isinstance(material, str) else material
         if self.material is None:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
-        after = changed(
-            self._stiffness(self.natural_frequencies, self.complete_to), self.material, wanted
-        )
+        after = changed(self._stiffness(), self.material, wanted)
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
         return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
 
@@ -255,12 +253,12 @@ class ModalModel:
     def _repr_html_(self) -> str:
         return modes_table(self.frequencies, self.t60, self.decays, self.errors)
 
-    def _stiffness(self, frequencies: Array, complete_to: float) -> Stiffness:
+    def _stiffness(self, size: float = 1) -> Stiffness:
         return Stiffness(
-            frequencies=frequencies,
+            frequencies=self.natural_frequencies / size,
             poisson_slopes=self.poisson_slopes,
             errors=self.errors,
-            complete_to=complete_to,
+            complete_to=self.complete_to / size,
             tensioned=self.tensioned,
         )
 
@@ -270,6 +268,7 @@ class ModalModel:
         """Return the body with other natural frequencies, put in order, size or density."""
         order = np.argsort(modes.frequencies, kind="stable")
         weight = density * size**3
+        step = size if self.coordinates == XYZ[: len(self.coordinates)] else 1
         model = replace(
             self._chosen(order, modes, size=size, density=density),
             complete_to=modes.complete_to,
@@ -278,9 +277,10 @@ class ModalModel:
             centre=None if self.centre is None else self.centre * size,
             inertia=None if self.inertia is None else self.inertia * weight * size**2,
             geometry=None if self.geometry is None else self.geometry.scaled(size),
-            places={name: point * size for name, point in self.places.items()},
+            places={name: point * step for name, point in self.places.items()},
+            residual=None,
         )
-        return model if material is None else model.damped(material.damping)
+        return model.damped(Each(rates=model.decays) if material is None else material.damping)
 
     def _chosen(
         self, kept: Index, modes: Stiffness, *, size: float = 1, density: float = 1

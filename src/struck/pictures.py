@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.atomic import write_bytes
+from struck.charts import BLUE, FAINT, INK, RANGE, chart, decibels, label_frequencies, lighten
 from struck.errors import FileFormatError, OptionError
 from struck.gains import ShapeGains
 from struck.painting import Body, Painter, columns_for
@@ -20,36 +21,35 @@ from struck.sound import Sound
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
 
 Array = NDArray[np.float64]
 
-_INK, _FAINT, _LINE = "#222222", "#6b6b6b", "#20558a"
-_RANGE = 90.0
 _SHORTEST = 0.1
 _ENDINGS = (".png", ".pdf", ".svg")
-_TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 _HEARING = 2e-5
 
 
 def spectrum(sound: Sound) -> Figure:
     """Draw the spectrum of a sound, its strongest peaks labelled in Hz."""
-    figure = _figure(8.0, 4.0)
+    figure = chart(8.0, 4.0)
     _draw_spectrum(figure.subplots(), sound)
     return figure
 
 
-def spectrogram(sound: Sound) -> Figure:
-    """Draw how the spectrum of a sound goes on in time."""
-    figure = _figure(8.0, 4.5)
+def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
+    """Draw how the spectrum of a sound goes on in time.
+
+    From `lowest` on, Hz; from below its lowest peak unless given.
+    """
+    figure = chart(8.0, 4.5)
     axes = figure.subplots()
-    times, frequencies, levels = _levels_in_time(sound)
+    times, frequencies, levels = _levels_in_time(sound, lowest)
     image = axes.pcolormesh(
-        times, frequencies, levels, cmap="magma", vmin=-_RANGE, vmax=0, rasterized=True
+        times, frequencies, levels, cmap="magma", vmin=-RANGE, vmax=0, rasterized=True
     )
     axes.set(xlabel="time (s)", ylabel="frequency (Hz)", title=_heading(sound), yscale="log")
-    _label_frequencies(axes.yaxis)
+    label_frequencies(axes.yaxis)
     bar = figure.colorbar(image, ax=axes, pad=0.01, label="level (dB, strongest = 0)")
     bar.outline.set_visible(False)  # type: ignore[operator]
     return figure
@@ -82,7 +82,7 @@ def mode_shapes(model: Body, which: int | Sequence[int] = 6) -> Figure:
     width, height = painter.panel
     columns = columns_for(len(modes), width)
     rows = -(-len(modes) // columns)
-    figure = _figure(max(columns * width, 4.5), rows * height + 0.8)
+    figure = chart(max(columns * width, 4.5), rows * height + 0.8)
     _draw_modes(figure, painter, model, modes, columns)
     return figure
 
@@ -90,10 +90,12 @@ def mode_shapes(model: Body, which: int | Sequence[int] = 6) -> Figure:
 def overview(model: Body, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a strike (else how long modes ring).
 
+    Of a body without mode shapes, as of one that was recorded, how long modes ring is drawn in
+    their place.
+
     Parameters
     ----------
     model : ModalModel
-        With mode shapes on a surface.
     sound : Sound, optional
         What it sounds like.
     title : str, optional
@@ -102,23 +104,36 @@ def overview(model: Body, sound: Sound | None = None, title: str | None = None) 
     Raises
     ------
     OptionError
-        When the model has no surface with mode shapes.
+        When the model has no modes.
     """
+    if not isinstance(model.gains, ShapeGains):
+        return _unshaped_overview(model, sound, title)
     gains = _shaped(model)
     painter = Painter.of(gains.surface)
     modes = _chosen(model, 5)
     height = float(np.clip(2.1 / painter.aspect, 1.2, 3.6)) + 1.3
-    figure = _figure(11.0, 3.8 + height)
-    figure.suptitle(_title(model) if title is None else title, fontsize=13, color=_INK)
+    figure = chart(11.0, 3.8 + height)
+    figure.suptitle(_title(model) if title is None else title, fontsize=13, color=INK)
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.8, height)).flat
     body, levels = above.subplots(1, 2, width_ratios=(1.0, 1.9))
     painter.paint(body)
-    body.set_title(_dimensions(gains), fontsize=9, color=_FAINT)
+    body.set_title(_dimensions(gains), fontsize=9, color=FAINT)
     if sound is None:
         _draw_ringing(levels, model)
     else:
         _draw_spectrum(levels, sound)
     _draw_modes(below, painter, model, modes, len(modes))
+    return figure
+
+
+def _unshaped_overview(model: Body, sound: Sound | None, title: str | None) -> Figure:
+    _require_modes(model)
+    figure = chart(11.0, 4.2)
+    figure.suptitle(_title(model) if title is None else title, fontsize=13, color=INK)
+    panels = figure.subplots(1, 1 if sound is None else 2, squeeze=False)[0]
+    _draw_ringing(panels[0], model)
+    if sound is not None:
+        _draw_spectrum(panels[1], sound)
     return figure
 
 
@@ -138,20 +153,18 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     write_bytes(path, data.getvalue())
 
 
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=120, layout="constrained", facecolor="white")
-
-
 def _shaped(model: Body) -> ShapeGains:
     if not isinstance(model.gains, ShapeGains):
         raise OptionError(
             "this model has no mode shapes on a surface to draw: draw the spectrum of its sound"
         )
+    _require_modes(model)
+    return model.gains
+
+
+def _require_modes(model: Body) -> None:
     if not len(model.frequencies):
         raise OptionError("this model has 0 modes, so there is nothing to draw: widen its band")
-    return model.gains
 
 
 def _chosen(model: Body, which: int | Sequence[int]) -> list[int]:
@@ -173,36 +186,37 @@ def _draw_modes(
 
 def _draw_spectrum(axes: Axes, sound: Sound) -> None:
     frequencies, levels = _levels(sound)
-    axes.plot(frequencies, levels, color=_LINE, linewidth=0.8)
+    axes.plot(frequencies, levels, color=BLUE, linewidth=0.8)
     peaks = _peaks(frequencies, levels)
     for peak in peaks:
         axes.annotate(
             f"{frequencies[peak]:.0f}", (frequencies[peak], levels[peak]), (0, 4),
-            textcoords="offset points", ha="center", fontsize=8, color=_INK,
+            textcoords="offset points", ha="center", fontsize=8, color=INK,
         )  # fmt: skip
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", xscale="log")
-    _label_frequencies(axes.xaxis)
+    label_frequencies(axes.xaxis)
     highest = sound.sample_rate / 2
     axes.set_xlim(_lowest_shown(frequencies[peaks], highest), highest)
-    axes.set_ylim(-_RANGE, 8)
-    axes.set_title(_heading(sound), fontsize=10, color=_INK)
-    _lighten(axes)
+    axes.set_ylim(-RANGE, 8)
+    axes.set_title(_heading(sound), fontsize=10, color=INK)
+    lighten(axes)
 
 
 def _draw_ringing(axes: Axes, model: Body) -> None:
     frequencies, decays = model.frequencies[model.decays > 0], model.decays[model.decays > 0]
     times = np.log(1000) / decays
-    axes.plot(frequencies, times, "o", color=_LINE, markersize=4, alpha=0.7)
+    axes.plot(frequencies, times, "o", color=BLUE, markersize=4, alpha=0.7)
     axes.set(xlabel="frequency (Hz)", ylabel="time to fall by 60 dB (s)")
     axes.set(xscale="log", yscale="log")
-    _label_frequencies(axes.xaxis)
+    label_frequencies(axes.xaxis)
     highest = max(20000.0, 1.2 * frequencies.max(initial=0))
     axes.set_xlim(_lowest_shown(frequencies, highest), highest)
     axes.set_ylim(min(0.1, times.min(initial=1) / 2), max(1, times.max(initial=1) * 2))
     axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     count = len(model.frequencies)
-    axes.set_title(f"{count} mode{'s' * (count != 1)}", fontsize=10, color=_INK)
-    _lighten(axes)
+    axes.set_title(f"{count} mode{'s' * (count != 1)}", fontsize=10, color=INK)
+    lighten(axes)
 
 
 def _levels(sound: Sound) -> tuple[Array, Array]:
@@ -211,12 +225,7 @@ def _levels(sound: Sound) -> tuple[Array, Array]:
     longer = replace(sound, samples=np.pad(sound.samples, ((0, 0), (0, lacking))))
     frequencies, values = longer.spectrum()
     heard = frequencies >= min(20.0, frequencies[-1] / 2)
-    return frequencies[heard], _decibels(np.square(values[:, heard]).sum(axis=0))
-
-
-def _decibels(power: Array) -> Array:
-    """Return levels below the strongest, down to -200."""
-    return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
+    return frequencies[heard], decibels(np.square(values[:, heard]).sum(axis=0))
 
 
 def _lowest_shown(frequencies: Array, highest: float) -> float:
@@ -238,34 +247,18 @@ def _peaks(frequencies: Array, levels: Array, most: int = 8) -> list[int]:
     return chosen
 
 
-def _levels_in_time(sound: Sound) -> tuple[Array, Array, Array]:
+def _levels_in_time(sound: Sound, lowest: float | None) -> tuple[Array, Array, Array]:
     """Return times (T,), log-spaced frequencies (B,) and levels (B, T) in dB of the strongest."""
     step = max(0.002, sound.duration / 900, 1 / sound.sample_rate)
     window = max(0.05, 4 / sound.sample_rate)
     times, linear, amplitudes = sound.spectrogram(window=window, step=step)
-    levels = _decibels(np.square(amplitudes).sum(axis=0))
-    heard, spectrum_levels = _levels(sound)
-    lowest = _lowest_shown(heard[_peaks(heard, spectrum_levels)], linear[-1])
-    frequencies = np.geomspace(lowest, linear[-1], 400)
+    levels = decibels(np.square(amplitudes).sum(axis=0))
+    if lowest is None:
+        heard, spectrum_levels = _levels(sound)
+        lowest = _lowest_shown(heard[_peaks(heard, spectrum_levels)], linear[-1])
+    frequencies = np.geomspace(min(lowest, linear[-1] / 2), linear[-1], 400)
     rows = np.stack([np.interp(frequencies, linear, column) for column in levels.T], axis=1)
     return times, frequencies, rows
-
-
-def _label_frequencies(axis: Axis) -> None:
-    """Label a logarithmic axis."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    axis.set_major_locator(FixedLocator(_TICKS))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(
-        FuncFormatter(lambda hertz, _: f"{hertz:g}" if hertz < 1e3 else f"{hertz / 1e3:g}k")
-    )
-
-
-def _lighten(axes: Axes) -> None:
-    axes.grid(color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _heading(sound: Sound) -> str:

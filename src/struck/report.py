@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -13,12 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.gains import ExpandedGains, ShapeGains
+from struck.html_page import document, picture
 from struck.model import ModalModel
 from struck.sound import Sound
 from struck.tables import modes_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from struck.recordings.fields.field import TimbreField
+    from struck.recordings.fields.table import TimbreTable
 
 _ROWS = 12
 
@@ -48,8 +51,7 @@ class Exhibit:
 def summary(model: ModalModel) -> list[str]:
     """Return what a model holds, a line each."""
     material = model.material
-    gains = "Pa per N s at 1 m" if model.calibrated else "relative"
-    lines = [f"{len(model.frequencies)} modes, none missing up to {model.complete_to:.0f} Hz"]
+    lines = [f"{len(model.frequencies)} modes, {_completeness(model)}"]
     if model.errors is not None and np.isfinite(model.errors).any():
         middle, worst = np.nanmedian(model.errors), np.nanmax(model.errors)
         lines.append(
@@ -67,10 +69,80 @@ def summary(model: ModalModel) -> list[str]:
     if model.geometry is not None:
         size = " x ".join(f"{edge:.4g}" for edge in _size(model))
         lines.append(f"size      {size} m, {model.geometry.up} up")
-    lines += [f"gains     {gains}", f"places    {', '.join(sorted(model.places)) or 'none named'}"]
+    lines.append(f"gains     {_unit(model)}")
+    if not isinstance(model.gains, ShapeGains):
+        lines += _recorded(model)
+    lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines.append(f"method    {model.provenance.method}")
     lines += [f"          {name}: {value}" for name, value in model.provenance.details.items()]
     return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
+
+
+def _completeness(model: ModalModel) -> str:
+    if not model.complete_to:
+        return "others may be missing"
+    return f"none missing up to {model.complete_to:.0f} Hz"
+
+
+def _unit(model: ModalModel) -> str:
+    if not model.calibrated:
+        return "relative"
+    return "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
+
+
+def _recorded(model: ModalModel) -> list[str]:
+    """Return what is known of recordings that gains were made of."""
+    from struck.recordings.fields.field import TimbreField
+    from struck.recordings.fields.single_point import SinglePoint
+    from struck.recordings.fields.table import TimbreTable
+
+    gains = model.gains.products if isinstance(model.gains, ExpandedGains) else model.gains
+    if isinstance(gains, SinglePoint):
+        return ["recorded  at one place, from one; the microphone counts as 1 m away"]
+    if isinstance(gains, TimbreTable):
+        return [_table(model, gains)]
+    if isinstance(gains, TimbreField):
+        return _field(model, gains)
+    return []
+
+
+def _table(model: ModalModel, table: TimbreTable) -> str:
+    ranges = [(axis.nodes[0], axis.nodes[-1]) for axis in table.contacts.axes]
+    contacts, listeners, _ = table.gains.shape
+    places = f"{_counted(contacts, 'contact')} with {_counted(listeners, 'listener')}"
+    return f"recorded  a table of {places}{_over(model, ranges)}"
+
+
+def _field(model: ModalModel, field: TimbreField) -> list[str]:
+    part = field.contact_part
+    ranges = list(zip(part.lowest, part.lowest + part.spans, strict=True))
+    inside = len(field.listener_part.inside.places)
+    places = _counted(len(part.contacts), "contact")
+    places += f" and {_counted(inside, 'listener')} inside" if inside else ""
+    lines = [f"recorded  a field of {places}{_over(model, ranges)}"]
+    errors = field.rank_errors[np.isfinite(field.rank_errors)]
+    if errors.size:
+        lines.append(
+            f"rank      gains are products of contact and listener to "
+            f"{100 * np.median(errors):.2g} % in half of the modes, to "
+            f"{100 * errors.max():.2g} % in all"
+        )
+    return lines + [f"note      {note}" for note in field.notes]
+
+
+def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
+    """Return where one may strike, by coordinate."""
+    names = model.coordinates
+    told = [
+        f"{name} from {low:.4g} to {high:.4g}"
+        for name, (low, high) in zip(names, ranges, strict=False)
+    ]
+    told += [f"{name} all around" for name in names[len(ranges) :]]
+    return f", {', '.join(told)}" if told else ""
+
+
+def _counted(count: int, thing: str) -> str:
+    return f"{count} {thing}{'s' * (count != 1)}"
 
 
 def _size(model: ModalModel) -> list[float]:
@@ -91,9 +163,7 @@ def page(
         f'<a href="{html.escape(name)}">{html.escape(text)}</a>' for name, text in links.items()
     )
     sections = "\n".join(_section(exhibit) for exhibit in exhibits)
-    return _PAGE.format(
-        title=html.escape(title), text=html.escape(introduction), links=more, body=sections
-    )
+    return document(title, f"<p>{html.escape(introduction)}</p>\n<nav>{more}</nav>\n{sections}")
 
 
 def _section(exhibit: Exhibit) -> str:
@@ -104,39 +174,12 @@ def _section(exhibit: Exhibit) -> str:
     facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
     sounds = "".join(
         f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"
-        f"{_image(caption, picture) if picture else ''}</figure>"
-        for (caption, sound), picture in zip_longest(exhibit.sounds, exhibit.spectrograms)
+        f"{picture(caption, figure) if figure else ''}</figure>"
+        for (caption, sound), figure in zip_longest(exhibit.sounds, exhibit.spectrograms)
     )
     return (
         f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
-        f'<div class="sounds">{sounds}</div>{_image(exhibit.title, exhibit.picture)}'
+        f'<div class="sounds">{sounds}</div>{picture(exhibit.title, exhibit.picture)}'
         f"<details><summary>{count} of {len(model.frequencies)} modes</summary>"
         f"<p>{facts}</p>{table}</details></section>"
     )
-
-
-def _image(text: str, figure: Figure) -> str:
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=110)
-    encoded = base64.b64encode(data.getvalue()).decode("ascii")
-    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{encoded}">'
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1"><style>
-body {{ font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem;
-  padding: 0 1rem; color: #222; background: #fbfaf8; }}
-section {{ margin: 2.5rem 0; padding: 1.5rem; background: #fff; border-radius: 8px;
-  box-shadow: 0 1px 4px #0002; }}
-h1, h2 {{ font-weight: 600; margin-top: 0; }}
-img {{ max-width: 100%; }}
-.sounds {{ display: flex; flex-wrap: wrap; gap: 1rem; }}
-figure {{ margin: 0; max-width: 30rem; }} figcaption {{ font-size: .9rem; color: #555; }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
-td, th {{ padding: .15rem .8rem; text-align: right; }} th {{ border-bottom: 1px solid #bbb; }}
-</style></head><body><h1>{title}</h1><p>{text}</p>
-<nav>{links}</nav>
-{body}
-</body></html>
-"""

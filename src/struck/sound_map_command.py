@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import struck
-from struck.arguments import numbers, writable
+from struck.arguments import numbers
+from struck.atomic import writable
 from struck.command import Result, command
 from struck.perception.bank import write_bank
 from struck.perception.map_picture import sound_map_picture

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.html_page import table
+
 Array = NDArray[np.float64]
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")
@@ -40,10 +42,7 @@ def modes_rows(
 
 def modes_table(frequencies: Array, t60: Array, decays: Array, errors: Array | None) -> str:
     """Return the modes as an HTML table."""
-    head = "".join(f"<th>{heading}</th>" for heading in HEADINGS)
-    rows = modes_rows(frequencies, t60, decays, errors)
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return table(HEADINGS, modes_rows(frequencies, t60, decays, errors))
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from struck.arguments import numbers
+from struck.arguments import numbers, place
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
@@ -61,9 +61,9 @@ def touches(options: argparse.Namespace) -> list[Action]:
 
 
 def _strike(text: str, options: argparse.Namespace) -> Strike:
-    place, time = _timed("--strike", text)
+    where, time = _timed("--strike", text)
     return Strike(
-        at=_place(place),
+        at=_place(where),
         time=time,
         impulse=options.impulse,
         striker=options.striker,
@@ -97,13 +97,13 @@ def _roll(text: str, options: argparse.Namespace) -> Roll:
 
 
 def _pluck(text: str, options: argparse.Namespace) -> Pluck:
-    place, time = _timed("--pluck", text)
-    return Pluck(at=_place(place), time=time, force=options.force, direction=options.direction)
+    where, time = _timed("--pluck", text)
+    return Pluck(at=_place(where), time=time, force=options.force, direction=options.direction)
 
 
 def _hold(text: str, options: argparse.Namespace) -> Hold:
-    place, time = _timed("--hold", text)
-    return Hold(at=_place(place), time=time, grip=options.grip)
+    where, time = _timed("--hold", text)
+    return Hold(at=_place(where), time=time, grip=options.grip)
 
 
 def _timed(option: str, text: str) -> tuple[str, float]:
@@ -118,15 +118,8 @@ def _way(option: str, text: str) -> tuple[_Spot, ...]:
     places = text.split("..")
     if len(places) < 2 or not all(places):
         raise OptionError(f"{option} {text} names no way: give two places or more, as in rim..top")
-    return tuple(_spot(place) for place in places)
+    return tuple(place(each) for each in places)
 
 
 def _place(text: str) -> _Spot | None:
-    return _spot(text) if text else None
-
-
-def _spot(text: str) -> _Spot:
-    try:
-        return tuple(map(float, text.split(",")))
-    except ValueError:
-        return text
+    return place(text) if text else None

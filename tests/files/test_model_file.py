@@ -417,7 +417,7 @@ TENSOR_FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
 TEXT_FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
     "KeyError": lambda m: m.pop("places"),
     "(2,) numbers where (3,) belong": lambda m: m["gains"].update(centre=[1, 2]),
-    "null where x, y and z belong": lambda m: m["places"].update(rim=None),
+    "null where the coordinates of a place belong": lambda m: m["places"].update(rim=None),
     "no radiation is called 'loud'": lambda m: m["gains"].update(radiation="loud"),
     "its gains are 'FieldGains'": lambda m: m["gains"].update(kind="FieldGains"),
     "its damping is 'Magic'": lambda m: m["material"]["damping"].update(kind="Magic"),

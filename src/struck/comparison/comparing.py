@@ -10,20 +10,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.atomic import write_bytes
+from struck.comparison.others import Other, other_side
 from struck.comparison.page import page
 from struck.comparison.pictures import differences, spectra
 from struck.comparison.sides import Side
-from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.model import ModalModel
 from struck.pictures import spectrogram
+from struck.progress import Progress, silent
 from struck.recordings.calibration.chance import explains
 from struck.recordings.calibration.pairing import Pairing, paired
-from struck.recordings.calibration.partials import FittedModes
 from struck.sound import Sound
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_DOUBT = 0.1
+"""Nobody strikes a node so well, or tells where, that its modes cannot be heard: a share."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,6 +71,11 @@ class Comparison:
         """Numbers of the model's modes and the other's that belong together (P, 2)."""
         return np.stack([self.pairing.computed, self.pairing.fitted], axis=1)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of either."""
+        return (*self.model.notes, *self.other.notes)
+
     def summary(self) -> list[str]:
         """Return how they differ, a line each."""
         mine, theirs = len(self.model.partials.frequencies), len(self.other.partials.frequencies)
@@ -79,10 +87,11 @@ class Comparison:
         ]
         if not self.explained:
             lines.append("caution: random modes would agree as well; this may be another body")
+        lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):
             return lines
         offset = (
-            f", besides {self.level_offset:+.3g} dB for all" if self._relative else ", absolute"
+            f", besides {self.level_offset:+.1f} dB for all" if self._relative else ", absolute"
         )
         return [
             *lines,
@@ -115,6 +124,7 @@ class Comparison:
         """Return an HTML page of its own: sounds, spectra, differences and the table of modes."""
         sides, alone = (self.model, self.other), (self.missing, self.extra)
         sounds = [side.sound(self.other.seconds) for side in sides]
+        lowest = min(float(side.partials.frequencies[side.audible >= 0.5].min()) for side in sides)
         pictures = [("Both spectra", spectra(sides, sounds, alone))]
         if len(self.cents):
             places = self.model.partials.frequencies[self.pairing.computed]
@@ -125,7 +135,7 @@ class Comparison:
             names=[side.name for side in sides],
             lines=self.summary(),
             sounds=sounds,
-            spectrograms=[spectrogram(sound) for sound in sounds],
+            spectrograms=[spectrogram(sound, max(20.0, lowest / 2)) for sound in sounds],
             pictures=pictures,
             rows=self.rows(),
             alone=[
@@ -149,21 +159,23 @@ class Comparison:
 
 def compare(
     model: ModalModel,
-    other: ModalModel | FittedModes,
+    other: Other,
     *,
     strike: Strike | None = None,
     against: Strike | None = None,
     listener: ArrayLike | None = None,
     recording: Sound | None = None,
     widest: float = 1.25,
+    progress: Progress = silent,
 ) -> Comparison:
-    """Compare a model with what was fitted to a recording, or with another model.
+    """Compare a model with a recording of the body, or with another model.
 
     Parameters
     ----------
     model : ModalModel
-    other : ModalModel or FittedModes
-        Another model, or anything with `frequencies`, `decays` and `gains`.
+    other : path, Sound, Take, ModalModel or FittedModes
+        A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
+        or anything with `frequencies`, `decays` and `gains`.
     strike : Strike, optional
         Where and with what the model is struck: it tells the levels of its modes. ``Strike()``
         unless given.
@@ -175,6 +187,8 @@ def compare(
         What was fitted, to be heard on the page; else the fitted modes are.
     widest : float
         Largest factor between the frequencies of the two, either way.
+    progress : callable
+        Told the stage and the fraction done while a recording is fitted.
 
     Returns
     -------
@@ -186,15 +200,22 @@ def compare(
     OptionError
         On `against` or `recording` without what they belong to.
     ContactError
-        When a contact is off the body, or a model has no surface.
+        When a contact is none of the body's.
     RecordingError
-        When either has no modes.
+        When either has no modes, or nothing is struck in a recording.
+    FileFormatError, MissingDependencyError
+        When a file cannot be read.
     """
     blow = strike or Strike()
-    mine = Side.of_model("model", model, blow, listener)
-    theirs = _other(other, against, blow, listener, recording)
-    audible = None if theirs.computed else mine.audible
+    modes = len(model.frequencies)
+    theirs = other_side(other, against, blow, listener, recording, modes=modes, progress=progress)
+    mine = Side.of_model("model", model, blow, listener, begins=theirs.begins)
+    audible = None if theirs.computed else np.maximum(mine.audible, _DOUBT)
     pairing = paired(theirs.partials, model, widest=widest, audible=audible)
+    return _compared(mine, theirs, pairing, explained=explains(theirs.partials, model, pairing))
+
+
+def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) -> Comparison:
     one, two = pairing.computed, pairing.fitted
     tones, others = mine.partials, theirs.partials
     levels = theirs.levels[two] - mine.levels[one]
@@ -211,31 +232,17 @@ def compare(
         level_offset=offset,
         missing=mine.lonely(pairing.missing, theirs, pairing.factor),
         extra=theirs.lonely(pairing.extra, mine, 1 / pairing.factor),
-        explained=explains(others, model, pairing),
+        explained=explained,
     )
-
-
-def _other(
-    other: ModalModel | FittedModes,
-    against: Strike | None,
-    strike: Strike,
-    listener: ArrayLike | None,
-    recording: Sound | None,
-) -> Side:
-    if isinstance(other, ModalModel):
-        if recording is not None:
-            raise OptionError("recording= belongs to fitted modes: another model is rendered")
-        return Side.of_model("other model", other, against or strike, listener)
-    if against is not None:
-        raise OptionError("against= tells how another model is struck: a recording was struck once")
-    return Side.of_recording(other, recording)
 
 
 def _spread(values: Array, unit: str) -> str:
     known = values[np.isfinite(values)]
     if not known.size:
         return f"an unknown number of {unit}"
-    low, middle, high = np.quantile(known, [0.1, 0.5, 0.9])
+    low, middle, high = np.round(np.quantile(known, [0.1, 0.5, 0.9]), 3) + 0.0
+    if not (low or high):
+        return f"less than 0.001 {unit}"
     return f"{middle:+.3g} {unit} in the median, most by {low:+.3g} to {high:+.3g} {unit}"
 
 

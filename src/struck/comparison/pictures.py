@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.charts import BLUE, INK, ORANGE, RANGE, chart, decibels, label_frequencies, lighten
 from struck.comparison.sides import Side
 from struck.sound import Sound
 
@@ -18,11 +19,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-COLOURS = ("#20558a", "#d1611c")
-_INK, _FAINT = "#222222", "#dddddd"
-_RANGE = 90.0
+COLOURS = (BLUE, ORANGE)
+"""Of the first side and of the second."""
 _BANDS = 1200
-_TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 _LABELS = ("frequency (cents)", "decay rate (%)", "level (dB)")
 
 
@@ -37,7 +36,7 @@ def spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Inde
     alone : pair of arrays
         Numbers of the modes that the other side lacks.
     """
-    figure = _figure(11.0, 4.6)
+    figure = chart(11.0, 4.6)
     axes = figure.subplots()
     for side, sound, colour in zip(sides, sounds, COLOURS, strict=True):
         frequencies, levels = _levels(sound)
@@ -47,9 +46,9 @@ def spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Inde
             lonely = side.partials.frequencies[modes]
             label = f"in the {side.name} alone"
             axes.plot(lonely, np.full(len(lonely), height), "|", color=colour, label=label)
-    axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-_RANGE, 14))
+    axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 14))
     _frequency_axis(axes, sides)
-    axes.legend(loc="lower left", fontsize=8, frameon=False)
+    axes.legend(loc="lower left", fontsize=8, framealpha=0.85, edgecolor="none")
     return figure
 
 
@@ -68,10 +67,10 @@ def differences(
     sure : array (P,)
         How sure each pair is: the fainter, the less.
     """
-    figure = _figure(11.0, 6.4)
+    figure = chart(11.0, 6.4)
     panels = figure.subplots(3, 1, sharex=True)
     for axes, each, label in zip(panels, values, _LABELS, strict=True):
-        axes.axhline(0, color=_INK, linewidth=0.7)
+        axes.axhline(0, color=INK, linewidth=0.7)
         axes.vlines(frequencies, 0, each, color=COLOURS[1], alpha=0.35, linewidth=1)
         axes.scatter(frequencies, each, s=16, color=COLOURS[1], alpha=np.clip(sure, 0.2, 1.0))
         axes.set_ylabel(label)
@@ -79,12 +78,6 @@ def differences(
     figure.supxlabel("frequency (Hz)", fontsize=10)
     figure.suptitle(f"{sides[1].name} less {sides[0].name}", fontsize=11)
     return figure
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=110, layout="constrained", facecolor="white")
 
 
 def _levels(sound: Sound) -> tuple[Array, Array]:
@@ -95,23 +88,12 @@ def _levels(sound: Sound) -> tuple[Array, Array]:
     starts = np.unique(np.searchsorted(frequencies, edges))
     starts = starts[starts < len(frequencies)]
     strongest = np.maximum.reduceat(powers, starts)
-    relative = np.maximum(strongest / max(float(strongest.max()), 1e-300), 1e-20)
-    return frequencies[starts], 10 * np.log10(relative)
+    return frequencies[starts], decibels(strongest)
 
 
 def _frequency_axis(axes: Axes, sides: Sequence[Side]) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
     every = np.concatenate([side.partials.frequencies for side in sides])
     axes.set_xscale("log")
     axes.set_xlim(0.7 * float(every.min()), 1.2 * float(every.max()))
-    axes.xaxis.set_major_locator(FixedLocator(_TICKS))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(_hertz))
-    axes.grid(color=_FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _hertz(frequency: float, _: object) -> str:
-    return f"{frequency:g}" if frequency < 1e3 else f"{frequency / 1e3:g}k"
+    label_frequencies(axes.xaxis)
+    lighten(axes)

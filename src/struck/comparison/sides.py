@@ -27,6 +27,8 @@ _QUIETEST = -60.0
 """A mode whose energy is that far below the loudest one's, dB, is as often heard as not."""
 _SECONDS, _LONGEST = 3.0, 10.0
 _SAMPLE_RATE = 48000
+_BAND = 0.45
+"""Share of its sample rate up to which a recording tells all that rings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +51,10 @@ class Side:
         For how long it is worth hearing.
     sound : callable
         Makes its sound, so many seconds long at most.
+    begins : float
+        How long after the beginning of the strike amplitudes count, s; 0: as soon as it is over.
+    notes : tuple of str
+        What a person should know of it.
     """
 
     name: str
@@ -58,12 +64,22 @@ class Side:
     calibrated: bool
     seconds: float
     sound: Callable[[float], Sound]
+    begins: float = 0.0
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of_model(
-        cls, name: str, model: ModalModel, strike: Strike, listener: ArrayLike | None
+        cls,
+        name: str,
+        model: ModalModel,
+        strike: Strike,
+        listener: ArrayLike | None,
+        *,
+        begins: float = 0.0,
     ) -> Side:
         """Take a model that is struck, heard from beside it unless a listener (3,) is given.
+
+        What a model of recordings holds is what was heard: as complete as a recording, no more.
 
         Raises
         ------
@@ -72,37 +88,45 @@ class Side:
         """
         beside = centre_of(model) + place_beside(model)
         place = beside if listener is None else position_of(listener)
+        recorded = model.geometry is None
         return cls(
             name=name,
             partials=Partials(
                 frequencies=model.frequencies,
                 decays=model.decays,
-                amplitudes=_amplitudes(model, strike, place),
-                frequency_errors=np.zeros_like(model.frequencies),
+                amplitudes=_amplitudes(model, strike, place, begins),
+                frequency_errors=_errors(model) if recorded else np.zeros_like(model.frequencies),
                 decay_errors=np.zeros_like(model.frequencies),
             ),
-            complete_to=model.complete_to,
-            computed=True,
+            complete_to=np.inf if recorded else model.complete_to,
+            computed=not recorded,
             calibrated=model.calibrated,
             seconds=_SECONDS,
             sound=lambda seconds: render(model, strike, seconds=seconds, listener=place),
+            begins=begins,
         )
 
     @classmethod
     def of_recording(cls, fitted: FittedModes, recording: Sound | None = None) -> Side:
         """Take fitted modes, with the recording or what they sound like themselves."""
+        if recording is None:
+            return cls._heard(fitted, lambda seconds: _resynthesised(fitted, seconds))
+        return replace(
+            cls._heard(fitted, lambda seconds: _shortened(recording, seconds)),
+            complete_to=_BAND * recording.sample_rate,
+            seconds=min(recording.duration, _LONGEST),
+        )
+
+    @classmethod
+    def _heard(cls, fitted: FittedModes, sound: Callable[[float], Sound]) -> Side:
         return cls(
             name="recording",
             partials=Partials.of(fitted),
             complete_to=np.inf,
             computed=False,
             calibrated=False,
-            seconds=_SECONDS if recording is None else min(recording.duration, _LONGEST),
-            sound=lambda seconds: (
-                _resynthesised(fitted, seconds)
-                if recording is None
-                else _shortened(recording, seconds)
-            ),
+            seconds=_SECONDS,
+            sound=sound,
         )
 
     @property
@@ -137,20 +161,27 @@ class Side:
         return modes[known & heard]
 
 
-def _amplitudes(model: ModalModel, strike: Strike, listener: Array) -> Array:
-    """Return what modes start with as the strike leaves them, Pa or relative (M,)."""
+def _amplitudes(model: ModalModel, strike: Strike, listener: Array, begins: float) -> Array:
+    """Return how strong modes are so long after the strike began, Pa or relative (M,)."""
     contact = model.contact(strike.at, strike.direction)
     blow = strike.resolved(model, contact)
     drives = model.gains.at(contact.point[None], contact.direction[None])[0]
     gains = (drives * model.gains.toward(listener[None])[0]).sum(axis=0)
     poles = -model.decays + 2j * np.pi * model.frequencies
-    amplitudes = blow.impulse * np.abs(gains * released(poles, blow.duration))
+    left = np.exp(-model.decays * max(begins - blow.duration, 0.0))
+    amplitudes = blow.impulse * np.abs(gains * released(poles, blow.duration)) * left
     if not amplitudes.any():
         place = np.round(contact.point, 4).tolist()
         raise ContactError(
             f"a strike at {place} m wakes none of {len(poles)} modes: strike another place"
         )
     return amplitudes
+
+
+def _errors(model: ModalModel) -> Array:
+    """Return standard errors of frequencies that were fitted, Hz (M,); 0 where unknown."""
+    shares = np.zeros_like(model.frequencies) if model.errors is None else model.errors
+    return np.nan_to_num(shares) * model.frequencies
 
 
 def _shortened(sound: Sound, seconds: float) -> Sound:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,26 +20,38 @@ from struck.files.description import (
     provenance_from_json,
     provenance_to_json,
 )
-from struck.files.formulas import formula_from_json, formula_to_json
-from struck.gains import Radiation, ShapeGains
+from struck.files.gains_file import SHAPES, kind_named, kind_of
+from struck.files.layout import Kept, Kind, Layout, Tensor, Tensors, Text, require_layout
+from struck.files.residual_file import keep_residual, make_residual
+from struck.files.values import (
+    flag,
+    near,
+    numbers,
+    numbers_or_none,
+    one_of,
+    refuse_constant,
+    texts,
+    vector,
+)
+from struck.gains import Gains, ShapeGains
 from struck.mesh import Mesh
 from struck.model import ModalModel
-from struck.radiation import by_name
+
+Array = NDArray[np.float64]
 
 VERSION = 1
-# Shapes by letter: M modes, V vertices, F faces.
-_LAYOUT: dict[str, tuple[str, tuple[str | int, ...]]] = {
-    "frequencies": ("float64", ("M",)),
-    "natural_frequencies": ("float64", ("M",)),
-    "decays": ("float64", ("M",)),
-    "vertices": ("float64", ("V", 3)),
-    "faces": ("uint32", ("F", 3)),
-    "shapes": ("float32", ("V", 3, "M")),
-    "outputs": ("float64", ("M", 2)),  # real and imaginary parts
-    "poisson_slopes": ("float64", ("M",)),
-    "errors": ("float64", ("M",)),
+# What Python raises on JSON of another form than is read.
+_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+# Lengths by letter: M modes, V vertices, F faces. Gains add tensors of their own.
+_LAYOUT: Layout = {
+    "frequencies": Tensor("float64", ("M",)),
+    "natural_frequencies": Tensor("float64", ("M",)),
+    "decays": Tensor("float64", ("M",)),
+    "vertices": Tensor("float64", ("V", 3), optional=True),
+    "faces": Tensor("uint32", ("F", 3), optional=True),
+    "poisson_slopes": Tensor("float64", ("M",), optional=True, gaps=True),
+    "errors": Tensor("float64", ("M",), optional=True, gaps=True),
 }
-_OPTIONAL = {"poisson_slopes", "errors"}  # may be absent, and may hold NaN for unknown
 
 
 def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
@@ -49,7 +60,7 @@ def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     model : ModalModel
-        With gains from mode shapes, and one of struck's dampings and estimates of radiation.
+        With gains of one of struck's kinds, and one of its dampings and estimates of radiation.
     path : path
         Where to write, by custom ending in ``.struck``; a file there is replaced as a whole.
 
@@ -95,8 +106,10 @@ def to_bytes(model: ModalModel) -> bytes:
         When the model holds what version 1 cannot keep.
     """
     try:
-        text = json.dumps(_description(model), allow_nan=False, default=plain)
-        return pack(_tensors(model), {"format": "struck", "version": str(VERSION), "json": text})
+        kept = _kept(model)
+        text = json.dumps(kept.text, allow_nan=False, default=plain)
+        metadata = {"format": "struck", "version": str(VERSION), "json": text}
+        return pack(kept.tensors, metadata)
     except (FileFormatError, TypeError, ValueError) as error:
         raise FileFormatError(f"the model cannot be saved: {error}") from error
 
@@ -111,11 +124,11 @@ def from_bytes(data: bytes) -> ModalModel:
     """
     try:
         metadata, tensors = unpack(data, kind="struck", newest=VERSION)
-        _require_layout(tensors)
-        return _model(json.loads(metadata["json"]), tensors)
+        text = json.loads(metadata["json"], parse_constant=refuse_constant)
+        return _model(text, tensors)
     except StruckError as error:
         raise FileFormatError(str(error)) from error
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except _UNEXPECTED as error:
         raise FileFormatError(
             f"its metadata is not as the format demands ({type(error).__name__}: {error}): "
             "write it by docs/reference/model_file.md"
@@ -134,36 +147,40 @@ def _read(path: Path) -> bytes:
 # Writing
 
 
-def _tensors(model: ModalModel) -> dict[str, NDArray[Any]]:
-    gains = _shape_gains(model)
+def _kept(model: ModalModel) -> Kept:
+    """Return what a file keeps of a model: each part brings JSON, tensors or both."""
+    kind, surface = kind_of(model.gains), _surface(model)
+    gains, residual = kind.keep(model.gains), keep_residual(model.residual)
     tensors = {
         "frequencies": model.frequencies,
         "natural_frequencies": model.natural_frequencies,
         "decays": model.decays,
-        "vertices": gains.surface.points,
-        "faces": gains.surface.faces.astype(np.uint32),
-        "shapes": gains.shapes,
-        "outputs": np.stack([gains.outputs.real, gains.outputs.imag], axis=1),
+        "vertices": None if surface is None else near(surface.points, "surface"),
+        "faces": None if surface is None else surface.faces.astype(np.uint32),
         "poisson_slopes": model.poisson_slopes,
         "errors": model.errors,
+        **gains.tensors,
+        **residual.tensors,
     }
     present = {name: np.asarray(array) for name, array in tensors.items() if array is not None}
-    _require_layout(present)
-    return {**present, **formula_to_json(gains.formula)[1]}
+    require_layout(present, {**_LAYOUT, **kind.layout})
+    text = {**_description(model, surface, gains.text), **residual.text}
+    make_residual(text, present)
+    _require_coordinates(kind, kind.make(gains.text, present, surface), model.coordinates)
+    _places(text["places"], kind, model.coordinates)
+    return Kept(text=text, tensors=present)
 
 
-def _shape_gains(model: ModalModel) -> ShapeGains:
+def _surface(model: ModalModel) -> Mesh | None:
+    """Return the one surface that is kept."""
     gains, geometry = model.gains, model.geometry
     if not isinstance(gains, ShapeGains):
-        raise FileFormatError(
-            f"its gains are {type(gains).__name__}, and version {VERSION} keeps ShapeGains alone: "
-            "give the model mode shapes on a surface"
-        )
+        return geometry
     if geometry is not None and not _same(geometry, gains.surface):
         raise FileFormatError(
             "its geometry is not the surface of its gains, and one surface is kept: make them one"
         )
-    return gains
+    return gains.surface
 
 
 def _same(left: Mesh, right: Mesh) -> bool:
@@ -174,126 +191,86 @@ def _same(left: Mesh, right: Mesh) -> bool:
     )
 
 
-def _description(model: ModalModel) -> dict[str, Any]:
-    gains = _shape_gains(model)
+def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[str, Any]:
     return {
         "units": "SI",
         "material": None if model.material is None else material_to_json(model.material),
         "mass": None if model.mass is None else float(model.mass),
-        "centre": _numbers(model.centre),
-        "inertia": _numbers(model.inertia),
+        "centre": _list(model.centre),
+        "inertia": _list(model.inertia),
         "geometry": None if model.geometry is None else "surface",
         "supported": model.supported,
         "tensioned": model.tensioned,
-        "up": gains.surface.up,
-        "gains": {
-            "kind": "ShapeGains",
-            "centre": _numbers(gains.centre),
-            "radiation": _radiation_name(gains.radiation),
-            "formula": formula_to_json(gains.formula)[0],
-        },
+        "up": None if surface is None else surface.up,
+        "gains": {"kind": type(model.gains).__name__, **gains},
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
-        "places": {name: _numbers(point) for name, point in model.places.items()},
+        "places": {name: _list(point) for name, point in model.places.items()},
         "provenance": provenance_to_json(model.provenance),
     }
 
 
-def _numbers(array: NDArray[np.float64] | None) -> list[Any] | None:
+def _list(array: Array | None) -> list[Any] | None:
     return None if array is None else np.asarray(array, dtype=np.float64).tolist()
-
-
-def _radiation_name(radiation: Radiation) -> str:
-    """Return the name, where that is all there is to tell."""
-    known = by_name(radiation.name)
-    if type(known) is not type(radiation) or vars(known) != vars(radiation):
-        raise FileFormatError(
-            f"its radiation {radiation.name!r} was changed, and files keep the name alone: make "
-            f"the model with by_name({radiation.name!r})"
-        )
-    return radiation.name
 
 
 # Reading
 
 
-def _require_layout(tensors: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse tensors whose types, shapes or values the format does not allow."""
-    sizes: dict[str | int, int] = {2: 2, 3: 3}
-    for name, (dtype, letters) in _LAYOUT.items():
-        if name not in tensors:
-            if name not in _OPTIONAL:
-                raise FileFormatError(f"its tensor {name!r} is missing: write all of {_names()}")
-            continue
-        array = tensors[name]
-        fits = array.dtype.name == dtype and array.ndim == len(letters)
-        if not fits or any(
-            sizes.setdefault(letter, size) != size
-            for letter, size in zip(letters, array.shape, strict=True)
-        ):
-            raise FileFormatError(
-                f"its tensor {name!r} is {array.dtype.name} {array.shape}, not {dtype} "
-                f"({', '.join(str(letter) for letter in letters)}): make the tensors fit"
-            )
-        if name not in _OPTIONAL and not np.isfinite(array).all():
-            raise FileFormatError(f"its tensor {name!r} holds numbers that are not finite")
-
-
-def _names() -> str:
-    return ", ".join(name for name in _LAYOUT if name not in _OPTIONAL)
-
-
-def _model(text: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> ModalModel:
-    surface = Mesh(
-        points=tensors["vertices"], faces=tensors["faces"].astype(np.int64), up=text["up"]
-    )
+def _model(text: Text, tensors: Tensors) -> ModalModel:
+    kind = kind_named(text["gains"]["kind"])
+    require_layout(tensors, {**_LAYOUT, **kind.layout})
+    surface, coordinates = _given_surface(text, tensors), texts(text["coordinates"], "coordinates")
+    gains = kind.make(text["gains"], tensors, surface)
+    _require_coordinates(kind, gains, coordinates)
     return ModalModel(
         frequencies=tensors["frequencies"],
         natural_frequencies=tensors["natural_frequencies"],
         decays=tensors["decays"],
-        gains=_gains(text["gains"], surface, tensors),
+        gains=gains,
         material=None if text["material"] is None else material_from_json(text["material"]),
-        mass=None if text["mass"] is None else float(text["mass"]),
-        centre=_array(text["centre"], (3,)),
-        inertia=_array(text["inertia"], (3, 3)),
+        mass=None if text["mass"] is None else float(numbers(text["mass"], ())),
+        centre=numbers_or_none(text["centre"], (3,)),
+        inertia=numbers_or_none(text["inertia"], (3, 3)),
         geometry=surface if text["geometry"] == "surface" else None,
-        supported=bool(text["supported"]),
-        tensioned=bool(text.get("tensioned", False)),
-        complete_to=float(text["complete_to"]),
+        supported=flag(text["supported"], "supported"),
+        tensioned=flag(text.get("tensioned", False), "tensioned"),
+        complete_to=float(numbers(text["complete_to"], ())),
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
-        places={name: _vector(point) for name, point in text["places"].items()},
-        coordinates=tuple(text["coordinates"]),
+        places=_places(text["places"], kind, coordinates),
+        coordinates=coordinates,
+        residual=make_residual(text, tensors),
         provenance=provenance_from_json(text["provenance"]),
     )
 
 
-def _gains(
-    text: Mapping[str, Any], surface: Mesh, tensors: Mapping[str, NDArray[Any]]
-) -> ShapeGains:
-    if text["kind"] != "ShapeGains":
-        raise FileFormatError(f"its gains are {text['kind']!r}, not 'ShapeGains': update struck")
-    return ShapeGains(
-        surface=surface,
-        shapes=tensors["shapes"],
-        outputs=np.ascontiguousarray(tensors["outputs"]).view(np.complex128)[:, 0],
-        centre=_vector(text["centre"]),
-        radiation=by_name(text["radiation"]),
-        formula=formula_from_json(text.get("formula"), tensors),
+def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
+    given = [name for name in ("vertices", "faces") if name in tensors]
+    if not given and text["geometry"] is None:
+        return None
+    if len(given) < 2:
+        raise FileFormatError(
+            f"of vertices and faces it has {' '.join(given) or 'none'}, and its geometry is "
+            f"{text['geometry']!r}: give both, or neither and null"
+        )
+    return Mesh(
+        points=near(tensors["vertices"], "tensor 'vertices'"),
+        faces=tensors["faces"].astype(np.int64),
+        up=one_of(text["up"], "up", ("x", "y", "z")),
     )
 
 
-def _array(numbers: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    if numbers is None:
-        return None
-    array = np.array(numbers, dtype=np.float64)
-    if array.shape != shape:
-        raise FileFormatError(f"its metadata holds {array.shape} numbers where {shape} belong")
-    return array
+def _places(text: Text, kind: Kind, coordinates: tuple[str, ...]) -> dict[str, Array]:
+    """Return contacts by name: points of a surface, or what recordings call a contact."""
+    count = 3 if kind is SHAPES else len(coordinates)
+    return {name: vector(place, count) for name, place in text.items()}
 
 
-def _vector(numbers: object) -> NDArray[np.float64]:
-    vector = _array(numbers, (3,))
-    if vector is None:
-        raise FileFormatError("its metadata holds null where x, y and z belong")
-    return vector
+def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...]) -> None:
+    wanted = kind.coordinates(gains)
+    if wanted not in {None, len(coordinates)}:
+        raise FileFormatError(
+            f"its contacts have {len(coordinates)} coordinates, {', '.join(coordinates)}, and its "
+            f"{kind.made.__name__} knows {wanted}: name as many"
+        )

@@ -153,7 +153,7 @@ class Container:
         if found != convention:
             raise FileFormatError(
                 f"its convention is {found or 'not said'!r}, and {convention!r} is read here: use "
-                "load_sofa_field for GeneralTF-E, load_sofa_responses for GeneralFIR-E, and a "
+                "struck.load for GeneralTF-E, load_sofa_responses for GeneralFIR-E, and a "
                 "listener's hrtf= for measured heads"
             )
 
@@ -174,6 +174,11 @@ class Container:
     def numbers(self, name: str, *shapes: tuple[int, ...]) -> Array:
         """Return a variable that has one of some shapes and is finite."""
         variable = self._variable(name)
+        if math.prod(variable.shape) > MOST_VALUES:
+            raise FileFormatError(
+                f"its variable {name} has shape {variable.shape}, more than {MOST_VALUES:,} "
+                "numbers: split the file"
+            )
         if shapes and variable.shape not in shapes:
             raise FileFormatError(
                 f"its variable {name} has shape {variable.shape}, and "
@@ -196,8 +201,22 @@ class Container:
                 f"its variable {name} has shape {shape}, and (n, 3) is read: save it again with "
                 "places that do not change over measurements"
             )
-        values = self.numbers(name).reshape(-1, 3)
-        kind, units = self.text("Type", name).lower(), self.text("Units", name).lower()
+        return self.points(name, shape)
+
+    def points(self, name: str, *shapes: tuple[int, ...], typed: str | None = None) -> Array:
+        """Return points of one of some shapes (n, 3, ..) as Cartesian (n, 3), m.
+
+        Parameters
+        ----------
+        name : str
+        *shapes : tuple of int
+            Along a third axis the first point counts.
+        typed : str, optional
+            The variable that tells type and units, where `name` itself does not.
+        """
+        read = self.numbers(name, *shapes)
+        values, told = read.reshape(len(read), 3, -1)[:, :, 0], typed or name
+        kind, units = self.text("Type", told).lower(), self.text("Units", told).lower()
         singular = [unit.removesuffix("s") for unit in units.replace(",", " ").split()]
         singular = ["metre" if unit == "meter" else unit for unit in singular]
         if kind == "cartesian" and set(singular) == {"metre"}:
@@ -224,11 +243,6 @@ class Container:
             raise FileFormatError(
                 f"its variable {name} holds {found.dtype} or lies in another file, and numbers in "
                 "this one are read: save it again with a SOFA library"
-            )
-        if math.prod(found.shape) > MOST_VALUES:
-            raise FileFormatError(
-                f"its variable {name} has shape {found.shape}, more than {MOST_VALUES:,} numbers: "
-                "split the file"
             )
         return found
 

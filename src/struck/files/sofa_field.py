@@ -19,6 +19,7 @@ from struck.files.sofa_geometry import (
     is_calibrated,
     listeners_of,
     symmetry_of,
+    way_of,
 )
 from struck.model import ModalModel
 from struck.recordings.fields.sampled_field import SampledField
@@ -55,16 +56,17 @@ def save_sofa(
         By custom ending in ``.sofa``; a file there is replaced as a whole.
     contacts : array-like (P, D), optional
         Where a model is struck: coordinates of its field, or points on its surface, m, or names.
-        They become emitters.
+        They become emitters. Those that were recorded unless given.
     listeners : array-like (Q, 3), optional
-        Where it is heard, body coordinates, m. They become measurements.
+        Where it is heard, body coordinates, m. They become measurements. Unless given, those that
+        were recorded.
     title, author, licence : str
         What a reader should know.
 
     Raises
     ------
     OptionError
-        When a model comes without contacts or listeners, or they do not fit it.
+        When a computed model comes without contacts or listeners, or they do not fit it.
     ContactError
         On a contact off the body, or a listener inside it.
     FileFormatError
@@ -130,6 +132,7 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
             calibrated=is_calibrated(file),
             coordinates=coordinates,
             title=file.text("Title"),
+            way=way_of(file),
         )
 
 
@@ -141,14 +144,12 @@ def sampled(
     Raises
     ------
     OptionError
-        When a model comes without them, or a field with them.
+        When a computed model comes without them, or a `SampledField` with them.
     """
     if isinstance(source, SampledField):
         if contacts is not None or listeners is not None:
             raise OptionError("a SampledField has its own contacts and listeners: leave them out")
         return source
-    if contacts is None or listeners is None:
-        raise OptionError("a model has gains everywhere: give contacts= and listeners= to sample")
     return SampledField.of(source, contacts, listeners)
 
 

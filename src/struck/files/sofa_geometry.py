@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
 from struck.files.sofa_container import Container, Variable, metres
-from struck.recordings.fields.sampled_field import SampledField
+from struck.recordings.fields.sampled_field import WAYS, SampledField
 from struck.recordings.fields.survey import SYMMETRIES
 
 Array = NDArray[np.float64]
 
 _PASCAL, _RELATIVE = "Pa/(N s)", "relative"
 _AXES = ("ContactU", "ContactV")
+_UNKNOWN = "unknown"
 _SURFACE = (
     " ContactU and ContactV are coordinates on the surface; EmitterPosition repeats them as "
     "(u, v, 0), as their places in space are not known."
@@ -23,14 +24,17 @@ _SURFACE = (
 def attributes_of(field: SampledField, comment: str, *names: str) -> dict[str, str]:
     """Return what a file tells of a field: a comment, and title, author and licence."""
     title, author, licence = (name or "not stated" for name in names)
+    axes = field.contacts.shape[1]
     return {
         "Title": title,
         "AuthorContact": author,
         "Organization": author,
         "License": licence,
-        "Comment": comment + ("" if field.contacts.shape[1] > 2 else _SURFACE),
+        "Comment": comment + (_SURFACE if axes in {1, 2} else ""),
         "GainUnit": _PASCAL if field.calibrated else _RELATIVE,
         "Symmetry": field.symmetry,
+        "Interpolation": field.way,
+        **({} if axes else {"ContactPlaces": _UNKNOWN}),
     }
 
 
@@ -78,6 +82,8 @@ def contacts_of(file: Container) -> tuple[Array, tuple[str, ...]]:
         count = file.shape("EmitterPosition")[:1]
         values = [file.numbers(axis, count) for axis in axes]
         return np.stack(values, axis=1), tuple(file.text("LongName", axis) for axis in axes)
+    if file.text("ContactPlaces") == _UNKNOWN:
+        return np.zeros((file.shape("EmitterPosition")[0], 0)), ()
     sources = file.places("SourcePosition")
     if len(sources) != 1 or "SourceView" in file:
         raise FileFormatError(
@@ -102,6 +108,14 @@ def symmetry_of(file: Container) -> str:
     if symmetry not in SYMMETRIES:
         raise FileFormatError(f"its Symmetry is {symmetry!r}: give one of {', '.join(SYMMETRIES)}")
     return symmetry
+
+
+def way_of(file: Container) -> str:
+    """Return how its model interpolates."""
+    way = file.text("Interpolation") or WAYS[0]
+    if way not in WAYS:
+        raise FileFormatError(f"its Interpolation is {way!r}: give one of {', '.join(WAYS)}")
+    return way
 
 
 def is_calibrated(file: Container) -> bool:

@@ -61,13 +61,13 @@ def fitted_to(samples: Array) -> Modes:
     noise = Noise.heard_in(samples[:, :LEAD], RATE)
     segment = Segment.of(samples[:, LEAD:], RATE, noise)
     found = search([segment])
-    frequency_errors, decay_errors = standard_errors([segment], found)
+    errors = standard_errors([segment], found)
     return Modes(
         frequencies=found.frequencies,
         decays=found.decays,
         gains=found.gains[0],
-        frequency_errors=frequency_errors,
-        decay_errors=decay_errors,
+        frequency_errors=errors.frequencies,
+        decay_errors=errors.decays,
         truth=np.zeros(found.count, int),
     )
 

@@ -5,6 +5,7 @@ The figures are those of the project's promise; `-m prove` shows them over 20 se
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,16 @@ FEW, MANY = range(1000, 1002), range(2000, 2020)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """Means over seeds: a score, of the resolvable modes those found, and honest errors."""
+    """Means over seeds: a score, of the resolvable modes those found, and honest errors.
+
+    `told` holds each figure's mean and standard error.
+    """
 
     score: Score
     of_resolvable: float
     honest: float
     strong_missing: float
+    told: dict[str, str]
 
 
 def fitted(take: Scene) -> Fitted:
@@ -82,15 +87,21 @@ def outcome(seeds: range, modes: int, level: float, channels: int = 1) -> Outcom
         shares.append(found[possible].mean())
         honest.append(within_two(fit, take.truth))
         missing.append(strong_missing(fit, take.truth))
-    mean = Score(
-        **{name: np.mean([getattr(each, name) for each in scores]) for name in Score.__slots__}
-    )
+    figures = {name: [getattr(each, name) for each in scores] for name in Score.__slots__}
+    mean = Score(**{name: np.mean(values) for name, values in figures.items()})
+    figures |= {"of_resolvable": shares, "honest": honest, "strong_missing": missing}
     return Outcome(
         score=mean,
         of_resolvable=float(np.mean(shares)),
         honest=float(np.mean(honest)),
         strong_missing=float(np.mean(missing)),
+        told={name: mean_and_error(values) for name, values in figures.items()},
     )
+
+
+def mean_and_error(values: list[float]) -> str:
+    error = np.std(values, ddof=1) / np.sqrt(len(values))
+    return f"{np.mean(values):.4g} +- {error:.2g}"
 
 
 def require_quiet_scene(found: Outcome) -> None:
@@ -139,9 +150,14 @@ def test_modes_are_found(name: str) -> None:
 
 @pytest.mark.prove
 @pytest.mark.parametrize("name", CASES)
-def test_modes_are_found_in_20_scenes(name: str) -> None:
+def test_modes_are_found_in_20_scenes(
+    name: str, record_property: Callable[[str, object], None]
+) -> None:
     (modes, level, channels), require = CASES[name]
-    require(outcome(MANY, modes, level, channels))
+    found = outcome(MANY, modes, level, channels)
+    for figure, value in found.told.items():
+        record_property(f"{name}: {figure}", value)
+    require(found)
 
 
 def unsplit(seeds: range, decay: float, split: float = 0.3) -> int:

@@ -64,6 +64,15 @@ def test_a_slow_rise_is_waited_for() -> None:
     assert 0.002 < (hit.start - RATE // 4) / RATE < 0.006
 
 
+def test_nearly_all_of_a_slow_rise_is_heard_after_its_arrival() -> None:
+    times = np.arange(RATE) / RATE
+    rising = np.minimum(times / 0.004, 1) * np.sin(2 * np.pi * 500 * times) * np.exp(-8 * times)
+    (hit,) = find_hits(take(np.pad(rising, (RATE // 4, 0)) + noise(1.25, 1e-4)))
+    missed = rising[: hit.arrival - RATE // 4]
+    assert RATE // 4 < hit.arrival < hit.start
+    assert 1e-4 < np.sum(missed**2) / np.sum(rising**2) < 1e-3
+
+
 def noise(seconds: float, rms: float) -> Array:
     return rms * np.random.default_rng(3).standard_normal(round(seconds * RATE))
 

@@ -153,7 +153,7 @@ class Calibration:
 
 
 def calibrated(
-    fitted: FittedModes,
+    fitted: FittedModes | ModalModel,
     model: ModalModel,
     *,
     recompute: Callable[[Material], ModalModel] | None = None,
@@ -164,7 +164,7 @@ def calibrated(
 
     Parameters
     ----------
-    fitted : FittedModes
+    fitted : FittedModes or ModalModel
         Anything with `frequencies`, `decays` and `gains`; standard errors count where it has them.
         Which mode is which need not be known.
     model : ModalModel

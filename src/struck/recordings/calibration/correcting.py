@@ -20,7 +20,9 @@ Index = NDArray[np.int64]
 _SHARED = 1e-3
 
 
-def corrected(model: ModalModel, fitted: FittedModes, pairing: Pairing | None = None) -> ModalModel:
+def corrected(
+    model: ModalModel, fitted: FittedModes | ModalModel, pairing: Pairing | None = None
+) -> ModalModel:
     """Return a computed model with the frequencies and decays of a recording of the body.
 
     Shapes, and so how the timbre changes over the surface, stay those computed.
@@ -29,7 +31,7 @@ def corrected(model: ModalModel, fitted: FittedModes, pairing: Pairing | None = 
     ----------
     model : ModalModel
         The body as computed.
-    fitted : FittedModes
+    fitted : FittedModes or ModalModel
         Anything with `frequencies`, `decays` and `gains`.
     pairing : Pairing, optional
         Which mode is which; found unless given.

@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import RecordingError
+from struck.model import ModalModel
 
 Array = NDArray[np.float64]
+
+_BESIDE = 1.0
+"""Where a model is heard from, m beyond its centre."""
 
 
 class FittedModes(Protocol):
@@ -77,8 +81,10 @@ class Partials:
             raise RecordingError("a mode rings at 0 Hz: leave it out")
 
     @classmethod
-    def of(cls, fitted: FittedModes) -> Partials:
-        """Take fitted modes of any make."""
+    def of(cls, fitted: FittedModes | ModalModel) -> Partials:
+        """Take fitted modes of any make; of a model, as its default contact sounds."""
+        if isinstance(fitted, ModalModel):
+            return cls._of_model(fitted)
         frequencies = np.asarray(fitted.frequencies, np.float64)
         gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))
         return cls(
@@ -87,6 +93,23 @@ class Partials:
             amplitudes=np.sqrt(np.square(np.abs(gains)).mean(axis=0)),
             frequency_errors=_errors(fitted, "frequency_errors", len(frequencies)),
             decay_errors=_errors(fitted, "decay_errors", len(frequencies)),
+        )
+
+    @classmethod
+    def _of_model(cls, model: ModalModel) -> Partials:
+        contact = model.contact()
+        drives = model.gains.at(contact.point[None], contact.direction[None])[0]
+        centre = np.zeros(3) if model.centre is None else model.centre
+        reach = _BESIDE if model.geometry is None else _BESIDE + 2 * model.geometry.extent
+        outputs = model.gains.toward(centre[None] + [reach, 0.0, 0.0])[0]
+        unknown = np.zeros(len(model.frequencies))
+        errors = unknown if model.errors is None else np.nan_to_num(model.errors)
+        return cls(
+            frequencies=model.frequencies,
+            decays=model.decays,
+            amplitudes=np.abs((drives * outputs).sum(axis=0)),
+            frequency_errors=errors * model.frequencies,
+            decay_errors=unknown,
         )
 
     @property

@@ -77,7 +77,7 @@ class ContactPart:
 
     def chosen(self, modes: Index, factor: float = 1.0) -> ContactPart:
         """Return the drives of some modes, times a factor."""
-        return replace(self, factors=self.factors[:, :, modes] * factor)
+        return replace(self, factors=np.ascontiguousarray(self.factors[:, :, modes] * factor))
 
     def _require_inside(self, points: Array) -> None:
         highest, reach = self.lowest + self.spans, SNAP * self.spans

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.recordings.fields.outgoing import ORDER
+from struck.recordings.fields.survey import distinct
 from struck.recordings.fields.waves import Waves
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ class Inside:
         """Return some modes of a body `size` times as large, times a factor."""
         return Inside(
             places=self.places * size,
-            corrections=self.corrections[:, modes] * factor,
+            corrections=np.ascontiguousarray(self.corrections[:, modes] * factor),
             reach=self.reach * size,
         )
 
@@ -143,8 +144,8 @@ class ListenerPart:
         if not len(places):
             return self
         missing = outputs - self.waves.at(places)
-        folded, number = np.unique(self._folded(places), axis=0, return_inverse=True)
-        share = np.eye(len(folded))[number.reshape(-1)]
+        folded, number = distinct(self._folded(places))
+        share = np.eye(len(folded))[number]
         missing = share.T @ missing / share.sum(axis=0)[:, None]
         inside = Inside.of(folded, missing, self._folded(outside))
         return ListenerPart(

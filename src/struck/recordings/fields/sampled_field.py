@@ -14,6 +14,8 @@ from struck.gains import ExpandedGains, Gains, ShapeGains
 from struck.model import ModalModel
 from struck.provenance import Provenance
 from struck.recordings.fields.field import TimbreField
+from struck.recordings.fields.recorded_places import recorded_contacts, recorded_listeners
+from struck.recordings.fields.single_point import SinglePoint
 from struck.recordings.fields.survey import Survey
 from struck.recordings.fields.table import TimbreTable
 
@@ -46,6 +48,8 @@ class SampledField:
     coordinates : tuple of str
         Names and units of a contact's coordinates.
     title : str
+    way : str
+        How its model interpolates: "field" or "table", as for `model`.
     """
 
     frequencies: Array
@@ -58,24 +62,30 @@ class SampledField:
     calibrated: bool = False
     coordinates: tuple[str, ...] = ()
     title: str = ""
+    way: str = "field"
 
     @classmethod
     def of(
-        cls, model: ModalModel, contacts: ArrayLike | Sequence[Place], listeners: ArrayLike
+        cls,
+        model: ModalModel,
+        contacts: ArrayLike | Sequence[Place] | None = None,
+        listeners: ArrayLike | None = None,
     ) -> SampledField:
         """Take the gains of a model at contacts (P, D) and listeners (Q, 3).
 
-        Contacts of a body with a surface may be places by name too; pushes go inward.
+        Contacts of a body with a surface may be places by name too; pushes go inward. Unless given,
+        they are those that were recorded.
 
         Raises
         ------
         ContactError
             On a contact off the body, or a listener inside it.
         OptionError
-            When contacts or listeners have another shape, or gains are not finite.
+            When contacts or listeners have another shape, or are not given and none were recorded,
+            or gains are not finite.
         """
-        places, directions = _touched(model, contacts)
-        heard = np.asarray(listeners, np.float64)
+        places, directions = _touched(model, _given("contacts", contacts, model.gains))
+        heard = np.asarray(_given("listeners", listeners, model.gains), np.float64)
         if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
             raise OptionError(f"listeners have shape {heard.shape}: give x, y, z of each, m")
         drives = model.gains.at(places, directions)
@@ -92,6 +102,7 @@ class SampledField:
             symmetry="axial" if _is_axial(model.gains) else "none",
             calibrated=model.calibrated,
             coordinates=model.coordinates,
+            way="table" if isinstance(_whole(model.gains), TimbreTable) else "field",
         )
 
     def survey(self) -> Survey:
@@ -117,14 +128,17 @@ class SampledField:
             calibrated=self.calibrated,
         )
 
-    def model(self, way: str = "field", *, radius: float = 0.0) -> ModalModel:
+    def model(self, way: str | None = None, *, radius: float = 0.0) -> ModalModel:
         """Return a model that interpolates between contacts and between listeners.
+
+        One contact without coordinates, heard at one place, is a `SinglePoint`. Contacts that are
+        points in space are called "contact 1", "contact 2" ...: between them nothing is known.
 
         Parameters
         ----------
-        way : str
+        way : str, optional
             "field": a product for each mode (`TimbreField`); "table": all gains, linear in between
-            (`TimbreTable`), for contacts and listeners on grids.
+            (`TimbreTable`), for contacts and listeners on grids. The field's own unless given.
         radius : float
             As for `TimbreField.of`, m.
 
@@ -133,23 +147,71 @@ class SampledField:
         OptionError
             On an unknown way, or places that do not suit it.
         """
-        if way not in WAYS:
-            raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
+        chosen = self.way if way is None else way
+        if chosen not in WAYS:
+            raise OptionError(f"way is {chosen!r}: give one of {', '.join(WAYS)}")
         natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
         order = np.argsort(natural, kind="stable")
-        ordered = replace(self, frequencies=self.frequencies[order], gains=self.gains[:, :, order])
-        survey = ordered.survey()
-        gains = TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
+        ordered = replace(
+            self,
+            frequencies=self.frequencies[order],
+            decays=self.decays[order],
+            gains=self.gains[:, :, order],
+        )
+        numbered, places = _numbered(ordered)
         return ModalModel(
             frequencies=ordered.frequencies,
             natural_frequencies=natural[order],
-            decays=self.decays[order],
-            gains=gains,
+            decays=ordered.decays,
+            gains=_interpolated(numbered, chosen, radius),
             centre=self.centre,
             complete_to=0.0,
-            coordinates=self.coordinates or ("u", "v")[: self.contacts.shape[1]],
-            provenance=Provenance(method=f"timbre {way} of sampled gains"),
+            places=places,
+            coordinates=numbered.coordinates or ("u", "v")[: numbered.contacts.shape[1]],
+            provenance=Provenance(method=f"timbre {chosen} of sampled gains"),
         )
+
+
+def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
+    """Return a field with contacts by number where they are points in space, and their names.
+
+    A contact without coordinates is the recorded one; of several that of most energy is called so.
+    """
+    count, axes = field.contacts.shape
+    if axes in {1, 2}:
+        energies = (np.abs(field.gains) ** 2 / np.maximum(field.decays, 1e-6)).sum(axis=(1, 2))
+        return field, {"recorded": field.contacts[energies.argmax()]}
+    if axes == 0 and field.gains.shape[:2] == (1, 1):
+        return field, {"recorded": field.contacts[0]}
+    numbers = np.arange(1.0, count + 1)[:, np.newaxis]
+    names = {f"contact {number}": numbers[number - 1] for number in range(1, count + 1)}
+    return replace(field, contacts=numbers, coordinates=("number of contact",)), names
+
+
+def _interpolated(field: SampledField, way: str, radius: float) -> Gains:
+    if not field.contacts.shape[1]:
+        distance = float(np.linalg.norm(field.listeners[0] - field.centre))
+        return SinglePoint(
+            outputs=field.gains[0, 0] * distance,
+            centre=field.centre,
+            is_calibrated=field.calibrated,
+        )
+    survey = field.survey()
+    return TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
+
+
+def _given(
+    name: str, places: ArrayLike | Sequence[Place] | None, gains: Gains
+) -> ArrayLike | Sequence[Place]:
+    """Return contacts or listeners as given, else those that were recorded."""
+    if places is not None:
+        return places
+    known = recorded_contacts(gains) if name == "contacts" else recorded_listeners(gains)
+    if known is None:
+        raise OptionError(
+            "a computed model has gains everywhere: give contacts= and listeners= to sample"
+        )
+    return known
 
 
 def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
@@ -160,24 +222,28 @@ def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[
             [each.direction for each in found]
         )
     places = np.asarray(contacts, np.float64)
-    if places.ndim != 2 or not places.size:
+    if places.ndim != 2 or not len(places):
         raise OptionError(f"contacts have shape {places.shape}: give the coordinates of each")
     return places, np.zeros((len(places), 3))
 
 
+def _whole(gains: Gains) -> Gains:
+    return gains.products if isinstance(gains, ExpandedGains) else gains
+
+
 def _centre(model: ModalModel) -> Array:
     """Return the point from which travel times count, m."""
-    gains = model.gains.products if isinstance(model.gains, ExpandedGains) else model.gains
+    gains = _whole(model.gains)
     if isinstance(gains, TimbreTable):
         return gains.centre * gains.size
-    if isinstance(gains, TimbreField | ShapeGains):
+    if isinstance(gains, TimbreField | ShapeGains | SinglePoint):
         return gains.centre
     return np.zeros(3) if model.centre is None else model.centre
 
 
 def _is_axial(gains: Gains) -> bool:
     """Tell whether only the azimuth between contact and listener matters."""
-    whole = gains.products if isinstance(gains, ExpandedGains) else gains
+    whole = _whole(gains)
     if isinstance(whole, TimbreTable):
         return whole.mirrored
     return isinstance(whole, TimbreField) and whole.listener_part.mirrored

@@ -147,8 +147,8 @@ class Survey:
             pairs = np.stack([pairs[:, 0], np.arange(len(pairs))], axis=1)
         if self.symmetry == "axial":
             places = places * [1, 0, 1] + np.abs(places) * [0, 1, 0]
-        contacts, contact = _distinct(contacts)
-        places, place = _distinct(places)
+        contacts, contact = distinct(contacts)
+        places, place = distinct(places)
         return replace(
             self,
             contacts=contacts,
@@ -163,7 +163,7 @@ def _turned(places: Array, contacts: Array) -> Array:
     return np.stack([flat.real, flat.imag, places[:, 2]], axis=1)
 
 
-def _distinct(places: Array) -> tuple[Array, Index]:
+def distinct(places: Array) -> tuple[Array, Index]:
     """Return each place once, and for every one given its number."""
     step = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
     rounded = np.round(places / step)

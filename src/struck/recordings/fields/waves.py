@@ -108,7 +108,7 @@ class Waves:
         """Return some modes of a body `size` times as large, which rings as much lower."""
         powers = size ** np.arange(1.0, ORDER + 2)[:, None, None]
         return Waves(
-            parts=self.parts[:, :, modes] * powers * factor,
+            parts=np.ascontiguousarray(self.parts[:, :, modes] * powers * factor),
             limit=self.limit * size,
             levelled=self.levelled[modes],
         )

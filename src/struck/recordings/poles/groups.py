@@ -13,7 +13,7 @@ Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
 
 _COUPLED = 0.01
-_MOST = 40
+_MOST = 16
 _FEW = 6
 
 

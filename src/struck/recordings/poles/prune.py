@@ -25,7 +25,7 @@ _COLLINEAR = 1e-3
 _LOWEST, _HIGHEST = 15.0, 0.49
 """Frequencies, Hz and of the sample rate."""
 _TOUCHING = 0.05
-_SHARE = 6
+_SHARE = 2
 _PER_BAND = 4
 
 

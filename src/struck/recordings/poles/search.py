@@ -19,6 +19,7 @@ from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]
+Kept = Callable[[str, Callable[[], Ringing]], Ringing]
 Look = Callable[[Sequence[Segment], Sequence[Array]], Candidates]
 
 _WINDOWS = (
@@ -31,16 +32,25 @@ _WINDOWS = (
 stood under the strongest modes, before shorter windows could take it for something else."""
 _ROUNDS = 4
 _LIKELY = 1e-6
-_SPARE = 1.5
-_STEP = 0.9
+_SPARE = 1.25
+_STEP = 0.85
 _FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0
 """Of the amplitude, within so many Hz."""
 _BEATING = 15.0
 """1/s."""
 
 
+def computed(_name: str, compute: Callable[[], Ringing]) -> Ringing:
+    """Return the result of a stage, nothing being kept."""
+    return compute()
+
+
 def search(
-    segments: Sequence[Segment], *, budget: int | None = None, progress: Progress = silent
+    segments: Sequence[Segment],
+    *,
+    budget: int | None = None,
+    progress: Progress = silent,
+    kept: Kept = computed,
 ) -> Ringing:
     """Find what rings in all segments together.
 
@@ -53,6 +63,8 @@ def search(
         noise and from what the model cannot explain.
     progress : Progress
         Told the stage and the fraction done.
+    kept : callable
+        Given the name of a stage and what computes it, returns its result.
 
     Returns
     -------
@@ -61,26 +73,48 @@ def search(
     """
     ringing = Ringing.silence(sum(len(segment.samples) for segment in segments))
     looks = list(_looks(segments, 1 if budget else _ROUNDS))
-    spare = round(_SPARE * budget) if budget else None
-    masked = _masked(segments) if budget else segments
     for number, look in enumerate(looks):
         progress("looking for modes", number / len(looks))
-        found = look(masked, [segment.residual(ringing) for segment in segments])
-        if spare is not None:
-            found = strongest_per_band(segments, found, spare)
-        if found.poles.size:
-            ringing = _settled(segments, ringing.joined(found.poles), spare)
-        elif number >= len(_WINDOWS):
+        before = ringing
+        ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
+        if number >= len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
     progress("refining", 0.0)
-    ringing = _paired(segments, refine(segments, ringing, sweeps=2), budget)
+    ringing = kept("pairs", partial(_in_pairs, segments, ringing, budget))
     progress("refining", 0.4)
-    ringing = refine(segments, _within(segments, ringing, budget), sweeps=4, steps=4)
+    ringing = kept("budget", partial(_refined, segments, ringing, budget))
     progress("refining", 0.8)
-    kept = prune(segments if budget else _noisier(segments, ringing), ringing)
-    if kept.count < ringing.count:
-        kept = refine(segments, kept, sweeps=2, steps=4)
-    return with_best_gains(segments, kept).by_frequency()
+    return _proven(segments, ringing, budget)
+
+
+def _looked(
+    segments: Sequence[Segment], ringing: Ringing, look: Look, budget: int | None
+) -> Ringing:
+    """Look once, and fit what was found together with what was known."""
+    spare = round(_SPARE * budget) if budget else None
+    masked = _masked(segments) if budget else segments
+    found = look(masked, [segment.residual(ringing) for segment in segments])
+    if spare is not None:
+        found = strongest_per_band(segments, found, spare)
+    if not found.poles.size:
+        return ringing
+    return _settled(segments, ringing.joined(found.poles), spare)
+
+
+def _in_pairs(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+    return _paired(segments, refine(segments, ringing, sweeps=2), budget)
+
+
+def _refined(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+    return refine(segments, _within(segments, ringing, budget), sweeps=4, steps=4)
+
+
+def _proven(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+    """Keep what stands out, with the best gains of all at once."""
+    proven = prune(segments if budget else _noisier(segments, ringing), ringing)
+    if proven.count < ringing.count:
+        proven = refine(segments, proven, sweeps=2, steps=4)
+    return with_best_gains(segments, proven).by_frequency()
 
 
 def _looks(segments: Sequence[Segment], rounds: int) -> Iterator[Look]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.recordings.takes.force import force_channels
 from struck.recordings.takes.onsets import Hit
 from struck.recordings.takes.take import Take
 
@@ -47,6 +48,7 @@ def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
 
 def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     """Yield what a person should know of a take, one sentence each."""
+    yield from _forces(take)
     yield from _clipping(take)
     levels = _levels(take)
     peak = 20 * np.log10(np.abs(take.samples).max())
@@ -69,6 +71,14 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
         yield (
             f"the noise of {take.name} changes by {levels.min() - quiet:.0f} dB: turn automatic "
             "gain and noise suppression off, for decays are wrong with them"
+        )
+
+
+def _forces(take: Take) -> Iterator[str]:
+    for channel in np.flatnonzero(force_channels(take)):
+        yield (
+            f"channel {channel + 1} of {take.name} holds the force of the blows, short and of one "
+            "sign, and no sound: it is left out"
         )
 
 

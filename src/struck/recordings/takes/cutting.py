@@ -39,6 +39,8 @@ class Row:
     ----------
     take, hit, channel : int
         Which.
+    onset : float
+        When the hit began, s in the take.
     time : float
         From when on the gains count, s in the take.
     """
@@ -46,6 +48,7 @@ class Row:
     take: int
     hit: int
     channel: int
+    onset: float
     time: float
 
 
@@ -63,13 +66,23 @@ class Stretch:
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows of its channels."""
+        onset, time = self.hit.onset / self.sample_rate, self.hit.start / self.sample_rate
         for channel in range(len(self.samples)):
-            time = self.hit.start / self.sample_rate
-            yield Row(take=self.take, hit=self.number, channel=channel, time=time)
+            yield Row(take=self.take, hit=self.number, channel=channel, onset=onset, time=time)
 
 
-def cut(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> list[Stretch]:
+def cut(
+    takes: Sequence[Take], hits: Sequence[Sequence[Hit]], *, attack: bool = False
+) -> list[Stretch]:
     """Cut each take at its hits, and each hit where it is over.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+    hits : sequence of sequences of Hit
+        Of each take.
+    attack : bool
+        Whether hits begin as soon as they are heard, or when they ring freely.
 
     Raises
     ------
@@ -83,7 +96,8 @@ def cut(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> list[Stretch]:
                 f"no hit was found in {take.name}: no moment at which many frequencies rise at "
                 "once; give its onsets, or leave it out"
             )
-        stretches = list(_stretches(number, take, own))
+        begun = [replace(hit, start=hit.arrival) for hit in own] if attack else own
+        stretches = list(_stretches(number, take, begun))
         if not stretches:
             raise RecordingError(
                 f"no hit of {take.name} rings freely for {_SHORTEST} s: record single hits that "

@@ -35,6 +35,8 @@ _ORDER, _PAST = 32, 50
 """Of linear prediction, and how many milliseconds it learns from."""
 _CLOSE = 0.01
 """Within this time after a hit the sound is at its loudest, s."""
+_ARRIVED = 3e-4
+"""Of a hit's energy: so much may have sounded before it is taken to have arrived."""
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
 """A beginning that sounds already is no hit when it is so much quieter than the loudest."""
 
@@ -47,6 +49,8 @@ class Hit:
     ----------
     onset : int
         Sample at which the sound begins to rise.
+    arrival : int
+        Sample from which on nearly all of the sound is heard, the blow included.
     start : int
         Sample from which it is taken as free ringing: the rise is over.
     end : int
@@ -54,6 +58,7 @@ class Hit:
     """
 
     onset: int
+    arrival: int
     start: int
     end: int
 
@@ -71,11 +76,27 @@ def find_hits(take: Take) -> list[Hit]:
 def hit_at(take: Take, onset: int, end: int) -> Hit:
     """Return the hit that begins at a known sample."""
     size = max(1, round(_BLOCK * take.sample_rate))
-    last = min(end, onset + round(_CLOSE * take.sample_rate))
-    energy = (take.samples[:, onset:last] ** 2).sum(axis=0)
-    following = uniform_filter1d(energy, size, origin=-(size // 2), mode="constant")
+    energy = (take.samples**2).sum(axis=0)
+    start = _risen(energy, onset, end, size)
+    arrival = min(_arrived(energy, onset, end, size), start)
+    return Hit(onset=onset, arrival=arrival, start=start, end=end)
+
+
+def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
+    """Return the sample by which so little of the hit has sounded that it may be left out."""
+    tail = float(energy[max(0, onset - 4 * size) : onset].mean()) if onset else 0.0
+    heard = np.cumsum(energy[onset:end] - tail)
+    # Within a millisecond the tail of the last hit may fluctuate by as much as it holds.
+    least = max(_ARRIVED * float(heard.max(initial=0.0)), size * tail)
+    return onset + int(np.argmax(heard > least)) if len(heard) else onset
+
+
+def _risen(energy: Array, onset: int, end: int, size: int) -> int:
+    """Return the sample by which the sound has risen to half of its loudest."""
+    last = min(end, onset + round(_CLOSE / _BLOCK) * size)
+    following = uniform_filter1d(energy[onset:last], size, origin=-(size // 2), mode="constant")
     risen = int(np.argmax(following >= 0.5 * following.max(initial=0.0)))
-    return Hit(onset=onset, start=min(onset + risen + size // 2, end), end=end)
+    return min(onset + risen + size // 2, end)
 
 
 def _energy(take: Take, start: int, seconds: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_FEW = 4
+_FEW = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,9 +74,8 @@ def samples(poles: Complex, gains: Complex, length: int, sample_rate: float) -> 
     product of two short ones: all modes add up in a product of two matrices.
     """
     width = int(np.ceil(np.sqrt(length)))
-    rows = np.arange(-(-length // width)) * (width / sample_rate)
-    coarse: Complex = np.exp(rows[:, None] * poles)
-    fine: Complex = np.exp(poles[:, None] * (np.arange(width) / sample_rate))
+    coarse = _powers(poles * (width / sample_rate), -(-length // width)).T
+    fine = _powers(poles / sample_rate, width)
     sums = [
         coarse.real @ (gain[:, None] * fine).imag + coarse.imag @ (gain[:, None] * fine).real
         for gain in gains
@@ -90,11 +90,21 @@ def correlations(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     count = -(-length // width)
     folded = np.zeros((channels, count * width))
     folded[:, :length] = samples
-    coarse: Complex = np.exp((np.arange(count) * (width / sample_rate))[:, None] * poles.conj())
-    fine: Complex = np.exp((np.arange(width) / sample_rate)[:, None] * poles.conj())
+    coarse = _powers(poles.conj() * (width / sample_rate), count).T
+    fine = _powers(poles.conj() / sample_rate, width).T
     rows = folded.reshape(channels, count, width)
     inner = rows @ fine.real + 1j * (rows @ fine.imag)
     return (inner * coarse).sum(axis=1)
+
+
+def _powers(exponents: Complex, count: int) -> Complex:
+    """Return exp(x n) for n below the count, (M, count), by the same factors once more."""
+    width = int(np.ceil(np.sqrt(count)))
+    rows = -(-count // width)
+    coarse: Complex = np.exp(np.outer(exponents, width * np.arange(rows)))
+    fine: Complex = np.exp(np.outer(exponents, np.arange(width)))
+    products = coarse[:, :, None] * fine[:, None, :]
+    return products.reshape(len(exponents), rows * width)[:, :count]
 
 
 def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
@@ -105,8 +115,8 @@ def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     """
     length = samples.shape[1]
     steps = poles / sample_rate
-    direct = _series(np.add.outer(steps.conj(), steps), length)
-    mirrored = _series(np.add.outer(steps, steps), length)
+    direct = _series(steps.conj(), steps, length)
+    mirrored = _series(steps, steps, length)
     # Im[g w] = Re g Im w + Im g Re w: products of the real waves Im w and Re w.
     matrix = 0.5 * np.block(
         [
@@ -121,9 +131,10 @@ def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     return solved[:, : len(poles)] + 1j * solved[:, len(poles) :]
 
 
-def _series(exponents: Complex, length: int) -> Complex:
-    """Return the sums of exp(x n) for n below the length."""
-    return np.asarray(np.expm1(exponents * length) / np.expm1(exponents), complex)
+def _series(left: Complex, right: Complex, length: int) -> Complex:
+    """Return the sums of exp((x + y) n) for n below the length, one row for each x."""
+    last = np.outer(np.exp(left * length), np.exp(right * length))
+    return np.asarray((last - 1) / np.expm1(np.add.outer(left, right)), complex)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,9 +185,15 @@ class Spectrum:
 
     def at(self, bins: Index, ringing: Ringing, gains: Complex) -> Complex:
         """Return the transform of modes with these gains (C, M), (bins, C)."""
+        # r / (1 - z / u) and its conjugate's line over one denominator: sums of real products.
         residues = self.residues(ringing.poles, gains)
-        direct = _summed(self.lines(bins, ringing.poles), residues)
-        return direct + self.mirrored(bins, ringing.poles, gains)
+        ratios: Complex = np.exp(ringing.poles / self.sample_rate)
+        angles = np.asarray((2 * np.pi / self.length) * bins, float)
+        shapes = _inverses(angles, ratios)
+        factors = 2 * np.concatenate((residues.real, (residues * ratios.conj()).real))
+        real, imaginary = (_summed(shape, factors) for shape in shapes)
+        turned, still = np.hsplit(real - 1j * imaginary, 2)
+        return np.exp(1j * angles)[:, None] * turned - still
 
     def mirrored(self, bins: Index, poles: Complex, gains: Complex) -> Complex:
         """Return what the conjugate poles add, at the bins of positive frequencies."""
@@ -188,19 +205,35 @@ class Spectrum:
         last = len(self.values) - 1
         low = np.clip(np.ceil(middles - reach), 1, last - 1).astype(int)
         high = np.clip(np.floor(middles + reach), 1, last - 1).astype(int)
-        return np.unique(
-            np.concatenate([np.arange(a, b + 1) for a, b in zip(low, high, strict=True)])
-        )
+        first = int(low.min())
+        inside = np.zeros(int(high.max()) + 1 - first, bool)
+        for begin, end in zip((low - first).tolist(), (high + 1 - first).tolist(), strict=True):
+            inside[begin:end] = True
+        return np.asarray(first + np.flatnonzero(inside), np.int64)
 
     def _span(self, poles: Complex) -> Complex:
         return np.asarray(-np.expm1(poles * (self.length / self.sample_rate)) / 2j, complex)
 
 
-def _summed(lines: Complex, residues: Complex) -> Complex:
+def _inverses(angles: Array, ratios: Complex) -> tuple[Array, Array]:
+    """Return 1 / ((1 - z / u) (u - conj(z))) at u = exp(i angle): real part, less the other."""
+    squares = np.abs(ratios) ** 2
+    real: Array = np.outer(np.cos(angles), 1 + squares)
+    real -= 2 * ratios.real
+    imaginary: Array = np.outer(np.sin(angles), 1 - squares)
+    inverse = real * real
+    inverse += imaginary * imaginary
+    np.reciprocal(inverse, out=inverse)
+    real *= inverse
+    imaginary *= inverse
+    return real, imaginary
+
+
+def _summed(lines: NDArray[Any], residues: NDArray[Any]) -> NDArray[Any]:
     """Return lines (K, M) times residues (C, M), (K, C).
 
     For few channels without BLAS: its threads take longer to meet than one needs for the work.
     """
     if len(residues) <= _FEW:
-        return np.stack([(lines * each).sum(axis=1) for each in residues], axis=1)
+        return np.stack([np.einsum("km,m->k", lines, each) for each in residues], axis=1)
     return lines @ residues.T

@@ -1,0 +1,99 @@
+"""`struck fit`: recordings of an object in, its model out."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import struck
+from struck.analyze_command import described
+from struck.arguments import numbers
+from struck.atomic import writable
+from struck.command import Result, command
+from struck.fitting.fitting import Fitting, fit_recordings
+from struck.progress import TerminalProgress
+
+_SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")
+
+
+def declare_fit(commands: argparse._SubParsersAction) -> None:
+    """Declare `struck fit`."""
+    parser = command(
+        commands,
+        _run,
+        "fit",
+        "make a model of recordings of one object",
+        "taps/*.wav -o mug.struck --report mug.html",
+        "takes -o vase.struck --symmetry axial",
+    )
+    parser.add_argument(
+        "recordings", nargs="+", help="sound files; or a manifest, or the folder of one"
+    )
+    parser.add_argument("--manifest", help="which file was struck where and heard from where")
+    parser.add_argument("--symmetry", help="none, or axial: round about the z axis")
+    parser.add_argument("--centre", type=numbers(3), help="x,y,z the sound seems to come from, m")
+    parser.add_argument(
+        "--radius", type=float, default=0.0, help="of a ball that holds the body, m"
+    )
+    parser.add_argument("--way", default="field", help="field (default) or table")
+    parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
+    parser.add_argument("--modes", default="64", help="not more than these, or all (default 64)")
+    parser.add_argument(
+        "--residual", action="store_true", help="keep attack and noise beside the modes"
+    )
+    parser.add_argument("--force", action="store_true", help="even of what nobody struck")
+    parser.add_argument("--report", help="page that shows and plays recordings and model")
+    parser.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        help="neither take up nor keep finished work",
+    )
+    parser.add_argument("-o", "--output", help="model file; by the first recording unless given")
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    first = Path(options.recordings[0])
+    output = writable(options.output or f"{first.stem}.struck")
+    report = writable(options.report) if options.report else None
+    several = options.recordings
+    fitting = fit_recordings(
+        several[0] if len(several) == 1 else several,
+        modes=_budget(options.modes),
+        progress=progress,
+        **{name: getattr(options, name) for name in _SAME},
+    )
+    struck.save(fitting.model, output)
+    written = [f"wrote {output}"]
+    if report is not None:
+        progress("report", 0.0)
+        fitting.save_report(report)
+        written.append(f"wrote {report}")
+    return _told(fitting, written, output=str(output), report=report and str(report))
+
+
+def _budget(text: str) -> int | None:
+    if text == "all":
+        return None
+    if not text.isdigit():
+        raise struck.errors.OptionError(f"--modes is {text!r}: give a whole number, or all")
+    return int(text)
+
+
+def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
+    fitted = fitting.fitted
+    verdict = fitted.verdict
+    ratio = f"signal to residual {verdict.signal_to_residual:.1f} dB"
+    caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
+    return described(
+        fitting.model,
+        "\n".join([ratio, *caution, *written]),
+        decay_errors=[None if np.isnan(each) else each for each in fitted.decay_errors.tolist()],
+        modal=verdict.modal,
+        reason=verdict.reason,
+        signal_to_residual=verdict.signal_to_residual,
+        output=output,
+        report=report,
+    )

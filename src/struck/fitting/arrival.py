@@ -1,0 +1,99 @@
+"""When the sound of each hit arrived: the moment from which its fitted modes explain the samples.
+
+The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
+go on to explain the samples up to the moment of the hit, and before it only what rang already does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.air import AIR
+from struck.fitting.recorded import Recorded
+from struck.recordings.poles.fitted import Fitted
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_EARLIER = 0.003
+"""So long before the steepest rise a hit may have arrived, s."""
+_MANY, _SAMPLES = 4, 3.0
+"""Of as many takes half strike within so many samples: then all did, by a trigger."""
+
+
+def arrivals(fitted: Fitted, recorded: Recorded) -> Array:
+    """Return when the sound of each row arrived (rows,), s in its take.
+
+    The channels of a hit share one moment, as far apart as their ways.
+    """
+    times = np.array([row.onset for row in fitted.rows])
+    late = travels(fitted, recorded)
+    numbers = np.array([(row.take, row.hit) for row in fitted.rows])
+    for hit in np.unique(numbers, axis=0):
+        rows = np.flatnonzero((numbers == hit).all(axis=1))
+        rate = recorded.takes[hit[0]].sample_rate
+        shifts = np.round(late[rows] * rate).astype(int)
+        costs = [
+            _costs(fitted, recorded, int(row), int(shift))
+            for row, shift in zip(rows, shifts, strict=True)
+        ]
+        shortest = min(map(len, costs))
+        best = int(np.argmin(np.sum([each[:shortest] for each in costs], axis=0)))
+        times[rows] = times[rows] + (best / rate - _EARLIER) + late[rows]
+    return _triggered(times, fitted, recorded)
+
+
+def _triggered(times: Array, fitted: Fitted, recorded: Recorded) -> Array:
+    """Return arrivals as of one moment of impact where all takes plainly have the same.
+
+    A machine that fires and records at once is more exact than any arrival in noise, and nobody's
+    hand strikes many takes within a few samples.
+    """
+    if recorded.listeners is None or len(recorded.takes) < _MANY:
+        return times
+    ways = np.array([recorded.distance(row.take, row.channel) for row in fitted.rows])
+    impacts = times - ways / AIR.sound_speed
+    moment = np.median(impacts)
+    scatter = np.median(np.abs(impacts - moment)) * recorded.takes[0].sample_rate
+    return moment + ways / AIR.sound_speed if scatter < _SAMPLES else times
+
+
+def travels(fitted: Fitted, recorded: Recorded) -> Array:
+    """Return how much later each row's sound arrived than where its take heard it first, s."""
+    if recorded.listeners is None:
+        return np.zeros(len(fitted.rows))
+    ways = [np.linalg.norm(each - recorded.centre, axis=1) for each in recorded.listeners]
+    late = [ways[row.take][row.channel] - ways[row.take].min() for row in fitted.rows]
+    return np.array(late) / AIR.sound_speed
+
+
+def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
+    """Return what is left of a channel, over its noise, for each moment from the earliest on."""
+    what = fitted.rows[row]
+    take = recorded.takes[what.take]
+    rate = take.sample_rate
+    first = round((what.onset - _EARLIER) * rate) + shift
+    last = max(round(what.time * rate) + shift, first + 2)
+    inside = np.arange(first, last)
+    heard = take.samples[what.channel, np.clip(inside, 0, take.samples.shape[1] - 1)]
+    heard = np.where(inside >= 0, heard, 0.0)
+    after = heard - fitted.ringing(row, first / rate, len(inside))
+    earlier = _earlier(fitted, row)
+    before = heard
+    if earlier is not None:
+        before = heard - fitted.ringing(earlier, first / rate, len(inside))
+    noise = float(fitted.noise_in(row, np.array([20.0, 0.45 * rate]))[0])
+    gained = (before**2 - after**2) / max(noise, 1e-300)
+    return np.concatenate([[0.0], np.cumsum(gained)])
+
+
+def _earlier(fitted: Fitted, row: int) -> int | None:
+    """Return the row of the hit before in the same channel, None for the first."""
+    own = fitted.rows[row]
+    same = [
+        number
+        for number, each in enumerate(fitted.rows[:row])
+        if (each.take, each.channel) == (own.take, own.channel)
+    ]
+    return same[-1] if same else None

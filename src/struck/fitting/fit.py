@@ -1,0 +1,116 @@
+"""The verb: recordings of one object in, its model out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from struck.atomic import writable
+from struck.fitting.fitting import fit_recordings
+from struck.fitting.recorded import Recording
+from struck.model import ModalModel
+from struck.progress import Progress, silent
+
+
+def fit(
+    recordings: Recording | Sequence[Recording],
+    *,
+    contacts: ArrayLike | None = None,
+    listeners: ArrayLike | Sequence[ArrayLike] | None = None,
+    manifest: str | os.PathLike[str] | None = None,
+    symmetry: str | None = None,
+    centre: ArrayLike | None = None,
+    radius: float = 0.0,
+    way: str = "field",
+    method: str = "shared",
+    modes: int | None = 64,
+    onsets: Sequence[Sequence[float]] | None = None,
+    residual: bool = False,
+    force: bool = False,
+    report: str | os.PathLike[str] | None = None,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> ModalModel:
+    """Fit a model to recordings of one object: all takes share its modes.
+
+    Parameters
+    ----------
+    recordings : path, Sound, or several of them
+        WAV, FLAC or AIFF files with any number of channels and hits, at one sample rate; or a
+        manifest (TOML or CSV), or the folder of one that `struck record` wrote.
+    contacts : array-like (recordings,), (recordings, 1) or (recordings, 2), optional
+        Coordinates of what was struck in each recording. Without contacts, listeners and manifest
+        the model is of a single point.
+    listeners : array-like (3,), or for each recording (3,) or (channels, 3), optional
+        Where its microphones were, body coordinates, m.
+    manifest : path, optional
+        The same for files, by name: TOML or CSV.
+    symmetry : str, optional
+        "none", or "axial" of a body round about the z axis.
+    centre : array-like (3,), optional
+        Where the sound seems to come from, m; the origin unless given.
+    radius : float
+        Of a ball about the centre that holds the body, m: listeners within it are inside.
+    way : str
+        "field": each mode a contact part times a listener part; "table": all gains, quinti-linear
+        in between, for contacts and listeners on grids (2007).
+    method : str
+        "shared", or "corbett2007" for the paper's own.
+    modes : int or None
+        Not more than these, those that explain most; None for all that stand out of the noise.
+    onsets : sequence of sequences of float, optional
+        Times of the hits in each recording, s; found unless given.
+    residual : bool
+        Keep what the modes do not explain of the loudest hit, its attack and noise: `render` then
+        plays it with each strike.
+    force : bool
+        Make a model even of what is not the ringing of a struck object.
+    report : path, optional
+        Where to write an HTML page of how recordings and model sound and differ.
+    cache : bool or path
+        Where finished stages are kept: a fit that was stopped goes on from there. As in `analyze`.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Returns
+    -------
+    ModalModel
+        With relative gains, `errors` of its frequencies, and what was left out in `provenance`.
+
+    Raises
+    ------
+    RecordingError
+        When recordings are silent, too short, unlike, hold no hit or nothing that rings.
+    FileFormatError
+        When a file cannot be read or written.
+    OptionError
+        On places that do not fit the recordings, or arguments outside their bounds.
+
+    Notes
+    -----
+    `struck.fitting.fitting.fit_recordings` returns errors of decays and gains, verdict and
+    residual too.
+    """
+    page = None if report is None else writable(report)
+    fitting = fit_recordings(
+        recordings,
+        contacts=contacts,
+        listeners=listeners,
+        manifest=manifest,
+        symmetry=symmetry,
+        centre=centre,
+        radius=radius,
+        way=way,
+        method=method,
+        modes=modes,
+        onsets=onsets,
+        residual=residual,
+        force=force,
+        cache=cache,
+        progress=progress,
+    )
+    if page is not None:
+        fitting.save_report(page)
+    return fitting.model

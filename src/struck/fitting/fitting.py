@@ -1,0 +1,241 @@
+"""From recordings to a model: takes, shared poles, gains over contact and listener."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.atomic import write_bytes
+from struck.cache import opened
+from struck.errors import OptionError, RecordingError
+from struck.fitting.gathering import Gathered
+from struck.fitting.recorded import Recorded, Recording
+from struck.fitting.remainder import remainder
+from struck.gains import Gains
+from struck.model import ModalModel
+from struck.progress import Progress, silent
+from struck.provenance import Provenance
+from struck.recordings.fields.field import TimbreField
+from struck.recordings.fields.sampled_field import WAYS
+from struck.recordings.fields.single_point import SinglePoint
+from struck.recordings.fields.survey import Survey
+from struck.recordings.fields.table import TimbreTable
+from struck.recordings.poles.fit import fit_poles
+from struck.recordings.poles.fitted import Fitted
+from struck.recordings.takes.ringing import Ringing
+from struck.residual import Residual
+from struck.stages import Stages, fingerprint, holding
+
+Array = NDArray[np.float64]
+
+RECORDED = "recorded"
+"""The default contact of a model from recordings."""
+_REFERENCES = {
+    "shared": ("roy1989", "golub1973", "corbett2007"),
+    "corbett2007": ("corbett2007", "steiglitz1965"),
+}
+_NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
+_RINGING = holding("poles", Ringing)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitting:
+    """A model of recordings, with all that is known of how well it fits.
+
+    Parameters
+    ----------
+    model : ModalModel
+    fitted : Fitted
+        Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
+    recorded : Recorded
+        The takes and their places.
+    survey : Survey or None
+        Gains over contact and listener; None for a model of a single point.
+    lead : float
+        From the arrival of a hit to the moment that gains are as of, s: until then the object is
+        still being struck.
+    residual : Residual
+        Attack and noise of the loudest hit, which the model has where it was asked for.
+    """
+
+    model: ModalModel
+    fitted: Fitted
+    recorded: Recorded
+    survey: Survey | None
+    lead: float
+    residual: Residual
+
+    def report(self) -> str:
+        """Return an HTML page of its own: how the recordings sound, the model, and the rest."""
+        from struck.fitting.report import report
+
+        return report(self)
+
+    def save_report(self, path: str | os.PathLike[str]) -> None:
+        """Write the page, whole or not at all.
+
+        Raises
+        ------
+        FileFormatError
+            When the file cannot be written.
+        """
+        write_bytes(path, self.report().encode())
+
+
+def fit_recordings(
+    recordings: Recording | Sequence[Recording],
+    *,
+    contacts: ArrayLike | None = None,
+    listeners: ArrayLike | Sequence[ArrayLike] | None = None,
+    manifest: str | os.PathLike[str] | None = None,
+    symmetry: str | None = None,
+    centre: ArrayLike | None = None,
+    radius: float = 0.0,
+    way: str = "field",
+    method: str = "shared",
+    modes: int | None = 64,
+    onsets: Sequence[Sequence[float]] | None = None,
+    residual: bool = False,
+    force: bool = False,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> Fitting:
+    """Fit a model to recordings of one object; see `struck.fit`.
+
+    Returns
+    -------
+    Fitting
+    """
+    _require(way, radius)
+    recorded = Recorded.of(
+        recordings,
+        contacts=contacts,
+        listeners=listeners,
+        manifest=manifest,
+        symmetry=symmetry,
+        centre=centre,
+        progress=progress,
+    )
+    stages = Stages(cache=opened(choice=cache), progress=progress)
+    given = {"method": method, "budget": modes, "onsets": onsets}
+    takes = fingerprint([(take.samples, take.sample_rate) for take in recorded.takes])
+    fitted = fit_poles(
+        recorded.takes,
+        **given,
+        progress=progress,
+        kept=lambda name, compute: stages.kept(_RINGING, compute, name=name, takes=takes, **given),
+    )
+    if not (fitted.verdict.modal or force):
+        raise RecordingError(_refusal(fitted, recorded))
+    return _made(_by_natural_frequency(fitted), recorded, way, radius, method, residual=residual)
+
+
+def _require(way: str, radius: float) -> None:
+    if way not in WAYS:
+        raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
+    if not (np.isfinite(radius) and radius >= 0):
+        raise OptionError(f"radius is {radius}: that of a ball that holds the body, m, at least 0")
+
+
+def _refusal(fitted: Fitted, recorded: Recorded) -> str:
+    names = recorded.takes[0].name
+    if len(recorded.takes) > 1:
+        names = f"{names} and {len(recorded.takes) - 1} more"
+    advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
+    return f"{names}: not modal: {fitted.verdict.reason}.{advice}"
+
+
+def _by_natural_frequency(fitted: Fitted) -> Fitted:
+    order = np.argsort(np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)), kind="stable")
+    names = ("frequencies", "decays", "frequency_errors", "decay_errors")
+    return replace(
+        fitted,
+        **{name: getattr(fitted, name)[order] for name in names},
+        gains=fitted.gains[:, order],
+        gain_errors=fitted.gain_errors[:, order],
+    )
+
+
+def _made(
+    fitted: Fitted, recorded: Recorded, way: str, radius: float, method: str, *, residual: bool
+) -> Fitting:
+    gathered = Gathered.of(fitted, recorded)
+    survey, gains = _gains(gathered, fitted, recorded, way, radius)
+    rest = remainder(fitted, recorded, gathered)
+    places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
+    model = ModalModel(
+        frequencies=fitted.frequencies,
+        natural_frequencies=np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)),
+        decays=fitted.decays,
+        gains=gains,
+        centre=recorded.centre,
+        complete_to=0.0,
+        errors=fitted.frequency_errors / fitted.frequencies,
+        places=places,
+        coordinates=() if survey is None else _axes(recorded),
+        residual=rest if residual else None,
+        provenance=_provenance(fitted, recorded, gains, method, gathered),
+    )
+    return Fitting(
+        model=model,
+        fitted=fitted,
+        recorded=recorded,
+        survey=survey,
+        lead=gathered.lead,
+        residual=rest,
+    )
+
+
+def _gains(
+    gathered: Gathered, fitted: Fitted, recorded: Recorded, way: str, radius: float
+) -> tuple[Survey | None, Gains]:
+    if recorded.contacts is None and recorded.listeners is None:
+        outputs = gathered.in_one_point()
+        return None, SinglePoint(outputs=outputs, centre=recorded.centre)
+    survey = gathered.survey(recorded, fitted.frequencies)
+    if way == "table":
+        return survey, TimbreTable.of(survey)
+    return survey, TimbreField.of(survey, radius=radius)
+
+
+def _axes(recorded: Recorded) -> tuple[str, ...]:
+    return recorded.coordinates or ("u",)
+
+
+def _loudest(survey: Survey, decays: Array) -> Array:
+    """Return the contact whose recordings hold most energy."""
+    energies = (np.abs(survey.gains) ** 2 / np.maximum(decays, 1e-6)).sum(axis=1)
+    return survey.contacts[survey.pairs[energies.argmax(), 0]]
+
+
+def _provenance(
+    fitted: Fitted, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
+) -> Provenance:
+    notes = fitted.notes + tuple(getattr(gains, "notes", ()))
+    hits = len(np.unique(gathered.hits))
+    details: dict[str, object] = {
+        "recordings": len(recorded.takes),
+        "hits": hits,
+        "channels": len(fitted.rows),
+        "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
+        "rank_error": _middle(getattr(gains, "rank_errors", None)),
+    }
+    references = _REFERENCES[method]
+    if isinstance(gains, TimbreField):
+        references += ("rasmussen2006",)
+    return Provenance(
+        method=f"fit of {hits} hit{'s' if hits > 1 else ''} by {_NAMES[method]}",
+        references=references,
+        dropped=notes,
+        details={name: value for name, value in details.items() if value is not None},
+    )
+
+
+def _middle(errors: Array | None) -> float | None:
+    """Return the median of the errors that are known."""
+    known = np.zeros(0) if errors is None else errors[np.isfinite(errors)]
+    return float(np.round(np.median(known), 5)) if known.size else None

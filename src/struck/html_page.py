@@ -1,0 +1,65 @@
+"""HTML pages that need no other file: their frame, their look, pictures and tables in them."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLE = """\
+body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 68rem;
+  padding: 0 1rem; color: #222; background: #fbfaf8; }
+section { margin: 2rem 0; padding: 1.5rem; background: #fff; border-radius: 8px;
+  box-shadow: 0 1px 4px #0002; }
+h1, h2 { font-weight: 600; margin-top: 0; }
+img { max-width: 100%; }
+.sounds { display: flex; flex-wrap: wrap; gap: 1rem; }
+figure { margin: 0; flex: 1 1 26rem; max-width: 32rem; }
+figcaption { font-size: .9rem; color: #555; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+td, th { padding: .15rem .8rem; text-align: right; }
+th { position: sticky; top: 0; background: #fff; border-bottom: 1px solid #bbb; }
+"""
+"""The look of all pages."""
+
+
+def document(title: str, body: str, *, style: str = "") -> str:
+    """Return a whole page under a title.
+
+    Parameters
+    ----------
+    title : str
+        Text, not HTML.
+    body : str
+        HTML.
+    style : str
+        CSS after `STYLE`.
+    """
+    told = html.escape(title)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{told}</title>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><style>\n'
+        f"{STYLE}{style}</style></head><body><h1>{told}</h1>\n{body}\n</body></html>\n"
+    )
+
+
+def picture(text: str, figure: Figure) -> str:
+    """Return a figure as an image in the page itself, with a text for those who do not see it."""
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=110)
+    encoded = base64.b64encode(data.getvalue()).decode("ascii")
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{encoded}">'
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of text under headings."""
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in headings)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,241 @@
+"""Models in files told by their endings, and SOFA files made from the shell."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from struck.analyze_command import described
+from struck.command import Result
+from struck.damping import InternalFriction
+from struck.errors import FileFormatError, OptionError
+from struck.export_command import declare_export
+from struck.files import any_model, model_file
+from struck.files.sofa_field import load_sofa_field
+from struck.files.sofa_responses import load_sofa_responses
+from struck.gains import Gains
+from struck.model import ModalModel
+from struck.progress import TerminalProgress
+from struck.recordings.fields.outgoing import ORDER, real_harmonics
+from struck.recordings.fields.recorded_places import recorded_contacts, recorded_listeners
+from struck.recordings.fields.sampled_field import SampledField
+from struck.recordings.fields.single_point import SinglePoint
+from struck.recordings.fields.survey import from_spherical
+from tests.live.hand import ball
+from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
+
+sofar = pytest.importorskip("sofar", reason="NO SOFA FILE WAS VERIFIED: pip install sofar")
+
+HEARD = np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 3.0], [-1.0, 1.0, 0.5]])
+
+
+def field(contacts: np.ndarray = HEIGHTS) -> SampledField:
+    drawn = Vase.drawn(np.random.default_rng(5))
+    natural = np.hypot(drawn.frequencies, drawn.decays / (2 * np.pi))
+    assert (np.diff(natural) > 0).all()
+    return SampledField(
+        frequencies=drawn.frequencies,
+        decays=drawn.decays,
+        contacts=contacts,
+        listeners=listeners(),
+        gains=drawn.gains(contacts[:, 0], listeners()),
+        centre=np.zeros(3),
+        symmetry="axial",
+        coordinates=("height (vase heights)", "azimuth (rad)")[: contacts.shape[1]],
+    )
+
+
+def point() -> ModalModel:
+    outputs = np.linspace(1, 2, 25) * np.exp(1j * np.arange(25))
+    gains = SinglePoint(outputs=outputs, centre=np.array([0.0, 0.1, 0.2]))
+    return replace(
+        field().model(),
+        gains=gains,
+        centre=gains.centre,
+        coordinates=(),
+        places={"recorded": np.zeros(0)},
+    )
+
+
+def verified(path: Path) -> sofar.Sofa:
+    read = sofar.read_sofa(str(path), verbose=False)
+    assert read.verify(issue_handling="return", mode="write") is None
+    return read
+
+
+def whole(gains: Gains, contacts: np.ndarray, heard: np.ndarray) -> np.ndarray:
+    drives = gains.at(contacts, np.zeros((len(contacts), 3)))
+    return np.einsum("prm,qrm->pqm", drives, gains.toward(heard))
+
+
+MODELS = {
+    "field": lambda: field().model("field"),
+    "turned": lambda: field(np.column_stack([HEIGHTS, [0.0, 1.0, 2.0]])).model("field"),
+    "table": lambda: field().model("table"),
+    "point": point,
+    "two products": lambda: field().model("table").expanded(),
+}
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_recorded_models_are_saved_without_being_told_where(kind: str, tmp_path: Path) -> None:
+    """SOFA files pass sofar's verify, and round-trip to the last bit in frequency and decay."""
+    model, path = MODELS[kind](), tmp_path / "model.sofa"
+    any_model.save(model, path)
+    read = verified(path)
+    assert read.N.tobytes() == model.frequencies.tobytes()
+    assert read.ModeDecay.tobytes() == model.decays.tobytes()
+    if kind == "two products":
+        return
+    again = any_model.load(path)
+    assert again.frequencies.tobytes() == model.frequencies.tobytes()
+    assert again.decays.tobytes() == model.decays.tobytes()
+    assert again.coordinates == model.coordinates
+    assert again.places.keys() == model.places.keys()
+    assert type(again.gains) is type(model.gains)
+    contacts = recorded_contacts(model.gains)
+    assert contacts is not None
+    heard = from_spherical(np.array([0.7, 1.0, 3.0]), np.array([0.2, 1.0, -2.0]), 1.1)
+    old, new = (whole(each.gains, contacts, heard) for each in (model, again))
+    apart = np.linalg.norm(new - old) / np.linalg.norm(old)
+    assert apart < (1e-12 if kind in {"table", "point"} else 0.02)
+
+
+def test_tables_are_sampled_where_they_were_recorded() -> None:
+    sampled = SampledField.of(field().model("table"))
+    assert np.array_equal(np.sort(sampled.contacts, axis=0), np.sort(HEIGHTS, axis=0))
+    folded = listeners() * [1, 0, 1] + np.abs(listeners()) * [0, 1, 0]
+    gaps = np.linalg.norm(sampled.listeners[:, None] - folded, axis=2)
+    assert gaps.min(axis=0) == pytest.approx(0, abs=1e-12)
+    assert gaps.min(axis=1) == pytest.approx(0, abs=1e-12)
+    assert recorded_contacts(ball().gains) is None
+    assert recorded_listeners(ball().gains) is None
+
+
+def test_default_listeners_of_a_field_tell_its_waves_apart() -> None:
+    heard = recorded_listeners(field().model().gains)
+    assert heard is not None
+    directions = heard / np.linalg.norm(heard, axis=1, keepdims=True)
+    distances = np.repeat([0.12, 0.24], len(heard) // 2)  # who listened nearest, and twice that
+    assert np.linalg.norm(heard, axis=1) == pytest.approx(distances)
+    assert np.linalg.cond(real_harmonics(directions, ORDER)) < 2
+
+
+def test_points_on_a_surface_come_back_as_numbered_contacts(tmp_path: Path) -> None:
+    model, path = ball(), tmp_path / "ball.sofa"
+    any_model.save(model, path, contacts=["top", "side"], listeners=HEARD)
+    verified(path)
+    again = any_model.load(path)
+    assert sorted(again.places) == ["contact 1", "contact 2"]
+    assert again.frequencies.tobytes() == model.frequencies.tobytes()
+    assert again.decays.tobytes() == model.decays.tobytes()
+    for number, name in ((1, "top"), (2, "side")):
+        contact = model.contact(name)
+        drive = model.gains.at(contact.point[None], contact.direction[None])[0, 0]
+        place = again.contact(f"contact {number}").point[None]
+        expected = drive * model.gains.toward(HEARD)[:, 0]
+        found = whole(again.gains, place, HEARD)[0]
+        np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def struck_export(*arguments: object) -> Result:
+    shell = argparse.ArgumentParser(prog="struck")
+    declare_export(shell.add_subparsers())
+    options = shell.parse_args(["export", *map(str, arguments)])
+    return options.run(options, TerminalProgress())
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    model_file.save(ball(), tmp_path / "ball.struck")
+    return tmp_path / "ball.struck"
+
+
+def test_the_shell_exports_gains(saved: Path) -> None:
+    path = saved.with_suffix(".sofa")
+    places = ("--listeners", "0,2,0", "0,0,3", "--listeners=-1,1,0.5", "--title", "Ball")
+    told = struck_export(saved, "--contacts", "top", "side", *places, "--licence", "CC0-1.0")
+    assert told.text == f"wrote {path}"
+    assert told.facts == {"output": str(path), "convention": "GeneralTF-E", "left_out": 0}
+    read, model = verified(path), ball()
+    assert (read.GLOBAL_Title, read.GLOBAL_License) == ("Ball", "CC0-1.0")
+    assert np.array_equal(read.ListenerPosition, HEARD)
+    found = load_sofa_field(path)
+    assert found.frequencies.tobytes() == model.frequencies.tobytes()
+    assert found.decays.tobytes() == model.decays.tobytes()
+    again = any_model.load(path)
+    assert again.frequencies.tobytes() == model.frequencies.tobytes()
+    assert again.decays.tobytes() == model.decays.tobytes()
+
+
+def test_the_shell_exports_responses(saved: Path, tmp_path: Path) -> None:
+    path = tmp_path / "responses.sofa"
+    beyond = np.count_nonzero(ball().frequencies >= 2000)
+    told = struck_export(
+        saved, "-o", path, "--contacts", "top", "--listeners", "0,2,0",
+        "--convention", "GeneralFIR-E", "--seconds", 0.1, "--rate", 4000,
+    )  # fmt: skip
+    assert told.facts["left_out"] == beyond > 0
+    assert f"{beyond} modes at or above 2000 Hz are left out" in told.text
+    assert verified(path).GLOBAL_SOFAConventions == "GeneralFIR-E"
+    assert load_sofa_responses(path).samples.shape == (1, 1, 400)
+
+
+def test_responses_last_until_the_slowest_mode_has_fallen_by_60_db(tmp_path: Path) -> None:
+    path, model = tmp_path / "ball.sofa", ball().damped(InternalFriction(loss_tangent=0.01))
+    any_model.export(
+        model, path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", sample_rate=8000
+    )
+    seconds = load_sofa_responses(path).samples.shape[2] / 8000
+    assert seconds == pytest.approx(np.log(1000) / model.decays.min(), abs=1e-3)
+    any_model.export(
+        ball(),
+        path,
+        contacts=["top"],
+        listeners=HEARD[:1],
+        convention="GeneralFIR-E",
+        sample_rate=80,
+    )
+    assert load_sofa_responses(path).samples.shape == (1, 1, 800)  # an endless one: 10 s
+
+
+def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="give contacts= and listeners="):
+        struck_export(saved)
+    with pytest.raises(OptionError, match="give x,y,z of each"):
+        struck_export(saved, "--contacts", "top", "--listeners", "0,2")
+    with pytest.raises(OptionError, match=r"ends in '\.wav'"):
+        struck_export(saved, "-o", tmp_path / "ball.wav")
+    with pytest.raises(OptionError, match="convention is 'FIR'"):
+        struck_export(saved, "--convention", "FIR")
+    with pytest.raises(OptionError, match="holds modes, not samples"):
+        struck_export(saved, "--seconds", 1)
+    with pytest.raises(OptionError, match=r"or end in \.sofa"):
+        any_model.save(ball(), tmp_path / "other.struck", contacts=["top"])
+    assert list(tmp_path.iterdir()) == [saved]
+
+
+def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
+    """As `struck info` tells it."""
+    any_model.save(field().model(), tmp_path / "vase.sofa")
+    told = described(any_model.load(tmp_path / "vase.sofa"), "")
+    assert told.text.startswith("25 modes")
+    assert told.facts["frequencies"] == field().frequencies.tolist()
+    assert told.facts["decays"] == field().decays.tolist()
+
+
+def test_a_file_of_another_kind_is_no_model(tmp_path: Path) -> None:
+    path = tmp_path / "ball.sofa"
+    any_model.export(
+        ball(), path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", seconds=0.01
+    )
+    with pytest.raises(FileFormatError, match="'GeneralFIR-E'"):
+        any_model.load(path)
+    with pytest.raises(FileFormatError, match="nowhere"):
+        any_model.load(tmp_path / "nowhere.struck")
+    any_model.save(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 2.0]])
+    assert len(any_model.load(path).frequencies)

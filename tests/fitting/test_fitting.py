@@ -1,0 +1,336 @@
+"""Recordings in, a model out: places, strengths and moments of hits, what is left, bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+from struck import Strike
+from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.fitting.fitting import Fitting, fit_recordings
+from struck.gains import Gains
+from struck.model import ModalModel
+from struck.recordings.fields.field import TimbreField
+from struck.recordings.fields.single_point import SinglePoint
+from struck.recordings.fields.table import TimbreTable
+from struck.recordings.takes.take import Take
+from tests.fitting.strings import (
+    DECAYS,
+    FREQUENCIES,
+    ONSET,
+    RATE,
+    gains,
+    hit,
+    noise,
+    ringing,
+    sound,
+    take,
+)
+from tests.recordings.sounds import cymbal, sine
+
+CONTACTS = np.linspace(0, 1, 9)
+
+
+def fitting(recordings: Take | list[Take], **options: object) -> Fitting:
+    return fit_recordings(recordings, cache=False, **options)
+
+
+def heard(found: Gains, contacts: np.ndarray, lead: float = 0.0) -> np.ndarray:
+    """Return gains (K, M) at 1 m as of the hit itself."""
+    drives = found.at(contacts.reshape(len(contacts), -1), np.zeros((len(contacts), 3)))
+    outputs = found.toward(np.array([[1.0, 0.0, 0.0]]))
+    poles = -DECAYS + 2j * np.pi * FREQUENCIES
+    return (drives * outputs).sum(axis=1) * np.exp(-poles * lead)
+
+
+def decibels(found: np.ndarray, true: np.ndarray) -> float:
+    """Return the energy of the difference over that of the truth, a common factor left out."""
+    scale = np.vdot(found, true) / np.vdot(found, found)
+    return float(10 * np.log10((np.abs(scale * found - true) ** 2).sum() / (true**2).sum()))
+
+
+@pytest.fixture(scope="module")
+def bar() -> Fitting:
+    takes = [hit(contact, seed=seed) for seed, contact in enumerate(CONTACTS)]
+    return fitting(takes, contacts=CONTACTS)
+
+
+def test_one_take_is_a_model_of_a_single_point() -> None:
+    made = fitting(hit(0.05))
+    model = made.model
+    assert isinstance(model.gains, SinglePoint)
+    assert model.frequencies == pytest.approx(FREQUENCIES, rel=1e-5)
+    assert model.decays == pytest.approx(DECAYS, rel=0.01)
+    assert model.natural_frequencies == pytest.approx(
+        np.hypot(FREQUENCIES, DECAYS / 2 / np.pi), rel=1e-5
+    )
+    found = heard(model.gains, np.zeros((1, 0)), made.lead)
+    assert decibels(found, gains(np.array(0.05))) < -40
+    assert not model.calibrated
+    assert "corbett2007" in model.provenance.references
+
+
+def test_a_rendered_strike_is_the_recording() -> None:
+    recorded = hit(0.05, level=70)
+    made = fitting(recorded)
+    played = struck.render(
+        made.model, Strike(impulse=1.0, duration=0.0), seconds=0.5, sample_rate=RATE
+    )
+    start = round((ONSET + made.lead) * RATE)
+    original = recorded.samples[0, start : start + played.samples.shape[1]]
+    left = original - played.samples[0]
+    assert 10 * np.log10((original**2).sum() / (left**2).sum()) > 35
+
+
+def test_stated_errors_cover_the_truth(bar: Fitting) -> None:
+    errors = bar.model.errors * bar.model.frequencies
+    assert np.all(np.abs(bar.model.frequencies - FREQUENCIES) < 4 * errors)
+    assert np.all(np.abs(bar.model.decays - DECAYS) < 4 * bar.fitted.decay_errors)
+    assert errors.max() < 0.01
+
+
+def test_contacts_between_those_that_were_struck(bar: Fitting) -> None:
+    model = bar.model
+    assert isinstance(model.gains, TimbreField)
+    assert model.coordinates == ("u",)
+    between = np.array([0.06, 0.19, 0.31, 0.44, 0.69, 0.94])
+    # Nine contacts are two for each half wave of the fourth mode; the sixth has fewer.
+    found = heard(model.gains, between, bar.lead)
+    assert decibels(found[:, :4], gains(between)[:, :4]) < -28
+    assert decibels(heard(model.gains, CONTACTS, bar.lead), gains(CONTACTS)) < -35
+
+
+def test_the_default_contact_is_one_that_was_struck(bar: Fitting) -> None:
+    contact = bar.model.contact(None).point
+    assert contact[0] in CONTACTS
+    assert np.isfinite(struck.render(bar.model, Strike(), seconds=0.2).samples).all()
+
+
+def test_moments_of_hits_are_told_by_the_fit_in_noise() -> None:
+    """At 20 dB the steepest rise is off by samples; drives that are real put it right."""
+    takes = [
+        hit(contact, level=20, seed=seed, onset=ONSET + 0.0137 * seed)
+        for seed, contact in enumerate(CONTACTS)
+    ]
+    made = fitting(takes, contacts=CONTACTS)
+    assert decibels(heard(made.model.gains, CONTACTS, made.lead), gains(CONTACTS)) < -24
+
+
+def test_hits_of_one_contact_are_brought_to_one_strength() -> None:
+    """Four hits of each contact, up to 10 dB apart, in one file: the noise of the mean counts."""
+    chance = np.random.default_rng(5)
+    takes, strengths = [], 10 ** (-chance.uniform(0, 10, (3, 4)) / 20)
+    strengths[:, 0] = 1.0
+    for place, contact in enumerate((0.0, 0.3, 0.8)):
+        several = sum(
+            ringing(strength * gains(np.array(contact))[0], onset=ONSET + number, seconds=4.5)
+            for number, strength in enumerate(strengths[place])
+        )
+        takes.append(take(several + noise(len(several), 40, place)))
+    made = fitting(takes, contacts=[0.0, 0.3, 0.8])
+    assert len(made.fitted.rows) == 12
+    found = heard(made.model.gains, np.array([0.0, 0.3, 0.8]), made.lead)
+    assert decibels(found, gains(np.array([0.0, 0.3, 0.8]))) < -35
+    assert np.abs(found[0]).max() == pytest.approx(
+        0.2 * np.abs(gains(np.array(0.0))).max(), rel=0.05
+    )
+
+
+def test_channels_without_places_count_as_one_microphone() -> None:
+    left, right = gains(np.array(0.1))[0], gains(np.array(0.6))[0]
+    both = np.stack([ringing(left), ringing(right)]) + noise(2 * RATE, 50, 1).reshape(2, -1)
+    made = fitting(take(both))
+    found = np.abs(heard(made.model.gains, np.zeros((1, 0)), made.lead))[0]
+    assert found == pytest.approx(0.2 * np.sqrt((left**2 + right**2) / 2), rel=0.03)
+
+
+def test_listeners_alone_make_a_field_around_one_contact() -> None:
+    places = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, 0, 0], [0.5, 0.5, 0.5]])
+    takes = [hit(0.1 * number, seed=number) for number in range(5)]
+    made = fitting(takes, listeners=places)
+    outputs = made.model.gains.toward(places)[:, 0] * made.model.gains.at([[0.0]], places[:1])[0]
+    found = np.abs(outputs) * np.linalg.norm(places, axis=1)[:, None]
+    true = 0.2 * np.abs(gains(0.1 * np.arange(5))) * np.linalg.norm(places, axis=1)[:, None]
+    assert np.median(np.abs(found - true)) < 0.03 * true.max()
+
+
+def test_the_full_table_has_the_recordings_themselves() -> None:
+    takes = [hit(contact, seed=seed) for seed, contact in enumerate(CONTACTS)]
+    made = fitting(takes, contacts=CONTACTS, way="table")
+    assert isinstance(made.model.gains, TimbreTable)
+    table = made.model.gains
+    found = (table.at(CONTACTS[:, None], np.zeros((9, 3))) * table.toward([[1.0, 0, 0]])).sum(
+        axis=1
+    )
+    assert found == pytest.approx(made.survey.gains, rel=1e-12)
+
+
+def test_the_method_of_2007_is_there() -> None:
+    made = fitting(hit(0.05), method="corbett2007")
+    assert made.model.frequencies == pytest.approx(FREQUENCIES, rel=1e-4)
+    assert np.isnan(made.model.errors).all()
+    assert "steiglitz1965" in made.model.provenance.references
+
+
+def test_what_modes_leave_is_played_with_a_strike() -> None:
+    """A click and hiss beside the modes: with them the strike is the recording again."""
+    clean = ringing(gains(np.array(0.05))[0])
+    times = np.maximum(np.arange(len(clean)) / RATE - ONSET, 0)
+    hiss = np.where(times > 0, np.exp(-40 * times), 0) * noise(len(clean), 6, 2)
+    recorded = take(clean + hiss + noise(len(clean), 60, 3))
+    made = fitting(recorded, residual=True)
+    assert made.model.residual is not None
+    strike = Strike(impulse=1.0, duration=0.0)
+    played = struck.render(made.model, strike, seconds=0.5, sample_rate=RATE).samples[0]
+    start = round(made.fitted.rows[0].onset * RATE)
+    first = slice(0, round(0.03 * RATE))
+    original = recorded.samples[0, start:]
+    assert np.abs(played[first] - original[first]).max() < 1e-3
+    later = slice(round(0.06 * RATE), round(0.09 * RATE))
+    alone = struck.render(fitting(recorded).model, strike, seconds=0.5, sample_rate=RATE).samples[0]
+    level = np.std(np.diff(played[later])) / np.std(np.diff(original[later]))
+    assert level == pytest.approx(1, abs=0.25)
+    assert np.std(np.diff(alone[later])) < np.std(np.diff(original[later]))
+
+
+def test_a_model_with_its_residual_goes_through_a_file(tmp_path: Path) -> None:
+    made = fitting(hit(0.05), residual=True)
+    struck.save(made.model, tmp_path / "bar.struck")
+    again = struck.load(tmp_path / "bar.struck")
+    assert isinstance(again, ModalModel)
+    for name in ("attack", "edges", "levels", "decays", "lead", "sample_rate"):
+        before, after = getattr(made.model.residual, name), getattr(again.residual, name)
+        assert np.array_equal(before, after), name
+    assert np.array_equal(
+        heard(again.gains, np.zeros((1, 0))), heard(made.model.gains, np.zeros((1, 0)))
+    )
+
+
+def test_a_larger_recorded_body_rings_lower_and_keeps_its_contacts(bar: Fitting) -> None:
+    larger = bar.model.scaled(2)
+    assert larger.natural_frequencies == pytest.approx(bar.model.natural_frequencies / 2)
+    assert larger.decays == pytest.approx(bar.model.decays)
+    assert np.all(larger.frequencies < larger.natural_frequencies)
+    assert larger.contact(None).point == pytest.approx(bar.model.contact(None).point)
+
+
+def test_sounds_and_takes_are_the_same() -> None:
+    one, other = fitting(hit(0.05)), fitting(sound(hit(0.05)))
+    assert one.model.frequencies == pytest.approx(other.model.frequencies, rel=1e-7)
+
+
+def test_a_stopped_fit_ends_in_the_same_model(tmp_path: Path) -> None:
+    takes = [hit(contact, seed=seed) for seed, contact in enumerate(CONTACTS[:3])]
+    whole = fit_recordings(takes, contacts=CONTACTS[:3], cache=tmp_path / "one").model
+
+    def stop(stage: str, _share: float) -> None:
+        if stage == "refining":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit_recordings(takes, contacts=CONTACTS[:3], cache=tmp_path / "two", progress=stop)
+    told: list[str] = []
+    again = fit_recordings(
+        takes,
+        contacts=CONTACTS[:3],
+        cache=tmp_path / "two",
+        progress=lambda stage, _share: told.append(stage),
+    ).model
+    assert "poles (kept)" in told
+    assert np.array_equal(again.frequencies, whole.frequencies)
+    assert np.array_equal(again.decays, whole.decays)
+    assert np.array_equal(
+        again.gains.at(CONTACTS[:3, None], np.zeros((3, 3))),
+        whole.gains.at(CONTACTS[:3, None], np.zeros((3, 3))),
+    )
+
+
+UNFIT = {
+    "sine": (sine(), "steady tone|no hit"),
+    "cymbal": (cymbal(np.random.default_rng(2), 0.5), "not modal"),
+    "silence": (np.zeros(RATE), "silent"),
+    "noise": (noise(RATE, 20, 1), "no hit"),
+    "short": (np.ones(100), "0.1 s"),
+    "not finite": (np.array([np.nan] * RATE), "not finite"),
+}
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_what_is_no_hit_is_refused(name: str) -> None:
+    samples, reason = UNFIT[name]
+    with pytest.raises(RecordingError, match=reason):
+        fitting(Take(samples=samples, sample_rate=44100), modes=32)
+
+
+def test_what_is_not_modal_is_fitted_when_somebody_insists() -> None:
+    crash = Take(samples=cymbal(np.random.default_rng(2), 0.5), sample_rate=44100)
+    made = fitting(crash, modes=16, force=True)
+    assert not made.fitted.verdict.modal
+    assert 0 < len(made.model.frequencies) <= 16
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"way": "cloud"}, "way is 'cloud'"),
+        ({"method": "magic"}, "method is 'magic'"),
+        ({"radius": -1.0}, "radius is -1"),
+        ({"modes": 0}, "budget 0"),
+        ({"symmetry": "round"}, "symmetry is 'round'"),
+        ({"contacts": [[0.1], [0.2]]}, "there are 1 recordings"),
+        ({"contacts": [np.nan]}, "not finite"),
+        ({"listeners": [[0.1, 0.2]]}, "x, y, z"),
+        ({"listeners": [[1, 0, 0], [0, 1, 0]]}, "for 2 recordings of 1"),
+        ({"listeners": "here"}, "listeners are 'here'"),
+    ],
+)
+def test_arguments_outside_their_bounds_are_refused(
+    options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        fitting(hit(0.05), **options)
+
+
+def test_takes_that_do_not_go_together_are_refused() -> None:
+    other = Take(samples=hit(0.1).samples, sample_rate=44100, name="another")
+    with pytest.raises(RecordingError, match="another was recorded at 44100 Hz"):
+        fitting([hit(0.05), other])
+    stereo = take(np.stack([ringing(gains(np.array(0.1))[0])] * 2) + noise(RATE, 50, 4))
+    with pytest.raises(RecordingError, match="1 and 2 channels"):
+        fitting([hit(0.05), stereo], contacts=[0.1, 0.2])
+    with pytest.raises(OptionError, match="no recordings"):
+        fitting([])
+
+
+def written(folder: Path) -> Path:
+    """Write three recordings with a manifest."""
+    lines = ["file,u,x,y,z"]
+    for number, contact in enumerate((0.0, 0.3, 0.8)):
+        sound(hit(contact, seed=number)).save(folder / f"{number}.wav")
+        lines.append(f"{number}.wav,{contact},1,0,0")
+    (folder / "takes.csv").write_text("\n".join(lines))
+    return folder / "takes.csv"
+
+
+def test_a_manifest_tells_the_places(tmp_path: Path) -> None:
+    manifest = written(tmp_path)
+    made = fit_recordings(manifest, cache=False)
+    assert made.survey.contacts[:, 0] == pytest.approx([0.0, 0.3, 0.8])
+    files = sorted(tmp_path.glob("*.wav"))
+    again = fit_recordings(files, manifest=manifest, cache=False)
+    assert np.array_equal(again.model.frequencies, made.model.frequencies)
+    (tmp_path / "stray.wav").write_bytes(files[0].read_bytes())
+    with pytest.raises(RecordingError, match=r"no entry in .*stray\.wav"):
+        fit_recordings([*files, tmp_path / "stray.wav"], manifest=manifest, cache=False)
+    with pytest.raises(OptionError, match="tells them too"):
+        fit_recordings(manifest, contacts=[0.1], cache=False)
+
+
+def test_a_folder_without_a_manifest_and_missing_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"has no manifest\.toml"):
+        fit_recordings(tmp_path, cache=False)
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        fit_recordings(tmp_path / "none.wav", cache=False)

@@ -1,0 +1,90 @@
+"""`struck calibrate` from the shell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+from struck.cli import main
+from struck.shapes import RectangularPlate
+
+
+def plate(material: struck.Material | str) -> struck.ModalModel:
+    shape = RectangularPlate(length=0.3, width=0.2, thickness=0.004, edges="free")
+    return struck.analyze(shape, material, band=(20, 6000))
+
+
+@pytest.fixture
+def pot(tmp_path: Path) -> Path:
+    """Return a model of guessed material, and beside it recordings of the real one."""
+    true = struck.Material(
+        name="secret",
+        density=7850.0,
+        youngs_modulus=2.05e11,
+        poisson_ratio=0.31,
+        damping=struck.InternalFriction(loss_tangent=2e-3),
+    )
+    real = plate(true)
+    for number, place in enumerate([(0.02, 0.015), (0.11, 0.04)]):
+        sound = struck.render(real, struck.Strike(at=place, impulse=1e-3), seconds=1.0)
+        samples = np.pad(sound.samples[0] / sound.peak, (20_000, 0))
+        noise = 1e-4 * np.random.default_rng(number).standard_normal(len(samples))
+        take = np.float32(0.5 * samples + noise)
+        struck.Sound(samples=take, sample_rate=48_000).save(tmp_path / f"tap{number}.wav")
+    struck.save(plate("aluminium"), tmp_path / "pot.struck")
+    return tmp_path
+
+
+def test_a_plate_is_found_to_be_what_it_is(pot: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    taps = [str(pot / "tap0.wav"), str(pot / "tap1.wav")]
+    corrected = pot / "real.struck"
+    words = ["calibrate", str(pot / "pot.struck"), *taps, "--corrected", str(corrected)]
+    assert main([*words, "--density", "7850"]) == 0
+    text = capsys.readouterr().out
+    assert "E/density" in text
+    given = text.split("--material ")[1].splitlines()[0]
+    assert f"wrote {corrected}" in text
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["specific_stiffness"] == pytest.approx(2.05e11 / 7850, rel=2e-3)
+    assert told["poisson_ratio"] == pytest.approx(0.31, abs=0.006)
+    numbers = dict(part.split("=") for part in given.split(","))
+    assert float(numbers["loss_tangent"]) == pytest.approx(2e-3, rel=0.02)
+    real = struck.load(corrected)
+    fitted = struck.fit(taps, cache=False)
+    nearest = np.abs(real.frequencies[:, None] - fitted.frequencies).min(axis=1)
+    assert np.median(nearest) < 0.01
+    assert (
+        main(
+            [
+                "analyze",
+                "--shape",
+                "bar",
+                "--length",
+                "0.2",
+                "--width",
+                "0.02",
+                "--thickness",
+                "0.004",
+                "--ends",
+                "free",
+                "--material",
+                given,
+                "-o",
+                str(pot / "b.struck"),
+            ]
+        )
+        == 0
+    )
+
+
+def test_another_body_is_told(pot: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shape = RectangularPlate(length=0.21, width=0.2, thickness=0.009, edges="free")
+    other = struck.analyze(shape, "glass", band=(20, 6000))
+    struck.save(other, pot / "other.struck")
+    assert main(["calibrate", str(pot / "other.struck"), str(pot / "tap0.wav")]) == 2
+    assert "check the shape and its size" in capsys.readouterr().err

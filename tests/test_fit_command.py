@@ -1,0 +1,108 @@
+"""`struck fit` from the shell."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+from struck.cli import main
+from tests.fitting.strings import FREQUENCIES, hit, sound
+from tests.recordings.sounds import cymbal
+
+
+@pytest.fixture
+def taps(tmp_path: Path) -> list[str]:
+    """Return three files of taps, and beside them `takes.csv` that tells where they were."""
+    lines, names = [["file", "u"]], []
+    for number, contact in enumerate((0.0, 0.3, 0.8)):
+        path = tmp_path / f"tap{number}.wav"
+        sound(hit(contact, seed=number)).save(path)
+        names.append(str(path))
+        lines.append([path.name, str(contact)])
+    with (tmp_path / "takes.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(lines)
+    return names
+
+
+def run(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
+def test_files_become_a_model_and_a_page(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output, report = tmp_path / "mug.struck", tmp_path / "mug.html"
+    assert run("fit", *taps, "-o", output, "--report", report) == 0
+    told = capsys.readouterr().out
+    assert f"wrote {output}" in told
+    assert f"wrote {report}" in told
+    assert "signal to residual" in told
+    assert struck.load(output).frequencies == pytest.approx(FREQUENCIES, rel=1e-4)
+    assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_a_manifest_makes_a_field_that_plays(taps: list[str], tmp_path: Path) -> None:
+    output = tmp_path / "mug.struck"
+    manifest = tmp_path / "takes.csv"
+    assert run("fit", *taps, "--manifest", manifest, "-o", output, "--residual") == 0
+    assert struck.load(output).coordinates == ("u",)
+    assert struck.load(output).residual is not None
+    wav = tmp_path / "mug.wav"
+    assert run("render", output, "--strike", "0.45", "--seconds", "0.3", "-o", wav) == 0
+    assert struck.Sound.load(wav).peak > 0
+
+
+def test_a_machine_is_told_the_errors(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("fit", taps[0], "-o", tmp_path / "mug.struck", "--modes", "4", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["frequencies"]) == len(told["decay_errors"]) == 4
+    assert told["modal"] is True
+    assert told["signal_to_residual"] > 10
+    assert told["report"] is None
+
+
+def test_all_modes_may_be_asked_for(taps: list[str], tmp_path: Path) -> None:
+    output = tmp_path / "mug.struck"
+    assert run("fit", *taps, "-o", output, "--modes", "all") == 0
+    assert struck.load(output).frequencies == pytest.approx(FREQUENCIES, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--modes", "many"], "--modes is 'many'"),
+        (["--way", "cloud"], "way is 'cloud'"),
+        (["--report", "nowhere/page.html"], "no folder nowhere"),
+        (["--manifest", "none.csv"], "none.csv"),
+    ],
+)
+def test_bad_options_write_nothing(
+    taps: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    message: str,
+) -> None:
+    assert run("fit", taps[0], "-o", tmp_path / "mug.struck", *words) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "mug.struck").exists()
+
+
+def test_what_nobody_struck_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crash = np.float32(cymbal(np.random.default_rng(2), 0.5))
+    struck.Sound(samples=crash, sample_rate=44100).save(tmp_path / "crash.wav")
+    output = tmp_path / "crash.struck"
+    assert run("fit", tmp_path / "crash.wav", "-o", output, "--modes", "16") == 2
+    assert "not modal" in capsys.readouterr().err
+    assert not output.exists()
+    assert run("fit", tmp_path / "crash.wav", "-o", output, "--modes", "16", "--force") == 0
+    assert "caution" in capsys.readouterr().out

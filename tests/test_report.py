@@ -1,0 +1,89 @@
+"""What is told of a model in a few lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from struck.gains import Gains
+from struck.model import ModalModel
+from struck.recordings.fields.field import TimbreField
+from struck.recordings.fields.single_point import SinglePoint
+from struck.recordings.fields.survey import Survey, from_spherical
+from struck.recordings.fields.table import TimbreTable
+from struck.report import summary
+
+HEIGHTS = np.array([[0.2], [0.5], [0.9]])
+FREQUENCIES = np.array([200.0, 300.0])
+AROUND = np.concatenate(
+    [from_spherical(1.0, np.arange(4) * np.pi / 2, 1.2), from_spherical([0.1], 0.0, 1.2)]
+)
+
+
+def model(gains: Gains, **given: object) -> ModalModel:
+    return ModalModel(
+        frequencies=FREQUENCIES,
+        natural_frequencies=FREQUENCIES,
+        decays=np.ones(2),
+        gains=gains,
+        **{"complete_to": 0.0, "coordinates": ("height",), **given},
+    )
+
+
+def survey(second: float = 0.0, **given: object) -> Survey:
+    """Gains of rank one, of which the second mode has another product `second` times as strong."""
+    drives = np.array([[1.0, 1.0], [0.5, -0.5], [-0.2, 0.3]])
+    outputs = np.array([1.0, 0.7, 0.5j, 0.8, 1.0])[:, None] * [1.0, 0.5]
+    gains = drives[:, None] * outputs + 0j
+    gains[:, :, 1] += second * np.outer([1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0, 0.0])
+    return Survey.full(HEIGHTS, AROUND, gains, FREQUENCIES, **given)
+
+
+def line(lines: list[str], begin: str) -> str:
+    (found,) = (each for each in lines if each.startswith(begin))
+    return found
+
+
+def test_a_field_tells_where_it_was_struck_and_how_far_it_is_a_product() -> None:
+    field = TimbreField.of(survey(0.3, calibrated=True), radius=0.3)
+    lines = summary(model(field, places={"rim": np.array([0.9])}))
+    assert lines[0] == "2 modes, others may be missing"
+    assert line(lines, "gains") == "gains     Pa per N s"
+    assert line(lines, "recorded") == (
+        "recorded  a field of 3 contacts and 1 listener inside, height from 0.2 to 0.9"
+    )
+    assert line(lines, "places").endswith("rim")
+    worst = float(field.rank_errors.max())
+    assert worst > 0.2
+    assert line(lines, "rank").endswith(f"to {100 * worst:.2g} % in all")
+    noted = replace(field, notes=("record more",), rank_errors=np.full(2, np.nan))
+    lines = summary(model(noted))
+    assert line(lines, "note") == "note      record more"
+    assert not any(each.startswith("rank") for each in lines)
+
+
+def test_a_field_that_is_struck_all_around_says_so() -> None:
+    contacts = np.concatenate(
+        [np.repeat(HEIGHTS, 4, axis=0), np.tile([[0.0], [1], [2], [4]], (3, 1))], 1
+    )
+    chance = np.random.default_rng(1)
+    gains = chance.normal(size=(12, 4, 2)) + 0j
+    around = Survey.full(contacts, AROUND[:4], gains, FREQUENCIES, symmetry="axial")
+    field = TimbreField.of(around)
+    told = line(summary(model(field, coordinates=("height", "azimuth (rad)"))), "recorded")
+    assert told.endswith("height from 0.2 to 0.9, azimuth (rad) all around")
+
+
+def test_a_table_tells_its_size() -> None:
+    made = model(TimbreTable.of(survey()))
+    told = "recorded  a table of 3 contacts with 5 listeners, height from 0.2 to 0.9"
+    assert line(summary(made), "recorded") == told
+    assert line(summary(made.expanded()), "recorded") == told
+
+
+def test_a_single_point_tells_what_is_assumed() -> None:
+    lines = summary(model(SinglePoint(outputs=np.ones(2) + 0j), coordinates=(), complete_to=5e3))
+    assert lines[0] == "2 modes, none missing up to 5000 Hz"
+    assert "1 m away" in line(lines, "recorded")
+    assert line(lines, "gains") == "gains     relative"
