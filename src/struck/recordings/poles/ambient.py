@@ -36,15 +36,16 @@ def ambient(segments: Sequence[Segment], ringing: Ringing) -> Mask:
         to show.
     """
     duration = max(segment.duration for segment in segments)
-    heard, channels = np.zeros(ringing.count), 0
-    expected = np.zeros(ringing.count)
+    steady = ringing.decays * duration < _STEADY
+    tones = ringing.of(steady)
+    heard, expected, channels = np.zeros(tones.count), np.zeros(tones.count), 0
     for segment in segments:
         if segment.before.shape[1]:
-            there, here = _energies(segment, ringing)
+            there, here = _energies(segment, tones)
             heard, expected = heard + there, expected + here
             channels += len(segment.before)
-    steady = ringing.decays * duration < _STEADY
-    return steady & (expected > _CERTAIN * max(channels, 1)) & (heard > _SAME * expected)
+    steady[steady] = (expected > _CERTAIN * max(channels, 1)) & (heard > _SAME * expected)
+    return steady
 
 
 def _energies(segment: Segment, ringing: Ringing) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.recordings.poles.block import Block, Projection
-from struck.recordings.poles.groups import overlapping
+from struck.recordings.poles.groups import overlapping, overlaps
 from struck.recordings.takes.ringing import Ringing, best_gains, samples
 from struck.recordings.takes.segment import Segment
 
@@ -32,6 +32,8 @@ _TRIES = 4
 _WITNESSES = 4
 _WORSE = 1.05
 """A group that gets better may make the whole a little worse, for a while."""
+_TOUCHING = 1e-3
+"""Squared correlation from which a mode that moved calls its neighbour up again."""
 
 
 def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: int = 2) -> Ringing:
@@ -56,8 +58,15 @@ def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: in
     if not steps:
         return with_best_gains(segments, ringing)
     energy = left_over(segments, ringing)
+    unsettled = np.ones(ringing.count, bool)
     for _ in range(sweeps):
-        moved = _swept(segments, ringing, overlapping(ringing.poles, duration), steps)
+        groups = [
+            group for group in overlapping(ringing.poles, duration) if unsettled[group].any()
+        ]
+        if not groups:
+            break
+        moved = _swept(segments, ringing, groups, steps)
+        unsettled = _touched(ringing.poles, moved.poles, duration)
         now = left_over(segments, moved)
         if not now < _WORSE * energy:
             moved = with_best_gains(segments, moved)
@@ -66,6 +75,12 @@ def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: in
             break
         ringing, energy = moved, now
     return ringing
+
+
+def _touched(before: Complex, after: Complex, duration: float) -> NDArray[np.bool_]:
+    """Return which modes moved, or overlap with one that did."""
+    changed = before != after
+    return changed | (overlaps(after, duration)[:, changed] > _TOUCHING).any(axis=1)
 
 
 def with_best_gains(segments: Sequence[Segment], ringing: Ringing) -> Ringing:

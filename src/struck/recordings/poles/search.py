@@ -15,6 +15,7 @@ from struck.recordings.poles.matched import matched
 from struck.recordings.poles.prune import prune, significance, strongest_per_band
 from struck.recordings.poles.refine import refine, with_best_gains
 from struck.recordings.poles.split import split
+from struck.recordings.poles.weed import weeded
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
@@ -111,7 +112,8 @@ def _refined(segments: Sequence[Segment], ringing: Ringing, budget: int | None) 
 
 def _proven(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
     """Keep what stands out, with the best gains of all at once."""
-    proven = prune(segments if budget else _noisier(segments, ringing), ringing)
+    noisy = segments if budget else _noisier(segments, ringing)
+    proven = weeded(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
         proven = refine(segments, proven, sweeps=2, steps=4)
     return with_best_gains(segments, proven).by_frequency()
@@ -136,7 +138,7 @@ def _settled(segments: Sequence[Segment], ringing: Ringing, most: int | None) ->
         ringing = prune(segments, ringing, budget=most)
     ringing = refine(segments, ringing, sweeps=2)
     ringing = prune(_noisier(segments, ringing), ringing, budget=most)
-    return refine(segments, ringing, sweeps=2)
+    return refine(segments, ringing, sweeps=1)
 
 
 def _paired(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:

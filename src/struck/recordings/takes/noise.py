@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from struck.recordings.takes.frames import blackman_harris, frames
@@ -117,8 +118,8 @@ class Noise:
         breadth : float
             The residual's power is averaged over so many Hz.
         """
-        length = residual.shape[1]
-        powers = np.abs(np.fft.rfft(residual, axis=1)) ** 2 / length
+        length = fft.prev_fast_len(residual.shape[1])
+        powers = np.abs(np.fft.rfft(residual[:, :length], axis=1)) ** 2 / length
         bins = max(1, round(breadth * length / sample_rate))
         grid = np.arange(0, sample_rate / 2, breadth / 4)
         measured = np.stack(

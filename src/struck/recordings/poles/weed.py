@@ -1,0 +1,73 @@
+"""Weak modes beside strong ones that are not needed once the strong ones are fitted without them.
+
+What a mode alone explains is told with all others as they are. Beside a strong mode that misleads:
+its pole has moved to make room, and would do without its neighbour where it stood before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.recordings.poles.block import Block, misfit
+from struck.recordings.poles.groups import overlaps
+from struck.recordings.poles.prune import significance
+from struck.recordings.poles.refine import settle
+from struck.recordings.takes.ringing import Ringing
+from struck.recordings.takes.segment import Segment
+
+Index = NDArray[np.int64]
+
+_WEAK = 0.1
+"""Of the amplitude of a mode that it overlaps with."""
+_COMPANY, _CLOSE = 6, 0.02
+_STEPS = 12
+_PROVEN = 1e-5
+
+
+def weeded(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
+    """Drop weak modes whose neighbours explain as much alone, but for what noise would.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        All channels and hits.
+    ringing : Ringing
+        Refined.
+
+    Returns
+    -------
+    Ringing
+        Neighbours of what went are refined, with new gains.
+    """
+    duration = max(segment.duration for segment in segments)
+    for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:
+        mode = int(np.argmin(np.abs(ringing.poles - pole)))
+        close = overlaps(ringing.poles, duration)[mode]
+        if ringing.poles[mode] == pole and _is_weak(ringing, mode, close):
+            group = np.argsort(-close)[:_COMPANY]
+            ringing = _without(segments, ringing, mode, group[close[group] > _CLOSE])
+    return ringing
+
+
+def _is_weak(ringing: Ringing, mode: int, close: NDArray[np.float64]) -> bool:
+    sizes = np.abs(ringing.gains).max(axis=0)
+    return bool((sizes[mode] < _WEAK * sizes[close > _CLOSE]).any())
+
+
+def _without(segments: Sequence[Segment], ringing: Ringing, mode: int, group: Index) -> Ringing:
+    """Drop a mode of a group if the others, refined without it, lose no more than noise."""
+    blocks = [Block.cleared(segment, ringing, group) for segment in segments]
+    rest = group[group != mode]
+    _, whole = settle(blocks, ringing.poles[group], _STEPS)
+    moved, fewer = settle(blocks, ringing.poles[rest], _STEPS)
+    lost = sum(each.cost for each in fewer) - sum(each.cost for each in whole)
+    if lost > misfit(whole) * significance(len(ringing.gains) + 1, _PROVEN):
+        return ringing
+    poles, gains = ringing.poles.copy(), ringing.gains.copy()
+    poles[rest] = moved
+    for block, each in zip(blocks, fewer, strict=True):
+        gains[block.rows, rest] = block.spectrum.gains(moved, each.residues.T)
+    return Ringing(poles=poles, gains=gains).of(np.arange(len(poles)) != mode)
