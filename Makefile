@@ -39,6 +39,7 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/synthesis.py
 	$(BIN)/python bench/ears.py
 	$(BIN)/python bench/shapes.py
+	$(BIN)/python bench/fitting.py
 
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

@@ -106,3 +106,20 @@ def test_what_nobody_struck_writes_nothing(
     assert not output.exists()
     assert run("fit", tmp_path / "crash.wav", "-o", output, "--modes", "16", "--force") == 0
     assert "caution" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", ["cut short", "text", "empty"])
+def test_a_damaged_file_writes_nothing(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
+    broken, output = tmp_path / "broken.wav", tmp_path / "broken.struck"
+    whole = Path(taps[0]).read_bytes()
+    broken.write_bytes(
+        {"cut short": whole[: len(whole) // 2], "text": b"a mug", "empty": b""}[damage]
+    )
+    assert run("fit", taps[1], broken, "-o", output, "--report", tmp_path / "page.html") == 2
+    told = capsys.readouterr().err
+    assert "broken.wav" in told
+    assert "Traceback" not in told
+    assert not output.exists()
+    assert not (tmp_path / "page.html").exists()

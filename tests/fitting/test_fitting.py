@@ -334,3 +334,18 @@ def test_a_folder_without_a_manifest_and_missing_files_are_named(tmp_path: Path)
         fit_recordings(tmp_path, cache=False)
     with pytest.raises(FileFormatError, match="cannot be read"):
         fit_recordings(tmp_path / "none.wav", cache=False)
+
+
+@pytest.mark.prove
+def test_ten_minutes_with_twenty_hits() -> None:
+    """A file as long as people leave a recorder running, with hits of one body in it."""
+    samples = noise(600 * RATE, 80, 1)
+    for number in range(20):
+        contact = np.array(0.05 * number)
+        sound = ringing(gains(contact)[0], onset=0, seconds=2.0)
+        start = round((3.7 + 29.3 * number) * RATE)
+        samples[start : start + len(sound)] += sound
+    made = fitting(take(samples))
+    assert len({row.hit for row in made.fitted.rows}) == 20
+    nearest = np.abs(made.model.frequencies[:, None] - FREQUENCIES).argmin(axis=0)
+    assert made.model.frequencies[nearest] == pytest.approx(FREQUENCIES, rel=1e-5)

@@ -10,13 +10,10 @@ import numpy as np
 
 from struck.errors import RecordingError
 from struck.progress import Progress, silent
-from struck.recordings.poles.fitted import Fitted, fitted_of
-from struck.recordings.poles.search import search
-from struck.recordings.poles.verdict import judged
-from struck.recordings.takes.checks import findings
-from struck.recordings.takes.cutting import Row, cut, joined
+from struck.recordings.poles.fit import fit_poles
+from struck.recordings.poles.fitted import Fitted
+from struck.recordings.takes.cutting import Row
 from struck.recordings.takes.force import without_force
-from struck.recordings.takes.onsets import find_hits
 from struck.recordings.takes.take import Take
 from struck.sound import Sound
 
@@ -73,8 +70,9 @@ class Heard:
         FileFormatError, MissingDependencyError
             When its file cannot be read.
         """
-        take = without_force(_take(recording))
-        fitted = _fitted(take, max(FEWEST, modes), progress)
+        take = _take(recording)
+        # Modes under a budget must not be spent on the blow itself.
+        fitted = fit_poles(take, budget=max(FEWEST, modes), attack=False, progress=progress)
         if not len(fitted.frequencies):
             reason = fitted.verdict.reason or "all that it holds are tones of the surroundings"
             raise RecordingError(f"{take.name}: {reason}: there is nothing to compare with")
@@ -83,7 +81,7 @@ class Heard:
         gains, errors = fitted.gains[chosen], fitted.gain_errors[chosen]
         return cls(
             fitted=replace(fitted, gains=gains, gain_errors=errors, rows=rows),
-            sound=_cut(take, rows[0].onset, fitted.rows),
+            sound=_cut(without_force(take), rows[0].onset, fitted.rows),
             begins=rows[0].time - rows[0].onset,
             notes=_notes(take, fitted),
         )
@@ -93,15 +91,6 @@ def _take(recording: Sound | Take | str | os.PathLike[str]) -> Take:
     if isinstance(recording, Take):
         return recording
     return Take.of(recording) if isinstance(recording, Sound) else Take.load(recording)
-
-
-def _fitted(take: Take, budget: int, progress: Progress) -> Fitted:
-    """Fit what rings freely: modes under a budget must not be spent on the blow itself."""
-    hits = find_hits(take)
-    segments, rows = joined(cut([take], [hits]))
-    ringing = search(segments, budget=budget, progress=progress)
-    notes = list(findings(take, hits))
-    return fitted_of(segments, rows, ringing, judged(segments, ringing), notes)
 
 
 def _loudest(fitted: Fitted) -> list[int]:

@@ -59,7 +59,8 @@ def fit(
     method : str
         "shared", or "corbett2007" for the paper's own.
     modes : int or None
-        Not more than these, those that explain most; None for all that stand out of the noise.
+        Not more than these, those that explain most of the sound, the blow included; None for all
+        that stand out of the noise of what rings freely after it.
     onsets : sequence of sequences of float, optional
         Times of the hits in each recording, s; found unless given.
     residual : bool

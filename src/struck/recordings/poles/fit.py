@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from struck.errors import OptionError
 from struck.progress import Progress, silent
@@ -28,12 +29,14 @@ Complex = NDArray[np.complexfloating]
 METHODS = ("shared", "corbett2007")
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # many small products: threads only wait
 def fit_poles(
     takes: Take | Sequence[Take],
     *,
     method: str = "shared",
     budget: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
+    attack: bool | None = None,
     progress: Progress = silent,
     kept: Kept = computed,
 ) -> Fitted:
@@ -50,6 +53,9 @@ def fit_poles(
         Not more modes than these, those that explain most; None for all that stand out.
     onsets : sequence of sequences of float, optional
         Times of the hits in each take, s; found unless given.
+    attack : bool, optional
+        Whether the modes stand for the whole sound, from the blow itself on, or only for what rings
+        freely after it. The whole under a budget, unless given.
     progress : Progress
         Told the stage and the fraction done.
     kept : callable
@@ -77,8 +83,8 @@ def fit_poles(
     require_one_rate(takes)
     microphones = [without_force(take) for take in takes]
     hits = _hits(microphones, onsets)
-    # Under a budget modes stand for the whole sound; without one only what rings freely is modal.
-    segments, rows = joined(cut(microphones, hits, attack=budget is not None))
+    whole = budget is not None if attack is None else attack
+    segments, rows = joined(cut(microphones, hits, attack=whole))
     if method == "shared":
         ringing = search(segments, budget=budget, progress=progress, kept=kept)
         verdict = _verdict(segments, ringing, budget)
