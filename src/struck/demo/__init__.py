@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from struck.atomic import write_bytes
-from struck.demo import shapes, solids
+from struck.demo import recordings, shapes, solids
 from struck.errors import FileFormatError
 from struck.progress import Progress, silent
 from struck.report import page
@@ -27,7 +27,7 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
     Returns
     -------
     Path
-        The first page. Each body in closed form has a page of its own beside it.
+        The first page. Each body in closed form, and a recording, has one of its own beside it.
 
     Raises
     ------
@@ -39,6 +39,8 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
     except OSError as error:
         raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
     links = _pages_of_shapes(folder, progress)
+    _written(folder / f"{recordings.NAME}.html", recordings.recording(folder, progress))
+    links = {**links, f"{recordings.NAME}.html": recordings.TITLE}
     exhibits = [piece.exhibit(folder, progress) for piece in solids.PIECES]
     return _written(folder / "index.html", page(_TITLE, solids.INTRODUCTION, exhibits, links))
 
