@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.excitation.pulses import sampled
 from struck.excitation.strike import Strike
 from struck.model import ModalModel
+from struck.residual import Residual
 from struck.scene.body import Action
 
 Array = NDArray[np.float64]
@@ -54,10 +56,33 @@ def residual_sound(
     if model.residual is None:
         return heard
     for strike in strikes:
-        contact = model.contact(strike.at, strike.direction)
-        impulse = strike.resolved(model, contact).impulse
-        samples = model.residual.samples(sample_rate, strike.seed)
-        first = round(strike.time * sample_rate)
-        part = samples[: max(0, length - first)]
-        heard[:, first : first + len(part)] += np.outer(impulse / distances(strike.time), part)
+        first, part = _sounding(model, model.residual, strike, sample_rate)
+        begin, end = max(first, 0), min(first + len(part), length)
+        if begin < end:
+            heard[:, begin:end] += np.outer(
+                1 / distances(strike.time), part[begin - first : end - first]
+            )
     return heard
+
+
+def _sounding(
+    model: ModalModel, residual: Residual, strike: Strike, sample_rate: int
+) -> tuple[int, Array]:
+    """Return the sample at which a strike's attack begins, and what sounds from there on at 1 m.
+
+    A longer push than the recorded one takes its treble off, as it does with the modes.
+    """
+    blow = strike.resolved(model, model.contact(strike.at, strike.direction))
+    samples = residual.samples(sample_rate, strike.seed)
+    if not blow.duration:
+        return round(strike.time * sample_rate), blow.impulse * samples
+    pulse = sampled(
+        strike.shape,
+        impulse=blow.impulse,
+        onset=strike.time,
+        duration=blow.duration,
+        sample_rate=sample_rate,
+    )
+    from scipy.signal import oaconvolve
+
+    return pulse.first, np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate

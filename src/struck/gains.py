@@ -64,6 +64,11 @@ class Gains(ABC):
         return False
 
     @property
+    def of_surface(self) -> bool:
+        """Whether drives are those of a surface that forces act on, not of recorded blows."""
+        return False
+
+    @property
     def rank(self) -> int:
         """How many products there are, R."""
         return 1
@@ -89,6 +94,11 @@ class ExpandedGains(Gains):
     def directional(self) -> bool:
         """As of the products."""
         return self.products.directional
+
+    @property
+    def of_surface(self) -> bool:
+        """As of the products."""
+        return self.products.of_surface
 
     @property
     def calibrated(self) -> bool:
@@ -173,6 +183,11 @@ class ShapeGains(Gains):
         centre = self.centre * size
         formula = None if self.formula is None else self.formula.chosen(modes, size, density)
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
+
+    @property
+    def of_surface(self) -> bool:
+        """Forces act on its surface."""
+        return True
 
     @property
     def calibrated(self) -> bool:

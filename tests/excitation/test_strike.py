@@ -17,13 +17,21 @@ HIT = SimpleNamespace(
     point=np.array([0.5, 0.0, 0.0]), direction=np.array([0.0, 0.0, -1.0]), distance=0.0
 )
 ROD = SimpleNamespace(
+    gains=SimpleNamespace(of_surface=True),
     mass=1.0,
     centre=np.zeros(3),
     inertia=np.diag([1e-6, 1 / 12, 1 / 12]),
     material=STEEL,
     supported=False,
 )
-RECORDING = SimpleNamespace(mass=None, centre=None, inertia=None, material=None, supported=False)
+RECORDING = SimpleNamespace(
+    mass=None,
+    centre=None,
+    inertia=None,
+    material=None,
+    supported=False,
+    gains=SimpleNamespace(of_surface=False),
+)
 HELD = SimpleNamespace(**{**vars(ROD), "supported": True})
 
 
@@ -142,3 +150,9 @@ def test_places_and_directions_become_plain_numbers() -> None:
 def test_impossible_strikes_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(OptionError, match=message):
         Strike(**arguments)
+
+
+def test_a_bare_strike_of_a_recorded_body_is_the_blow_that_was_recorded() -> None:
+    assert Strike().resolved(RECORDING, HIT) == Blow(impulse=1.0, duration=0.0)
+    assert Strike(striker="wood").resolved(RECORDING, HIT).duration > 0
+    assert Strike(impulse=0.5).resolved(RECORDING, HIT) == Blow(impulse=0.5, duration=0.0)

@@ -139,6 +139,47 @@ def test_hits_of_one_contact_are_brought_to_one_strength() -> None:
     )
 
 
+def test_a_clipped_hit_among_good_ones_does_no_harm() -> None:
+    """Its fit begins late, when fast modes have gone: there the others count."""
+    loud = 30 * ringing(gains(np.array(0.05))[0], onset=ONSET + 1.5, seconds=3.0)
+    whole = ringing(gains(np.array(0.05))[0], seconds=3.0) + loud + noise(3 * RATE, 50, 1)
+    clipped = Take(samples=np.clip(0.2 * whole, -0.9, 0.9), sample_rate=RATE)
+    made = fitting([hit(0.05), clipped])
+    found = np.abs(heard(made.model.gains, np.zeros((1, 0)), made.lead))[0]
+    assert found / found[0] == pytest.approx(
+        np.abs(gains(np.array(0.05)))[0] / np.abs(gains(np.array(0.05)))[0, 0], rel=0.25
+    )
+
+
+def test_a_second_hit_keeps_its_own_moment_among_triggered_takes() -> None:
+    places = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, 0, 0], [0, -1.0, 0]])
+    several = ringing(gains(np.array(0.4))[0], seconds=3.0) + ringing(
+        gains(np.array(0.4))[0], onset=ONSET + 1.5, seconds=3.0
+    )
+    takes = [hit(0.1 * number, seed=number) for number in range(4)]
+    takes.append(take(several + noise(len(several), 50, 9)))
+    made = fitting(takes, listeners=places)
+    heard_at = np.abs(made.survey.gains) / 0.2
+    assert heard_at.max() < 1.1 * np.abs(gains(0.1 * np.arange(5))).max()
+
+
+def test_a_force_sensor_may_sit_in_any_channel() -> None:
+    """It needs no place, and is no microphone."""
+    pulse = np.zeros(RATE)
+    first = round(ONSET * RATE)
+    pulse[first : first + 30] = np.hanning(30)
+    one, other = hit(0.1, seed=1), hit(0.6, seed=2)
+    left = Take(samples=np.stack([one.samples[0], pulse]), sample_rate=RATE)
+    right = Take(samples=np.stack([pulse, other.samples[0]]), sample_rate=RATE)
+    alone = fitting([one, other], contacts=[0.1, 0.6])
+    both = fitting([left, right], contacts=[0.1, 0.6])
+    mixed = fitting([one, right], contacts=[0.1, 0.6])
+    for made in (both, mixed):
+        assert made.survey.gains == pytest.approx(alone.survey.gains, rel=1e-6, abs=1e-9)
+    placed = fitting([left, right], contacts=[0.1, 0.6], listeners=(0, 1, 0))
+    assert placed.survey.listeners.tolist() == [[0, 1, 0]]
+
+
 def test_channels_without_places_count_as_one_microphone() -> None:
     left, right = gains(np.array(0.1))[0], gains(np.array(0.6))[0]
     both = np.stack([ringing(left), ringing(right)]) + noise(2 * RATE, 50, 1).reshape(2, -1)
@@ -194,6 +235,23 @@ def test_what_modes_leave_is_played_with_a_strike() -> None:
     level = np.std(np.diff(played[later])) / np.std(np.diff(original[later]))
     assert level == pytest.approx(1, abs=0.25)
     assert np.std(np.diff(alone[later])) < np.std(np.diff(original[later]))
+
+
+def test_a_softer_blow_takes_the_treble_off_the_residual_too() -> None:
+    clean = ringing(gains(np.array(0.05))[0])
+    times = np.maximum(np.arange(len(clean)) / RATE - ONSET, 0)
+    hiss = np.where(times > 0, np.exp(-40 * times), 0) * noise(len(clean), 6, 2)
+    made = fitting(take(clean + hiss + noise(len(clean), 60, 3)), residual=True)
+    hard, soft = (
+        struck.render(made.model, Strike(impulse=1.0, duration=duration), seconds=0.3).samples[0]
+        for duration in (0.0, 3e-3)
+    )
+    bare = struck.render(made.model, Strike(), seconds=0.3).samples[0]
+    assert np.array_equal(bare, hard)
+    assert np.abs(np.diff(soft)).max() < 0.3 * np.abs(np.diff(hard)).max()
+    rest = fitting(take(clean + hiss + noise(len(clean), 60, 3))).model
+    modes = struck.render(rest, Strike(impulse=1.0, duration=3e-3), seconds=0.3).samples[0]
+    assert np.abs(soft).max() < 2 * np.abs(modes).max()
 
 
 def test_a_model_with_its_residual_goes_through_a_file(tmp_path: Path) -> None:
@@ -278,7 +336,15 @@ def test_what_is_not_modal_is_fitted_when_somebody_insists() -> None:
         ({"way": "cloud"}, "way is 'cloud'"),
         ({"method": "magic"}, "method is 'magic'"),
         ({"radius": -1.0}, "radius is -1"),
-        ({"modes": 0}, "budget 0"),
+        ({"modes": 0}, "modes is 0"),
+        ({"modes": "all"}, "modes is 'all'"),
+        ({"modes": 3.5}, "modes is 3.5"),
+        ({"centre": (0, 0)}, "centre is"),
+        ({"centre": (0, 0, np.nan)}, "centre is"),
+        ({"centre": "abc"}, "centre is 'abc'"),
+        ({"contacts": [[0.1], [0.2, 0.3]]}, "contacts is"),
+        ({"onsets": [0.1]}, "onsets are"),
+        ({"onsets": [[0.1, 0.1]]}, "one moment twice"),
         ({"symmetry": "round"}, "symmetry is 'round'"),
         ({"contacts": [[0.1], [0.2]]}, "there are 1 recordings"),
         ({"contacts": [np.nan]}, "not finite"),

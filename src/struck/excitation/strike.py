@@ -53,7 +53,7 @@ class Strike:
     How hard is said by `impulse`, or by `striker` with `speed` or `energy`. With a striker the
     others and the duration follow from elastic impact (Hertz) between its head and the body, whose
     own mass, inertia and material count where the model knows them. A bare ``Strike()`` is the
-    wooden striker at 0.5 m/s.
+    wooden striker at 0.5 m/s; of a model of recordings, the blow that was recorded.
 
     Parameters
     ----------
@@ -143,9 +143,12 @@ class Strike:
     def resolved(self, model: ModalModel, contact: Contact) -> Blow:
         """Return the blow that a model receives at a contact.
 
-        A model without mass (as from recordings), or held somewhere, counts as heavy, one without
-        material as hard.
+        A model without mass, or held somewhere, counts as heavy, one without material as hard. The
+        gains of recordings hold their own blow: where nothing is said, it is that one.
         """
+        said = (self.impulse, self.striker, self.speed, self.energy, self.duration)
+        if not (any(each is not None for each in said) or model.gains.of_surface):
+            return Blow(impulse=1.0, duration=0.0)
         if self.impulse is not None and (self.striker is None or self.duration is not None):
             return Blow(impulse=self.impulse, duration=self.duration or 0.0)
         striker = Striker.named(self.striker or _DEFAULT_STRIKER)

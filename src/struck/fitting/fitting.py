@@ -110,7 +110,7 @@ def fit_recordings(
     -------
     Fitting
     """
-    _require(way, radius)
+    _require(way, radius, modes)
     recorded = Recorded.of(
         recordings,
         contacts=contacts,
@@ -129,12 +129,14 @@ def fit_recordings(
         progress=progress,
         kept=lambda name, compute: stages.kept(_RINGING, compute, name=name, takes=takes, **given),
     )
-    if not (fitted.verdict.modal or force):
+    if not len(fitted.frequencies) or not (fitted.verdict.modal or force):
         raise RecordingError(_refusal(fitted, recorded))
     return _made(_by_natural_frequency(fitted), recorded, way, radius, method, residual=residual)
 
 
-def _require(way: str, radius: float) -> None:
+def _require(way: str, radius: float, modes: int | None) -> None:
+    if modes is not None and not (isinstance(modes, int | np.integer) and modes >= 1):
+        raise OptionError(f"modes is {modes!r}: give a whole number of at least 1, or None for all")
     if way not in WAYS:
         raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
     if not (np.isfinite(radius) and radius >= 0):
@@ -164,7 +166,7 @@ def _made(
     fitted: Fitted, recorded: Recorded, way: str, radius: float, method: str, *, residual: bool
 ) -> Fitting:
     gathered = Gathered.of(fitted, recorded)
-    survey, gains = _gains(gathered, fitted, recorded, way, radius)
+    survey, gains = _gains(gathered, recorded, way, radius)
     rest = remainder(fitted, recorded, gathered)
     places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
     model = ModalModel(
@@ -191,12 +193,12 @@ def _made(
 
 
 def _gains(
-    gathered: Gathered, fitted: Fitted, recorded: Recorded, way: str, radius: float
+    gathered: Gathered, recorded: Recorded, way: str, radius: float
 ) -> tuple[Survey | None, Gains]:
     if recorded.contacts is None and recorded.listeners is None:
         outputs = gathered.in_one_point()
         return None, SinglePoint(outputs=outputs, centre=recorded.centre)
-    survey = gathered.survey(recorded, fitted.frequencies)
+    survey = gathered.survey(recorded)
     if way == "table":
         return survey, TimbreTable.of(survey)
     return survey, TimbreField.of(survey, radius=radius)

@@ -20,6 +20,9 @@ Index = NDArray[np.int64]
 
 _FINEST = 1e-6
 """No gain is known better than this, as a share of the largest of its mode."""
+_MOST_GROWN = 1.0
+"""A mode that has died away by more nepers before its hit is fitted is hardly known at the hit."""
+_SLOWEST = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,6 +33,8 @@ class Gathered:
     ----------
     gains, errors : array (n, M)
         Complex gains and their standard errors.
+    poles : array (M,), complex
+        1/s.
     hits, takes, channels : array (n,)
         What each row belongs to; hits count on from take to take.
     arrivals : array (n,)
@@ -40,6 +45,7 @@ class Gathered:
 
     gains: Complex
     errors: Array
+    poles: Complex
     hits: Index
     takes: Index
     channels: Index
@@ -53,23 +59,31 @@ class Gathered:
         arrived = arrivals(fitted, recorded)
         later = np.array([row.time for row in rows]) - arrived
         lead = float(np.median(later))
-        poles = -fitted.decays + 2j * np.pi * fitted.frequencies
-        turned = np.exp(-np.outer(later - lead, poles))
-        numbers = {(row.take, row.hit): None for row in rows}
-        order = {hit: number for number, hit in enumerate(numbers)}
+        growth = np.outer(later - lead, fitted.decays)
+        turns = np.outer(later - lead, 2 * np.pi * fitted.frequencies)
+        turned = np.exp(np.minimum(growth, _MOST_GROWN) - 1j * turns)
         gains = np.asarray(fitted.gains * turned, np.complex128)
+        errors = fitted.gain_errors * np.abs(turned)
+        errors = np.where(growth > _MOST_GROWN, np.maximum(errors, np.abs(gains)), errors)
         finest = _FINEST * np.maximum(np.abs(gains).max(axis=0, initial=0.0), 1e-300)
+        hits = list(dict.fromkeys((row.take, row.hit) for row in rows))
         return cls(
             gains=gains,
-            errors=np.maximum(fitted.gain_errors * np.abs(turned), finest),
-            hits=np.array([order[row.take, row.hit] for row in rows]),
+            errors=np.maximum(errors, finest),
+            poles=-fitted.decays + 2j * np.pi * fitted.frequencies,
+            hits=np.array([hits.index((row.take, row.hit)) for row in rows]),
             takes=np.array([row.take for row in rows]),
             channels=np.array([row.channel for row in rows]),
             arrivals=arrived,
             lead=lead,
         )
 
-    def survey(self, recorded: Recorded, frequencies: Array) -> Survey:
+    @property
+    def energies(self) -> Array:
+        """Energies (n, M) that modes have over their time."""
+        return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _SLOWEST))
+
+    def survey(self, recorded: Recorded) -> Survey:
         """Return what was recorded of contacts, listeners, or both.
 
         Where nobody told the listeners, the microphone counts as one place 1 m away; where nobody
@@ -83,14 +97,14 @@ class Gathered:
         told = self if recorded.listeners is not None else self.in_one_channel()
         places, contact = _contacts(recorded, told.takes)
         microphones, listener = _listeners(recorded, told)
-        gains, errors = aligned(told.gains, told.errors, told.hits, contact, listener, frequencies)
+        gains, errors = aligned(told.gains, told.errors, told.hits, contact, listener, told.poles)
         pairs, gains, errors = averaged(gains, errors, np.stack([contact, listener], axis=1))
         return Survey(
             contacts=places,
             listeners=microphones,
             pairs=pairs,
             gains=gains,
-            frequencies=frequencies,
+            frequencies=told.poles.imag / (2 * np.pi),
             errors=errors,
             centre=recorded.centre,
             symmetry=recorded.symmetry,
@@ -112,20 +126,19 @@ class Gathered:
                 f"takes have {counts.min()} and {counts.max()} channels, and nobody told where "
                 "their microphones were: give listeners, or the same number of channels in all"
             )
-        channels = [self.channels == channel for channel in np.unique(self.channels)]
-        energies = np.stack([(np.abs(self.gains[own]) ** 2).sum(axis=0) for own in channels])
+        rows = np.argsort(self.hits, kind="stable").reshape(len(counts), -1)  # of a hit in order
+        energies = self.energies[rows].sum(axis=0)
         best, modes = energies.argmax(axis=0), np.arange(self.gains.shape[1])
         level = np.sqrt(energies.mean(axis=0) / np.maximum(energies[best, modes], 1e-300))
-        first = channels[0]
-        chosen = [np.stack([each[own] for own in channels]) for each in (self.gains, self.errors)]
-        gains, errors = (each[best, :, modes].T * level for each in chosen)
+        chosen = rows[:, best], modes
         return Gathered(
-            gains=gains,
-            errors=np.asarray(errors, np.float64),
-            hits=self.hits[first],
-            takes=self.takes[first],
-            channels=self.channels[first],
-            arrivals=self.arrivals[first],
+            gains=self.gains[chosen] * level,
+            errors=self.errors[chosen] * level,
+            poles=self.poles,
+            hits=self.hits[rows[:, 0]],
+            takes=self.takes[rows[:, 0]],
+            channels=self.channels[rows[:, 0]],
+            arrivals=self.arrivals[rows[:, 0]],
             lead=self.lead,
         )
 
@@ -141,12 +154,15 @@ class Gathered:
             When takes have different numbers of channels.
         """
         one = self.in_one_channel()
-        energies = (np.abs(one.gains) ** 2).sum(axis=1)
-        loudest = one.gains[energies.argmax()]
+        energies = one.energies.sum(axis=1)
+        loudest = int(energies.argmax())
         shares = np.abs(one.gains) ** 2 / energies[:, None]
-        sizes = np.sqrt(shares.mean(axis=0) * energies.max())
-        phases = np.where(loudest == 0, 1.0, loudest / np.maximum(np.abs(loudest), 1e-300))
-        return np.asarray(sizes * phases, np.complex128)
+        sure = one.errors < np.abs(one.gains)
+        sure[loudest] |= ~sure.any(axis=0)
+        mean = (shares * sure).sum(axis=0) / sure.sum(axis=0)
+        turns = one.gains[loudest] / np.maximum(np.abs(one.gains[loudest]), 1e-300)
+        phases = np.where(one.gains[loudest] == 0, 1.0, turns)
+        return np.asarray(np.sqrt(mean * energies[loudest]) * phases, np.complex128)
 
 
 def _contacts(recorded: Recorded, takes: Index) -> tuple[Array, Index]:

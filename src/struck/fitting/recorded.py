@@ -14,6 +14,7 @@ from struck.errors import OptionError, RecordingError
 from struck.progress import Progress, silent
 from struck.recordings.fields.survey import SYMMETRIES
 from struck.recordings.manifests.manifest import NAME, Manifest, read_manifest
+from struck.recordings.takes.force import force_channels
 from struck.recordings.takes.take import Take
 from struck.sound import Sound
 
@@ -34,7 +35,8 @@ class Recorded:
     contacts : array (takes, D) or None
         Coordinates u, or u and v, of what was struck; None where nobody told.
     listeners : tuple of arrays (channels, 3) or None
-        Body coordinates of the microphones of each take, m; None where nobody told.
+        Body coordinates of the microphones of each take, m; None where nobody told. Channels that
+        hold a force need none.
     coordinates : tuple of str
         Names and units of a contact's coordinates.
     centre : array (3,)
@@ -58,8 +60,11 @@ class Recorded:
     def __post_init__(self) -> None:
         if self.symmetry not in SYMMETRIES:
             raise OptionError(f"symmetry is {self.symmetry!r}: give one of {', '.join(SYMMETRIES)}")
+        if self.centre.shape != (3,) or not np.isfinite(self.centre).all():
+            raise OptionError(f"centre is {self.centre.tolist()}: give x, y, z, m")
         _require_contacts(self)
-        _require_listeners(self)
+        if self.listeners is not None:
+            object.__setattr__(self, "listeners", tuple(_of_all_channels(self)))
 
     def distance(self, take: int, channel: int) -> float:
         """Return how far from the centre a channel listened, m; 1 where nobody told."""
@@ -88,7 +93,7 @@ class Recorded:
         FileFormatError, RecordingError
             When a file cannot be read, holds nothing to fit, or has no entry in the manifest.
         """
-        several = [recordings] if isinstance(recordings, _ONE) else list(recordings)
+        several = _several(recordings)
         told = _manifest(several, manifest)
         if told is None:
             takes = tuple(_taken(several, progress))
@@ -97,7 +102,7 @@ class Recorded:
                 contacts=None if contacts is None else _columns(contacts),
                 listeners=None if listeners is None else _microphones(listeners, takes),
                 coordinates=() if contacts is None else ("u", "v")[: _columns(contacts).shape[1]],
-                centre=np.zeros(3) if centre is None else np.asarray(centre, np.float64),
+                centre=np.zeros(3) if centre is None else _numbers("centre", centre),
                 symmetry=symmetry or "none",
             )
         if contacts is not None or listeners is not None:
@@ -121,7 +126,7 @@ class Recorded:
             contacts=contacts if manifest.has_contacts else None,
             listeners=listeners if manifest.has_listeners else None,
             coordinates=manifest.coordinates or ("u", "v")[: contacts.shape[1]],
-            centre=np.asarray(manifest.centre if centre is None else centre, np.float64),
+            centre=_numbers("centre", manifest.centre if centre is None else centre),
             symmetry=symmetry or manifest.symmetry,
         )
 
@@ -133,6 +138,10 @@ def _manifest(
     if not recordings:
         raise OptionError("there are no recordings: give at least one")
     files = [each for each in recordings if isinstance(each, str | os.PathLike)]
+    paths = [Path(each).resolve() for each in files]
+    twice = [str(path) for path in paths if paths.count(path) > 1]
+    if twice:
+        raise OptionError(f"{twice[0]} is given twice, as if it were two recordings: give it once")
     if manifest is not None:
         if len(files) < len(recordings):
             raise OptionError(f"{manifest} tells of files: give recordings as paths")
@@ -159,8 +168,25 @@ def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take
     progress("reading", 1.0)
 
 
+def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    several = [recordings] if isinstance(recordings, _ONE) else recordings
+    if not isinstance(several, Sequence) or not all(isinstance(each, _ONE) for each in several):
+        raise OptionError(
+            f"recordings are of type {type(recordings).__name__}: give files, or samples as "
+            "struck.Sound(samples=..., sample_rate=...), one or several"
+        )
+    return list(several)
+
+
+def _numbers(name: str, given: ArrayLike) -> Array:
+    try:
+        return np.asarray(given, np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {given!r}: give numbers, as many for each") from error
+
+
 def _columns(contacts: ArrayLike) -> Array:
-    given = np.asarray(contacts, np.float64)
+    given = np.atleast_1d(_numbers("contacts", contacts))
     return given[:, None] if given.ndim == 1 else given
 
 
@@ -190,18 +216,22 @@ def _require_contacts(recorded: Recorded) -> None:
         raise OptionError("a contact is not finite: give numbers")
 
 
-def _require_listeners(recorded: Recorded) -> None:
-    listeners, takes = recorded.listeners, recorded.takes
-    if listeners is None:
-        return
+def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
+    """Yield the places of each take's channels, unknown for those that hold a force."""
+    listeners, takes = recorded.listeners or (), recorded.takes
     if len(listeners) != len(takes):
         raise OptionError(
             f"listeners are given for {len(listeners)} recordings of {len(takes)}: give them for "
             "each, or one place for all"
         )
     for take, places in zip(takes, listeners, strict=True):
-        if places.shape != (take.channels, 3) or not np.isfinite(places).all():
+        sounding = ~force_channels(take)
+        every = np.full((take.channels, 3), np.nan)
+        told = places[sounding] if len(places) == take.channels else places
+        if told.shape != (np.count_nonzero(sounding), 3) or not np.isfinite(told).all():
             raise OptionError(
-                f"listeners of {take.name} have shape {places.shape}, and it has {take.channels} "
-                "channels: give x, y, z for each channel, m"
+                f"listeners of {take.name} have shape {places.shape}, and it has "
+                f"{np.count_nonzero(sounding)} microphones: give x, y, z for each, m"
             )
+        every[sounding] = told
+        yield every

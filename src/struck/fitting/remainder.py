@@ -63,7 +63,8 @@ def _left(
     first = round(what.onset * take.sample_rate)
     last = round(what.time * take.sample_rate) + len(segment)
     original = take.samples[what.channel, first:last]
-    lead = max(0, round((gathered.arrivals[row] + gathered.lead) * take.sample_rate) - first)
+    sets_in = round((gathered.arrivals[row] + gathered.lead) * take.sample_rate) - first
+    lead = int(np.clip(sets_in, 0, round(ATTACK / 2 * take.sample_rate)))
     left = original.copy()
     left[lead:] -= fitted.ringing(row, (first + lead) / take.sample_rate, len(left) - lead)
     return original, left, lead / take.sample_rate

@@ -24,8 +24,10 @@ _ZOOMS = 3
 """So often the best is looked for between its neighbours."""
 _CLEAR = 100.0
 """Energy over that of its standard error from which a gain tells something."""
-_ENOUGH = 4
-"""Fewer modes tell a strength, but not how it falls over frequency."""
+_SURE = 3.0
+"""Gains of so many standard errors tell how loud a hit is."""
+_SCATTER, _SLOPE = 0.05, 1.0
+"""Relative scatter of modes between hits of a contact; usual size of b at the highest mode."""
 _TWO = 2
 """Fewer modes tell no moment."""
 
@@ -36,7 +38,7 @@ def aligned(
     hits: Index,
     contacts: Index,
     listeners: Index,
-    frequencies: Array,
+    poles: Complex,
 ) -> tuple[Complex, Array]:
     """Return gains as if all hits of a contact were the same, and all moments right.
 
@@ -46,8 +48,8 @@ def aligned(
         Complex gains of each recorded channel, and their standard errors.
     hits, contacts, listeners : array (n,)
         Numbers of the hit, the contact and the listener of each.
-    frequencies : array (M,)
-        Hz.
+    poles : array (M,), complex
+        -d + 2 pi i f, 1/s.
 
     Returns
     -------
@@ -55,25 +57,27 @@ def aligned(
 
     Notes
     -----
-    From the loudest hit on, each is compared with those before it that share a listener: with
-    hits of the same contact if there are any, where strength over frequency is a constant times
-    exp(b f^2), else with those of other contacts, whose strengths are left as they are.
+    From the loudest hit on, as far as gains are sure, each is compared with those before it that
+    share a listener: with hits of the same contact if there are any, where strength over frequency
+    is a constant times exp(b f^2), else with those of other contacts, whose strengths are left as
+    they are.
     """
     gains, errors = gains.copy(), errors.copy()
+    frequencies = poles.imag / (2 * np.pi)
     late = np.zeros(len(gains))
     leaders = hits.copy()
-    for first, second in _compared(gains, hits, contacts, listeners):
+    for first, second in _compared(gains, errors, hits, contacts, listeners):
         own = np.flatnonzero(hits == hits[second[0]])
         repeated = contacts[first[0]] == contacts[second[0]]
         delay = _delay(gains, errors, first, second, frequencies, turned=not repeated)
         late[own], leaders[own] = delay, leaders[first[0]]
-        gains[own] *= np.exp(2j * np.pi * frequencies * delay)
+        gains[own] *= np.exp(poles * delay)
         if repeated:
             strength = _strength(gains, errors, first, second, frequencies)
             gains[own] /= strength
             errors[own] /= strength
     usual = _usual_delays(late, hits, leaders)
-    return gains * np.exp(-2j * np.pi * frequencies * usual[:, None]), errors
+    return gains * np.exp(-poles * usual[:, None]), errors
 
 
 def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
@@ -90,14 +94,14 @@ def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
 
 
 def _compared(
-    gains: Complex, hits: Index, contacts: Index, listeners: Index
+    gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
 ) -> Iterator[tuple[Index, Index]]:
     """Yield rows of hits that are known, and those of another at the same listeners."""
-    energies = (np.abs(gains) ** 2).sum(axis=1)
+    energies = np.where(np.abs(gains) > _SURE * errors, np.abs(gains) ** 2, 0.0).sum(axis=1)
     numbers = np.unique(hits)
     loudness = [energies[hits == number].sum() for number in numbers]
     known: list[int] = []
-    for number in numbers[np.argsort(loudness)[::-1]]:
+    for number in numbers[np.argsort(loudness, kind="stable")[::-1]]:
         own = np.flatnonzero(hits == number)
         shared = [row for row in known if listeners[row] in listeners[own]]
         alike = [row for row in shared if contacts[row] == contacts[own[0]]]
@@ -142,19 +146,28 @@ def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple
 def _strength(
     gains: Complex, errors: Array, first: Index, second: Index, frequencies: Array
 ) -> Array:
-    """Return the second hit's strength over the first's (M,), smooth over frequency."""
+    """Return the second hit's strength over the first's (M,), smooth over frequency.
+
+    Beyond the highest mode that tells it, it stays as it is there.
+    """
     ratios, clear = _ratios(gains, errors, first, second)
     kept = (clear > 0) & (ratios != 0)
     if not kept.any():
-        return np.ones(len(frequencies))
+        return np.full(len(frequencies), _overall(gains[first], gains[second]))
     squares = (frequencies / frequencies.max()) ** 2
-    columns = np.stack([np.ones_like(squares), squares], axis=1)
-    if np.count_nonzero(kept) < _ENOUGH:
-        columns = columns[:, :1]
-    weights = np.sqrt(clear[kept])
+    columns = np.stack([np.ones_like(squares), np.minimum(squares, squares[kept].max())], axis=1)
+    # Modes scatter by more than noise: nobody strikes the same spot twice.
+    weights = np.sqrt(np.minimum(clear[kept], 1 / _SCATTER**2))
     levels = weights * np.log(np.abs(ratios[kept]))
-    slopes, *_ = np.linalg.lstsq(columns[kept] * weights[:, None], levels, rcond=None)
+    design = np.vstack([columns[kept] * weights[:, None], [0.0, 1 / _SLOPE]])
+    slopes, *_ = np.linalg.lstsq(design, np.append(levels, 0.0), rcond=None)
     return np.exp(columns @ slopes)
+
+
+def _overall(first: Complex, second: Complex) -> float:
+    """Return the ratio of the strengths of all modes together; 1 where either is silent."""
+    one, other = np.linalg.norm(first), np.linalg.norm(second)
+    return float(other / one) if one and other else 1.0
 
 
 def _delay(

@@ -111,6 +111,8 @@ def _numbered(rows: list[Row], takes: list[Take]) -> list[Row]:
 def _hits(takes: list[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
     if onsets is None:
         return [find_hits(take) for take in takes]
+    if np.ndim(onsets) == 0 or any(np.ndim(own) == 0 for own in onsets):
+        raise OptionError(f"onsets are {onsets!r}: give a sequence of times for each take, s")
     if len(onsets) != len(takes):
         raise OptionError(f"onsets of {len(onsets)} takes, and {len(takes)} takes: give one each")
     return [list(_given(take, sorted(own))) for take, own in zip(takes, onsets, strict=True)]
@@ -123,6 +125,8 @@ def _given(take: Take, times: list[float]) -> Iterator[Hit]:
             f"onset {wrong[0]} s lies outside {take.name}, 0 to {take.duration:.3f} s"
         )
     samples = [round(time * take.sample_rate) for time in times]
+    if len(set(samples)) < len(samples):
+        raise OptionError(f"onsets {times} of {take.name} name one moment twice: name each once")
     for first, last in zip(samples, [*samples, take.samples.shape[1]][1:], strict=True):
         yield hit_at(take, first, last)
 

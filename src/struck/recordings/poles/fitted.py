@@ -98,6 +98,9 @@ def fitted_of(
     if surrounding.any():
         tones = ", ".join(f"{each:.1f}" for each in heard.frequencies[surrounding])
         notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
+    endless = np.count_nonzero((errors.decays > heard.decays) & ~surrounding)
+    if endless:
+        notes = [*notes, f"{endless} modes ring for longer than the takes can tell: record longer"]
     own = heard.of(~surrounding)
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]

@@ -115,7 +115,7 @@ def _proven(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -
     noisy = segments if budget else _noisier(segments, ringing)
     proven = weeded(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
-        proven = refine(segments, proven, sweeps=2, steps=4)
+        proven = weeded(noisy, refine(segments, proven, sweeps=2, steps=4))
     return with_best_gains(segments, proven).by_frequency()
 
 

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 
 from struck.recordings.poles.block import Block, misfit
 from struck.recordings.poles.groups import overlaps
-from struck.recordings.poles.prune import significance
+from struck.recordings.poles.prune import energies, significance
 from struck.recordings.poles.refine import settle
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
-Index = NDArray[np.int64]
-
 _WEAK = 0.1
 """Of the amplitude of a mode that it overlaps with."""
+_ALIKE, _LOUD = 0.03, 2.0
+"""A mode of which others can stand for all but this share of its energy, and so many times as loud
+as the loudest sample, is there to cancel them."""
 _COMPANY, _CLOSE = 6, 0.02
 _STEPS = 12
 _PROVEN = 1e-5
@@ -43,13 +44,26 @@ def weeded(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
         Neighbours of what went are refined, with new gains.
     """
     duration = max(segment.duration for segment in segments)
+    ringing = _uncrowded(segments, ringing)
     for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:
         mode = int(np.argmin(np.abs(ringing.poles - pole)))
         close = overlaps(ringing.poles, duration)[mode]
         if ringing.poles[mode] == pole and _is_weak(ringing, mode, close):
-            group = np.argsort(-close)[:_COMPANY]
-            ringing = _without(segments, ringing, mode, group[close[group] > _CLOSE])
+            ringing = _without(segments, ringing, mode)
     return ringing
+
+
+def _uncrowded(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
+    """Drop modes so much alike that gains beyond all that was heard only cancel each other."""
+    peaks = np.concatenate([np.abs(each.samples).max(axis=1) for each in segments])
+    while True:
+        _, shares = energies(segments, ringing)
+        loud = (np.abs(ringing.gains) > _LOUD * peaks[:, None]).any(axis=0)
+        alike = np.flatnonzero(loud & (shares < _ALIKE))
+        if not alike.size:
+            return ringing
+        mode = int(alike[np.argmin(shares[alike])])
+        ringing = _without(segments, ringing, mode, needed=False)
 
 
 def _is_weak(ringing: Ringing, mode: int, close: NDArray[np.float64]) -> bool:
@@ -57,15 +71,20 @@ def _is_weak(ringing: Ringing, mode: int, close: NDArray[np.float64]) -> bool:
     return bool((sizes[mode] < _WEAK * sizes[close > _CLOSE]).any())
 
 
-def _without(segments: Sequence[Segment], ringing: Ringing, mode: int, group: Index) -> Ringing:
-    """Drop a mode of a group if the others, refined without it, lose no more than noise."""
+def _without(
+    segments: Sequence[Segment], ringing: Ringing, mode: int, *, needed: bool = True
+) -> Ringing:
+    close = overlaps(ringing.poles, max(segment.duration for segment in segments))[mode]
+    group = np.argsort(-close)[:_COMPANY]
+    group = group[close[group] > _CLOSE]
     blocks = [Block.cleared(segment, ringing, group) for segment in segments]
     rest = group[group != mode]
-    _, whole = settle(blocks, ringing.poles[group], _STEPS)
     moved, fewer = settle(blocks, ringing.poles[rest], _STEPS)
-    lost = sum(each.cost for each in fewer) - sum(each.cost for each in whole)
-    if lost > misfit(whole) * significance(len(ringing.gains) + 1, _PROVEN):
-        return ringing
+    if needed:
+        _, whole = settle(blocks, ringing.poles[group], _STEPS)
+        lost = sum(each.cost for each in fewer) - sum(each.cost for each in whole)
+        if lost > misfit(whole) * significance(len(ringing.gains) + 1, _PROVEN):
+            return ringing
     poles, gains = ringing.poles.copy(), ringing.gains.copy()
     poles[rest] = moved
     for block, each in zip(blocks, fewer, strict=True):
