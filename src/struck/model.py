@@ -214,11 +214,10 @@ class ModalModel:
         Raises
         ------
         MaterialError
-            When the damping is unknown, or none of its modes can ring that low.
+            When none of its modes can ring that low.
         """
-        if self.material is None:
-            raise MaterialError("this model's material, and so its damping, is unknown")
-        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, self.material.damping))
+        own = Each(rates=self.decays[0]) if self.material is None else self.material.damping
+        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
 
     def made_of(self, material: Material | str) -> ModalModel:
         """Return the same body of another isotropic material.

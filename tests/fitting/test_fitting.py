@@ -272,6 +272,8 @@ def test_a_larger_recorded_body_rings_lower_and_keeps_its_contacts(bar: Fitting)
     assert larger.natural_frequencies == pytest.approx(bar.model.natural_frequencies / 2)
     assert larger.decays == pytest.approx(bar.model.decays)
     assert np.all(larger.frequencies < larger.natural_frequencies)
+    tuned = bar.model.tuned(lowest=200.0)
+    assert tuned.frequencies[0] == pytest.approx(200.0, rel=1e-6)
     assert larger.contact(None).point == pytest.approx(bar.model.contact(None).point)
 
 
@@ -334,6 +336,8 @@ def test_what_is_not_modal_is_fitted_when_somebody_insists() -> None:
     ("options", "message"),
     [
         ({"way": "cloud"}, "way is 'cloud'"),
+        ({"way": "table"}, "way says how gains differ from place to place"),
+        ({"symmetry": "axial"}, "symmetry says how"),
         ({"method": "magic"}, "method is 'magic'"),
         ({"radius": -1.0}, "radius is -1"),
         ({"modes": 0}, "modes is 0"),

@@ -120,6 +120,7 @@ def fit_recordings(
         centre=centre,
         progress=progress,
     )
+    _require_use(recorded, way, radius)
     stages = Stages(cache=opened(choice=cache), progress=progress)
     given = {"method": method, "budget": modes, "onsets": onsets}
     takes = fingerprint([(take.samples, take.sample_rate) for take in recorded.takes])
@@ -141,6 +142,18 @@ def _require(way: str, radius: float, modes: int | None) -> None:
         raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
     if not (np.isfinite(radius) and radius >= 0):
         raise OptionError(f"radius is {radius}: that of a ball that holds the body, m, at least 0")
+
+
+def _require_use(recorded: Recorded, way: str, radius: float) -> None:
+    if recorded.contacts is not None or recorded.listeners is not None:
+        return
+    idle = {"way": way != "field", "radius": radius > 0, "symmetry": recorded.symmetry != "none"}
+    given = [name for name, asked in idle.items() if asked]
+    if given:
+        raise OptionError(
+            f"{given[0]} says how gains differ from place to place, and nobody told the places: "
+            "give contacts, listeners or a manifest"
+        )
 
 
 def _refusal(fitted: Fitted, recorded: Recorded) -> str:
@@ -222,7 +235,7 @@ def _provenance(
     details: dict[str, object] = {
         "recordings": len(recorded.takes),
         "hits": hits,
-        "channels": len(fitted.rows),
+        "channels": int(np.bincount(gathered.hits).max()),
         "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
         "rank_error": _middle(getattr(gains, "rank_errors", None)),
     }

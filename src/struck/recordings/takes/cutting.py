@@ -19,7 +19,8 @@ from struck.recordings.takes.take import Take
 Array = NDArray[np.float64]
 
 _QUANTUM = 1e-5
-"""Of the peak: no recording is taken to be quieter than 16 bits can tell."""
+"""Of the peak: no recording is taken to be quieter."""
+_LOOKED_AT = 65536
 _SHORTEST, _LONGEST = 0.05, 30.0
 _SPOILT = 0.05
 """So long after its onset a hit may be clipped, s."""
@@ -130,7 +131,7 @@ def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
 
 def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch]:
     before = lead_in(take, hits)
-    floor = (_QUANTUM * float(np.abs(take.samples).max())) ** 2
+    floor = max((_QUANTUM * float(np.abs(take.samples).max())) ** 2, _step(take) ** 2 / 12)
     quiet = before if before.shape[1] else take.samples
     measure = Noise.heard_in if before.shape[1] else Noise.quietest
     noise = measure(quiet, take.sample_rate, floor)
@@ -151,6 +152,13 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
                 before=before,
                 sample_rate=take.sample_rate,
             )
+
+
+def _step(take: Take) -> float:
+    """Return the least difference between samples: that of 16 bits makes noise of its own."""
+    middle = int(np.abs(take.samples).max(axis=0).argmax())
+    values = np.unique(take.samples[:, max(0, middle - _LOOKED_AT // 8) :][:, :_LOOKED_AT])
+    return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
 
 
 def _loudness(take: Take, hit: Hit) -> float:
