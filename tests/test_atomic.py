@@ -146,3 +146,28 @@ def closed_folder() -> Iterator[Path]:
 def test_folder_without_permission_is_named(closed_folder: Path) -> None:
     with pytest.raises(FileFormatError, match=r"allows no new files.*another folder"):
         atomic.write_bytes(closed_folder / "a.bin", b"x")
+
+
+def test_a_file_that_is_read_is_not_written(tmp_path: Path) -> None:
+    """By whatever name it goes: another way there, a symbolic link, a hard link."""
+    read = tmp_path / "tap.wav"
+    read.write_bytes(b"a sound")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "soft.wav").symlink_to("tap.wav")
+    os.link(read, tmp_path / "hard.wav")
+    for name in ("tap.wav", "folder/../tap.wav", "soft.wav", "hard.wav"):
+        with pytest.raises(FileFormatError, match=r"tap\.wav,? is read .* another name"):
+            atomic.writable(tmp_path / name, unlike=[tmp_path / "other.wav", read])
+    assert atomic.writable(tmp_path / "new.wav", unlike=[read]) == tmp_path / "new.wav"
+
+
+def test_one_file_is_not_written_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileFormatError, match="another name"):
+        atomic.writable("model.struck", unlike=[tmp_path / "model.struck"])
+    assert atomic.writable("page.html", unlike=["model.struck"]) == Path("page.html")
+
+
+def test_what_is_no_file_at_all_is_unlike_any(tmp_path: Path) -> None:
+    unlike = ["tube:length=0.5", "n" * 300, "\0"]
+    assert atomic.writable(tmp_path / "a.struck", unlike=unlike) == tmp_path / "a.struck"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,45 @@ def test_another_body_is_told(pot: Path, capsys: pytest.CaptureFixture[str]) -> 
     struck.save(other, pot / "other.struck")
     assert main(["calibrate", str(pot / "other.struck"), str(pot / "tap0.wav")]) == 2
     assert "check the shape and its size" in capsys.readouterr().err
+
+
+def never_fitted(*_: object, **__: object) -> None:
+    raise AssertionError("the recordings were fitted first")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["heard.struck", "tap0.wav"], "material is unknown"),
+        (["pot.struck", "tap0.wav", "--size-error", "-1"], "size_error is -1.0"),
+        (["pot.struck", "tap0.wav", "--density", "-1"], "density"),
+        (["pot.struck", "tap0.wav", "--corrected", "tap0.wav"], "models end in .struck"),
+        (["pot.struck", "heard.struck", "--corrected", "heard.struck"], "another name"),
+        (["pot.struck", "tap0.wav", "--corrected", "pot.struck"], "another name"),
+    ],
+)
+def test_what_cannot_be_is_told_before_anything_is_fitted(
+    pot: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    message: str,
+) -> None:
+    struck.save(replace(plate("steel"), material=None), pot / "heard.struck")
+    before = {path: path.read_bytes() for path in pot.iterdir()}
+    monkeypatch.chdir(pot)
+    monkeypatch.setattr(struck, "fit", never_fitted, raising=False)
+    assert main(["calibrate", *words]) == 2
+    assert message in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in pot.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["Taps.STRUCK", "taps.sofa"])
+def test_one_fitted_model_is_as_good_as_recordings(
+    pot: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    pytest.importorskip("h5py")
+    struck.save(struck.fit(pot / "tap0.wav"), pot / name)
+    assert main(["calibrate", str(pot / "pot.struck"), str(pot / name), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["specific_stiffness"] == pytest.approx(2.05e11 / 7850, rel=2e-3)

@@ -242,3 +242,32 @@ def test_every_command_shows_an_example(capsys: pytest.CaptureFixture[str]) -> N
             main([command, "--help"])
         assert stop.value.code == 0
         assert f"example:\n  struck {command}" in capsys.readouterr().out
+
+
+def test_no_command_overwrites_what_it_reads(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tube = "tube:length=0.5,radius=0.0125,wall=0.001"
+    assert _analyze(tube, "--material", "aluminium", "-o", "tube.struck") == 0
+    _exported(CUBE, "body.stl")
+    (folder / "walk.csv").write_text("0,0,1,0\n1,1,0,0\n")
+    (folder / "field.sofa").write_bytes(b"gains")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    for words in (
+        ["analyze", "body.stl", "--material", "steel", "-o", "body.stl"],
+        ["render", "tube.struck", "-o", "tube.struck"],
+        ["render", "tube.struck", "--walk", "walk.csv", "-o", "walk.csv"],
+        ["show", "tube.struck", "-o", "tube.struck"],
+        ["sound-map", "tube.struck", "-o", "tube.struck"],
+        ["sound-map", "tube.struck", "--parameters", "tube.struck"],
+        ["sound-map", "tube.struck", "-o", "map.png", "--parameters", "./map.png"],
+        ["export", "field.sofa"],
+        ["export", "tube.struck", "-o", "tube.struck"],
+        ["compare", "tube.struck", "tube.struck", "-o", "tube.struck"],
+    ):
+        assert main(words) == 2, words
+        told = capsys.readouterr().err
+        assert "another name" in told or "end in" in told, words
+        assert told.count("\n") == 1
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -99,4 +99,15 @@ def test_what_cannot_be_compared_is_refused(body: Path, tmp_path: Path) -> None:
         struck_compare(model, real, "-o", tmp_path / "nowhere" / "page.html")
     with pytest.raises(FileFormatError):
         struck_compare(model, tmp_path / "nothing.wav")
+    with pytest.raises(OptionError, match=r"is no model, and .* give the model first"):
+        struck_compare(real, model)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("body", ["bar"], indirect=True)
+@pytest.mark.parametrize("name", ["model.struck", "real.wav"])
+def test_no_page_replaces_what_is_compared(body: Path, name: str) -> None:
+    before = (body / name).read_bytes()
+    with pytest.raises(FileFormatError, match="another name"):
+        struck_compare(body / "model.struck", body / "real.wav", "-o", body / name)
+    assert (body / name).read_bytes() == before

@@ -11,6 +11,7 @@ import pytest
 
 import struck
 from struck.cli import main
+from struck.errors import FileFormatError
 from tests.fitting.strings import FREQUENCIES, hit, sound
 from tests.recordings.sounds import cymbal
 
@@ -78,6 +79,8 @@ def test_all_modes_may_be_asked_for(taps: list[str], tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["--modes", "many"], "--modes is 'many'"),
+        (["--modes", "²"], "--modes is '²'"),
+        (["--modes", "0"], "--modes is '0': give a whole number of at least 1, or all"),
         (["--way", "cloud"], "way is 'cloud'"),
         (["--report", "nowhere/page.html"], "no folder nowhere"),
         (["--manifest", "none.csv"], "none.csv"),
@@ -123,3 +126,68 @@ def test_a_damaged_file_writes_nothing(
     assert "Traceback" not in told
     assert not output.exists()
     assert not (tmp_path / "page.html").exists()
+
+
+def test_no_input_is_overwritten(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "takes").mkdir()
+    (tmp_path / "takes" / "manifest.toml").write_text("[[takes]]\nfile = '../tap2.wav'\n")
+    model = tmp_path / "mug.struck"
+    manifest = tmp_path / "takes.csv"
+    for words in (
+        [*taps, "-o", taps[0]],
+        [taps[1], "-o", taps[0]],
+        [*taps, "-o", model, "--report", taps[1]],
+        [*taps, "-o", model, "--report", model],
+        [*taps, "--manifest", manifest, "-o", model, "--report", manifest],
+        [manifest, "-o", model, "--report", taps[2]],
+        [tmp_path / "takes", "-o", model, "--report", taps[2]],
+        [tmp_path / "takes", "-o", model, "--report", tmp_path / "takes" / "manifest.toml"],
+    ):
+        assert run("fit", *words) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("struck: ")
+        assert told.count("\n") == 1
+    with pytest.raises(FileFormatError, match="another name"):
+        struck.fit(taps, report=taps[2])
+    with pytest.raises(FileFormatError, match="another name"):
+        struck.fit(taps[0], report=Path(taps[0]))
+    after = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert after == before
+
+
+def test_a_manifest_among_files_is_told(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [taps[0], tmp_path / "takes.csv", "-o", tmp_path / "mug.struck"]
+    assert run("fit", *words) == 2
+    assert "takes.csv is a list of recordings, not one" in capsys.readouterr().err
+
+
+def test_the_model_of_this_folder_has_its_name(
+    taps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "mug v2.1"
+    folder.mkdir()
+    Path(taps[0]).rename(folder / "tap.wav")
+    (folder / "manifest.toml").write_text("[[takes]]\nfile = 'tap.wav'\n")
+    monkeypatch.chdir(folder)
+    assert run("fit", ".", "--modes", "4") == 0
+    assert sorted(path.name for path in folder.glob("*.struck")) == ["mug v2.1.struck"]
+
+
+def test_gains_alone_are_written_with_a_word_on_what_they_lack(
+    taps: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("h5py")
+    output = tmp_path / "mug.sofa"
+    assert run("fit", taps[0], "-o", output, "--residual", "--modes", "4") == 0
+    told = capsys.readouterr()
+    assert "without its residual (attack and noise): keep a .struck file as well" in told.err
+    fitted, again = struck.fit(taps[0], modes=4), struck.load(output)
+    assert fitted.cite() == again.cite() != ""
+    assert fitted.errors is not None
+    assert again.errors is not None
+    assert fitted.errors.tolist() == again.errors.tolist()

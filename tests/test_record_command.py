@@ -84,8 +84,11 @@ def test_bad_input_is_named(plan: Path) -> None:
         struck_record()
     with pytest.raises(FileFormatError, match=r"none\.toml cannot be read"):
         struck_record(plan.with_name("none.toml"))
-    with pytest.raises(RecordingError, match=r"contact1_1\.wav cannot be read"):
+    with pytest.raises(RecordingError, match=r"files called contact1_1\.wav, contact2_1\.wav$"):
         struck_record(plan, "--simulate", plan.parent)
+    (plan.parent / "simulated" / "contact2_1.wav").unlink()
+    with pytest.raises(RecordingError, match=r"contact2_1\.wav cannot be read"):
+        struck_record(plan, "--simulate", plan.parent / "simulated")
 
 
 def test_without_portaudio_it_says_what_to_install(

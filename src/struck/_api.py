@@ -45,7 +45,13 @@ def save(
     FileFormatError
         When the folder is missing or cannot be written.
     OptionError
-        On contacts or listeners for a ``.struck`` file, or none for a computed model's SOFA file.
+        On another ending, on contacts or listeners for a ``.struck`` file, or none for a computed
+        model's SOFA file.
+
+    Warns
+    -----
+    LossWarning
+        When the model has what a ``.sofa`` file cannot hold: a residual, a shape, a material.
     """
     from struck.files import any_model
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.arguments import body_named, material_named, numbers
-from struck.atomic import writable
 from struck.command import Result, command
 from struck.errors import OptionError
+from struck.files.any_model import model_path
 from struck.progress import TerminalProgress
 from struck.shape_arguments import add_shape, shape_named
 from struck.tables import HEADINGS, aligned, modes_rows
@@ -65,7 +65,8 @@ def declare_analyze(commands: argparse._SubParsersAction) -> None:
 
 def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     body, name = _body(options)
-    output = writable(options.output or f"{name}.struck")
+    read = [] if options.body is None else [options.body]
+    output = model_path(options.output or f"{name}.struck", unlike=read)
     fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
     same = ("units", "size", "repair", "part", "up", "accuracy", "cache", "radiation", "method")
     model = struck.analyze(

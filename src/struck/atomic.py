@@ -57,20 +57,44 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         ) from error
 
 
-def writable(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file to write, refused before any work when its folder is missing.
+def writable(
+    path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
+) -> Path:
+    """Return the path of a file to write, refused before any work when that cannot do.
+
+    Parameters
+    ----------
+    path : path
+    unlike : iterable of paths
+        Files that the same work reads, or writes too: it must be none of them.
 
     Raises
     ------
     FileFormatError
-        When the folder is missing or the path is a folder.
+        When the folder is missing, the path is a folder, or it is one of those files by whatever
+        name.
     """
     target = Path(path)
     if target.is_dir():
         raise FileFormatError(f"{target} is a folder: give the name of a file in it")
     if not target.parent.is_dir():
         raise FileFormatError(f"there is no folder {target.parent}: make it first")
+    for other in unlike:
+        if _same(target, Path(other)):
+            same = "" if str(target) == str(other) else f", that is {other},"
+            raise FileFormatError(
+                f"{target}{same} is read or written as well, and would be replaced: give another "
+                "name"
+            )
     return target
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Tell whether two names stand for one file, also where it does not exist yet."""
+    try:
+        return os.path.realpath(one) == os.path.realpath(other) or one.samefile(other)
+    except (OSError, ValueError):
+        return False
 
 
 def sweep(folder: Path) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import struck
-from struck.atomic import writable
 from struck.command import Result, command
+from struck.files.any_model import is_model, model_path
 from struck.progress import TerminalProgress
 
 if TYPE_CHECKING:
@@ -36,10 +36,15 @@ def declare_calibrate(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    from struck.recordings.calibration import calibrated, corrected
+    from struck.recordings.calibration import calibrated, corrected, inferable
 
-    output = writable(options.corrected) if options.corrected else None
+    output = None
+    if options.corrected:
+        output = model_path(options.corrected, unlike=[options.model, *options.recordings])
     model = struck.load(options.model)
+    known = inferable(model, options.size_error)
+    if options.density is not None:
+        replace(known, density=options.density)  # refuses what no solid has
     fitted = _fitted(options.recordings, progress)
     found = calibrated(fitted, model, size_error=options.size_error)
     lines = [*found.summary(), f"--material {_as_argument(found, options.density)}"]
@@ -63,7 +68,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 
 def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalModel:
-    if len(recordings) == 1 and Path(recordings[0]).suffix == ".struck":
+    if len(recordings) == 1 and is_model(recordings[0]):
         return struck.load(recordings[0])
     return struck.fit(recordings, modes=None, progress=progress)
 

@@ -110,7 +110,9 @@ def _show(commands: argparse._SubParsersAction) -> None:
 
 
 def _run_show(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
-    output = writable(options.output or Path(options.model).with_suffix(".png"))
+    output = writable(
+        options.output or Path(options.model).with_suffix(".png"), unlike=[options.model]
+    )
     struck.show(struck.load(options.model), output)
     return Result(f"wrote {output}", output=str(output))
 
@@ -136,7 +138,8 @@ def _render(commands: argparse._SubParsersAction) -> None:
 
 
 def _run_render(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    output = writable(options.output or Path(options.model).with_suffix(".wav"))
+    read = filter(None, (options.model, options.walk, options.hrtf))
+    output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
     model = struck.load(options.model)
     progress("render", 0.0)
     sound = struck.render(

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from struck.cache import CacheWarning
-from struck.errors import RepairWarning
+from struck.errors import LossWarning, RepairWarning
 from struck.progress import TerminalProgress
 
 
@@ -53,9 +53,12 @@ def command(
     return parser
 
 
+_TOLD = (CacheWarning, LossWarning, RepairWarning)
+
+
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Tell repairs and trouble with the cache as the shell tells all: in one line, without code."""
+    """Tell what a person should know as the shell tells all: in one line, without code."""
     shown = warnings.showwarning
 
     def tell(
@@ -66,13 +69,13 @@ def warnings_in_one_line() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        if issubclass(category, CacheWarning | RepairWarning):
+        if issubclass(category, _TOLD):
             sys.stderr.write(f"struck: {message}\n")
         else:
             shown(message, category, filename, lineno, file, line)
 
     with warnings.catch_warnings():
-        for category in (CacheWarning, RepairWarning):
+        for category in _TOLD:
             warnings.simplefilter("always", category)
         warnings.showwarning = tell
         yield

@@ -12,7 +12,9 @@ import struck
 from struck.arguments import numbers, place
 from struck.atomic import writable
 from struck.command import Result, command
+from struck.errors import OptionError
 from struck.excitation.strike import Strike
+from struck.files.any_model import is_model
 from struck.progress import TerminalProgress
 
 if TYPE_CHECKING:
@@ -47,7 +49,9 @@ def declare_compare(commands: argparse._SubParsersAction) -> None:
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.comparison.comparing import compare
 
-    output = None if options.output is None else writable(options.output)
+    read = [options.model, options.other]
+    _require_order(*read)
+    output = None if options.output is None else writable(options.output, unlike=read)
     found = compare(
         struck.load(options.model),
         options.other,
@@ -63,6 +67,14 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         lines.append(f"wrote {output}")
         written = {"output": str(output)}
     return Result("\n".join(lines), **_facts(found), **written)
+
+
+def _require_order(model: str, other: str) -> None:
+    if is_model(other) and not is_model(model):
+        raise OptionError(
+            f"{model} is no model, and {other} is: give the model first, as `struck compare "
+            f"{other} {model}`"
+        )
 
 
 def _facts(found: Comparison) -> dict[str, object]:

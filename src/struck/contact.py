@@ -77,8 +77,7 @@ class Contact:
             raise ContactError(f"no place is called {at!r}: give one of {', '.join(places)}")
         point = np.asarray(places[at] if isinstance(at, str) else at, dtype=np.float64)
         if point.shape != (len(coordinates),) or not np.isfinite(point).all():
-            axes = ", ".join(coordinates) or "none"
-            raise ContactError(f"contact is {at!r}: give a finite number for each of {axes}")
+            raise ContactError(f"contact is {at!r}: {_choice(coordinates, places)}")
         return cls(point=point, direction=np.zeros(3), normal=np.zeros(3), distance=0.0)
 
 
@@ -103,7 +102,7 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
         place = np.asarray(at, dtype=np.float64)
         return raised(mesh, place) if place.shape == (axes,) != (3,) else place
     kind, _, number = at.partition(":")
-    if kind == "vertex" and number.isdigit() and int(number) < len(mesh.points):
+    if kind == "vertex" and number.isdecimal() and int(number) < len(mesh.points):
         return mesh.points[int(number)]
     if at not in places:
         raise ContactError(
@@ -111,6 +110,14 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
             f"vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
         )
     return places[at]
+
+
+def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
+    """Return which contacts of a recorded body can be asked for."""
+    names = ", ".join(map(repr, places))
+    if not coordinates:
+        return f"it was recorded at one place, and nobody told where: strike {names or 'nothing'}"
+    return f"give a finite number for each of {', '.join(coordinates)}"
 
 
 def _three(values: object, name: str) -> Array:

@@ -55,5 +55,9 @@ class MissingDependencyError(StruckError, ImportError):
     """An optional package that is not installed."""
 
 
+class LossWarning(UserWarning):
+    """A file was written that cannot keep all of a model: what it leaves out."""
+
+
 class RepairWarning(UserWarning):
     """A surface was repaired: what was wrong with it, and what was changed."""

@@ -10,7 +10,7 @@ from struck.arguments import place
 from struck.atomic import writable
 from struck.command import Result, command
 from struck.errors import OptionError
-from struck.files.any_model import CONVENTIONS, export
+from struck.files.any_model import CONVENTIONS, export, left_out
 from struck.progress import TerminalProgress
 
 
@@ -56,7 +56,9 @@ def declare_export(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    output = writable(options.output or Path(options.model).with_suffix(".sofa"))
+    output = writable(
+        options.output or Path(options.model).with_suffix(".sofa"), unlike=[options.model]
+    )
     listeners = options.listeners
     for each in listeners or ():
         if isinstance(each, str) or len(each) != 3:
@@ -75,6 +77,11 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         author=options.author,
         licence=options.licence,
     )
-    left_out = [f"{lost} modes at or above {options.rate / 2:g} Hz are left out"] * (lost > 0)
-    text = "\n".join([*left_out, f"wrote {output}"])
-    return Result(text, output=str(output), convention=options.convention, left_out=lost)
+    beyond = [f"{lost} modes at or above {options.rate / 2:g} Hz are left out"] * (lost > 0)
+    return Result(
+        "\n".join([*beyond, f"wrote {output}"]),
+        output=str(output),
+        convention=options.convention,
+        left_out=lost,
+        without=list(left_out(model)),
+    )

@@ -12,6 +12,9 @@ from struck.analyze_command import described
 from struck.arguments import numbers
 from struck.atomic import writable
 from struck.command import Result, command
+from struck.errors import OptionError
+from struck.files.any_model import model_path
+from struck.fitting.fit import files_read
 from struck.fitting.fitting import Fitting, fit_recordings
 from struck.progress import TerminalProgress
 
@@ -55,10 +58,10 @@ def declare_fit(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    first = Path(options.recordings[0])
-    output = writable(options.output or f"{first.stem}.struck")
-    report = writable(options.report) if options.report else None
     several = options.recordings
+    read = files_read(several, options.manifest)
+    output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)
+    report = writable(options.report, unlike=[*read, output]) if options.report else None
     fitting = fit_recordings(
         several[0] if len(several) == 1 else several,
         modes=_budget(options.modes),
@@ -74,12 +77,22 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     return _told(fitting, written, output=str(output), report=report and str(report))
 
 
+def _name(recording: str) -> str:
+    """Return what to call the model of a recording, a manifest, or the folder of one."""
+    path = Path(recording)
+    return path.resolve().name if path.is_dir() else path.stem
+
+
 def _budget(text: str) -> int | None:
     if text == "all":
         return None
-    if not text.isdigit():
-        raise struck.errors.OptionError(f"--modes is {text!r}: give a whole number, or all")
-    return int(text)
+    try:
+        count = int(text)
+    except ValueError:
+        count = 0
+    if count < 1:
+        raise OptionError(f"--modes is {text!r}: give a whole number of at least 1, or all")
+    return count
 
 
 def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:

@@ -189,7 +189,7 @@ def _devices() -> Result:
 
 
 def _device(text: str | None) -> int | str | None:
-    return int(text) if text is not None and text.isdigit() else text
+    return int(text) if text is not None and text.isdecimal() else text
 
 
 def _usual_model() -> struck.ModalModel:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from struck.recordings.capture.capture import Operator, Outcome, Recorder
     from struck.recordings.capture.capture_plan import CapturePlan
 
+_NAMED = 4  # files that a message names
+
 
 def declare_record(commands: argparse._SubParsersAction) -> None:
     """Declare ``struck record``."""
@@ -61,7 +63,9 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
     from struck.recordings.capture.simulated import SimulatedRecorder
 
     if options.simulate is not None:
-        yield SimulatedRecorder(Path(options.simulate))
+        folder = Path(options.simulate)
+        _require_rehearsal(plan, folder)
+        yield SimulatedRecorder(folder)
         return
     from struck.live.recorder import DeviceRecorder
 
@@ -70,8 +74,20 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
         yield recorder
 
 
+def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
+    """Refuse a folder without any of the recordings that stand for those of a plan."""
+    names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
+    if any((folder / name).is_file() for name in names):
+        return
+    more = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    raise RecordingError(
+        f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
+        f"files called {', '.join(names[:_NAMED])}{more}"
+    )
+
+
 def _device(text: str) -> int | str:
-    return int(text) if text.isdigit() else text
+    return int(text) if text.isdecimal() else text
 
 
 def _operator(options: argparse.Namespace, progress: TerminalProgress) -> Operator:

@@ -43,8 +43,10 @@ def declare_sound_map(commands: argparse._SubParsersAction) -> None:
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     path = Path(options.model)
-    output = writable(options.output or path.with_name(f"{path.stem}_map.png"))
-    parameters = writable(options.parameters) if options.parameters else None
+    picture = options.output or path.with_name(f"{path.stem}_map.png")
+    output, parameters = writable(picture, unlike=[path]), None
+    if options.parameters:
+        parameters = writable(options.parameters, unlike=[path, output])
     model = struck.load(path)
     progress("sound map", 0.0)
     found = struck.sound_map(

@@ -105,7 +105,7 @@ class Comparison:
         return not (self.model.calibrated and self.other.calibrated)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return a row of text for each pair, under `comparison_page.HEADINGS`."""
+        """Return a row of text for each pair, under `struck.comparison.page.HEADINGS`."""
         mine, theirs = self.model.partials, self.other.partials
         columns = (
             [f"{mode + 1}" for mode in self.pairing.computed],

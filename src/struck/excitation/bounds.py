@@ -42,22 +42,27 @@ def require_finite(**numbers: float) -> None:
 
 def coordinates(name: str, values: object) -> tuple[float, ...]:
     """Return one to three finite numbers as a tuple, or raise an OptionError."""
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give coordinates in m, or a name") from error
-    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
-        raise OptionError(f"{name} is {values!r}: give one to three finite numbers")
-    return tuple(array.tolist())
+    return _finite(name, values, "one to three finite coordinates in m, or the name of a place")
 
 
 def unit_vector(name: str, values: object) -> tuple[float, ...]:
     """Return a vector of three numbers, made one long, or raise an OptionError."""
-    vector = coordinates(name, values)
+    wanted = "a vector (x, y, z) with a length"
+    vector = _finite(name, values, wanted)
     length = float(np.linalg.norm(vector))
     if len(vector) != 3 or not length:
-        raise OptionError(f"{name} is {values!r}: give a vector (x, y, z) with a length")
+        raise OptionError(f"{name} is {values!r}: give {wanted}")
     return tuple(part / length for part in vector)
+
+
+def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {values!r}: give {wanted}") from error
+    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
+        raise OptionError(f"{name} is {values!r}: give {wanted}")
+    return tuple(array.tolist())
 
 
 def freeze_place(excitation: Placed, *names: str) -> None:

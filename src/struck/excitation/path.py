@@ -74,10 +74,13 @@ class Path:
             On fewer than two places, or a path without length.
         """
         require_waypoints(places, repeat)
-        stops = [model.contact(place).point for place in places]
         mesh = model.geometry
         if mesh is None:
-            raise ContactError("this model has no surface for a path: give it a geometry")
+            raise ContactError(
+                "a model of recordings knows places that were struck and no way between them: "
+                "strike it, or scrape and roll on a computed model"
+            )
+        stops = [model.contact(place).point for place in places]
         if repeat == "loop":
             stops.append(stops[0])
         surface = model.gains.locator if isinstance(model.gains, ShapeGains) else Surface(mesh)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, OptionError
+from struck.atomic import writable
+from struck.errors import FileFormatError, LossWarning, OptionError
 from struck.files import model_file, sofa_field, sofa_responses
 from struck.files.sofa_field import Contacts, load_sofa_field, save_sofa
 from struck.files.sofa_responses import save_sofa_responses
@@ -20,6 +23,32 @@ CONVENTIONS = (sofa_field.CONVENTION, sofa_responses.CONVENTION)
 """Of SOFA files: gains, frequencies and decays of modes; impulse responses."""
 _SOFA = ".sofa"
 _LONGEST = 10.0
+
+
+def model_path(
+    path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
+) -> Path:
+    """Return the path of a model to write, refused before any work when that cannot do.
+
+    Parameters
+    ----------
+    path, unlike
+        As for `writable`.
+
+    Raises
+    ------
+    OptionError
+        On an ending that is none of `ENDINGS`.
+    FileFormatError
+        As `writable`.
+    """
+    _require_ending(path)
+    return writable(path, unlike=unlike)
+
+
+def is_model(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file is one of a model, by the ending of its name."""
+    return Path(path).suffix.lower() in ENDINGS
 
 
 def save(
@@ -43,10 +72,16 @@ def save(
     FileFormatError
         When the file cannot be written, or cannot keep the model.
     OptionError
-        On contacts or listeners for a ``.struck`` file, and as `export`.
+        On another ending, on contacts or listeners for a ``.struck`` file, and as `export`.
     ContactError, MissingDependencyError
         As `export`.
+
+    Warns
+    -----
+    LossWarning
+        As `export`.
     """
+    _require_ending(path)
     if _is_sofa(path):
         export(model, path, contacts=contacts, listeners=listeners)
         return
@@ -127,6 +162,11 @@ def export(
         When the file cannot be written.
     MissingDependencyError
         Without h5py.
+
+    Warns
+    -----
+    LossWarning
+        When the model has what SOFA files cannot hold; see `left_out`.
     """
     if not _is_sofa(path):
         raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
@@ -140,16 +180,47 @@ def export(
                 f"choose {sofa_responses.CONVENTION}"
             )
         save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
-        return 0
-    return save_sofa_responses(
-        model,
-        path,
-        seconds=_ringing(model) if seconds is None else seconds,
-        sample_rate=sample_rate,
-        contacts=contacts,
-        listeners=listeners,
-        **told,
-    )
+        beyond = 0
+    else:
+        beyond = save_sofa_responses(
+            model,
+            path,
+            seconds=_ringing(model) if seconds is None else seconds,
+            sample_rate=sample_rate,
+            contacts=contacts,
+            listeners=listeners,
+            **told,
+        )
+    _tell_losses(model, path)
+    return beyond
+
+
+def left_out(model: ModalModel) -> tuple[str, ...]:
+    """Return what a model has that SOFA files cannot hold."""
+    parts = {
+        "its residual (attack and noise)": model.residual,
+        "its shape": model.geometry,
+        "its material": model.material,
+    }
+    return tuple(name for name, part in parts.items() if part is not None)
+
+
+def _tell_losses(model: ModalModel, path: str | os.PathLike[str]) -> None:
+    lost = left_out(model)
+    if lost:
+        warnings.warn(
+            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
+            LossWarning,
+            stacklevel=3,
+        )
+
+
+def _require_ending(path: str | os.PathLike[str]) -> None:
+    if not is_model(path):
+        ending = Path(path).suffix
+        raise OptionError(
+            f"{path} ends in {ending!r}: models end in .struck, or in .sofa for their gains alone"
+        )
 
 
 def _is_sofa(path: str | os.PathLike[str]) -> bool:

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 MOST_VALUES = 2**27
 """Numbers in a variable."""
+LONGEST = 60_000
+"""Bytes in an attribute: HDF5 holds 64 KiB with its head."""
 # What netCDF-4 calls a dimension that is no variable.
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:>10}"
 _CHARACTERS = "utf-8"
@@ -74,7 +76,7 @@ def write_container(
     Raises
     ------
     OptionError
-        When a variable is too large.
+        When a variable or a text is too large.
     FileFormatError
         When the file cannot be written.
     MissingDependencyError
@@ -134,6 +136,8 @@ def _describe(holder: h5py.File | h5py.Dataset, attributes: Mapping[str, str]) -
     h5py = _library()
     for name, text in attributes.items():
         data = text.encode(_CHARACTERS)
+        if len(data) > LONGEST:
+            raise OptionError(f"{name} has {len(data):,} bytes, more than {LONGEST:,}: shorten it")
         kind = h5py.string_dtype(_CHARACTERS, max(1, len(data)))
         holder.attrs.create(name, data, dtype=kind)
 
@@ -171,8 +175,8 @@ class Container:
         """Return the shape of a variable."""
         return self._variable(name).shape
 
-    def numbers(self, name: str, *shapes: tuple[int, ...]) -> Array:
-        """Return a variable that has one of some shapes and is finite."""
+    def numbers(self, name: str, *shapes: tuple[int, ...], gaps: bool = False) -> Array:
+        """Return a variable that has one of some shapes and is finite, or NaN with `gaps`."""
         variable = self._variable(name)
         if math.prod(variable.shape) > MOST_VALUES:
             raise FileFormatError(
@@ -185,7 +189,7 @@ class Container:
                 f"{' or '.join(map(str, shapes))} is demanded: save it again with a SOFA library"
             )
         values = np.asarray(variable[...], dtype=np.float64)
-        wrong = np.count_nonzero(~np.isfinite(values))
+        wrong = np.count_nonzero(np.isinf(values) if gaps else ~np.isfinite(values))
         if wrong:
             raise FileFormatError(
                 f"its variable {name} holds {wrong} values that are NaN or infinite: take those "

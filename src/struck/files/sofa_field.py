@@ -18,9 +18,11 @@ from struck.files.sofa_geometry import (
     geometry_of,
     is_calibrated,
     listeners_of,
+    radius_of,
     symmetry_of,
     way_of,
 )
+from struck.files.sofa_origin import origin_attributes, origin_of, origin_variables
 from struck.model import ModalModel
 from struck.recordings.fields.sampled_field import SampledField
 
@@ -77,7 +79,8 @@ def save_sofa(
     Notes
     -----
     AES69-2022, AES standard for file exchange: spatial acoustic data file format. Decays stand in a
-    variable of our own, ModeDecay; frequencies and decays come back to the last bit.
+    variable of our own, ModeDecay; frequencies and decays come back to the last bit. So do errors
+    of frequencies (ModeError), the radius of the body (BodyRadius), references and notes.
     """
     field = sampled(source, contacts, listeners)
     told = {
@@ -85,6 +88,7 @@ def save_sofa(
         "SOFAConventionsVersion": "1.0",
         "DataType": "TF-E",
         **attributes_of(field, _COMMENT, title or field.title, author, licence),
+        **origin_attributes(field.origin),
     }
     data = field.gains.transpose(1, 2, 0)[:, np.newaxis]  # listeners, receiver, modes, contacts
     variables = {
@@ -101,6 +105,7 @@ def save_sofa(
             letters="N",
             attributes={"LongName": "decay rate of the amplitude", "Units": "1/s"},
         ),
+        **origin_variables(field.origin, len(field.frequencies)),
     }
     write_container(path, variables, told)
 
@@ -133,6 +138,8 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
             coordinates=coordinates,
             title=file.text("Title"),
             way=way_of(file),
+            radius=radius_of(file),
+            origin=origin_of(file, len(frequencies)),
         )
 
 

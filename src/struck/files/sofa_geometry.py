@@ -51,6 +51,10 @@ def geometry_of(field: SampledField) -> dict[str, Variable]:
         "EmitterPosition": metres(emitters, "EC"),
         "SoundCentre": metres(field.centre[np.newaxis], "IC"),
     }
+    if field.radius:
+        told = {"LongName": "of a ball about SoundCentre that holds the body", "Units": "metre"}
+        radius = np.array([field.radius])
+        places["BodyRadius"] = Variable(values=radius, letters="I", attributes=told)
     if axes > 2:
         return places
     named = zip(_AXES, field.contacts.T, field.coordinates or ("u", "v"), strict=False)
@@ -100,6 +104,16 @@ def centre_of(file: Container) -> Array:
     if len(places) != 1:
         raise FileFormatError(f"its {name} has {len(places)} places, and 1 is read: give one")
     return places[0]
+
+
+def radius_of(file: Container) -> float:
+    """Return the radius of a ball about the centre that holds the body, m; 0 where not known."""
+    if "BodyRadius" not in file:
+        return 0.0
+    radius = float(file.numbers("BodyRadius", (1,))[0])
+    if radius < 0:
+        raise FileFormatError(f"its BodyRadius is {radius:g}: give at least 0 m")
+    return radius
 
 
 def symmetry_of(file: Container) -> str:

@@ -19,6 +19,7 @@ from struck.files.sofa_geometry import (
     is_calibrated,
     listeners_of,
 )
+from struck.files.sofa_origin import origin_attributes
 from struck.model import ModalModel
 from struck.recordings.fields.sampled_field import SampledField
 from struck.recordings.takes.ringing import samples
@@ -115,6 +116,7 @@ def save_sofa_responses(
             author,
             licence,
         ),
+        **origin_attributes(field.origin),
     }
     variables = {
         **geometry_of(field),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 
 from numpy.typing import ArrayLike
 
@@ -12,6 +13,7 @@ from struck.fitting.fitting import fit_recordings
 from struck.fitting.recorded import Recording
 from struck.model import ModalModel
 from struck.progress import Progress, silent
+from struck.recordings.manifests.manifest import KINDS, NAME, read_manifest
 
 
 def fit(
@@ -85,7 +87,7 @@ def fit(
     RecordingError
         When recordings are silent, too short, unlike, hold no hit or nothing that rings.
     FileFormatError
-        When a file cannot be read or written.
+        When a file cannot be read or written, or the report is a recording.
     OptionError
         On places that do not fit the recordings, or arguments outside their bounds.
 
@@ -94,7 +96,7 @@ def fit(
     `struck.fitting.fitting.fit_recordings` returns errors of decays and gains, verdict and
     residual too.
     """
-    page = None if report is None else writable(report)
+    page = None if report is None else writable(report, unlike=files_read(recordings, manifest))
     fitting = fit_recordings(
         recordings,
         contacts=contacts,
@@ -115,3 +117,22 @@ def fit(
     if page is not None:
         fitting.save_report(page)
     return fitting.model
+
+
+def files_read(
+    recordings: Recording | Sequence[Recording], manifest: str | os.PathLike[str] | None
+) -> list[str | os.PathLike[str]]:
+    """Return the names of all files that a fit reads, those in a manifest or a folder of one too.
+
+    Raises
+    ------
+    FileFormatError
+        When a manifest cannot be read.
+    """
+    several = [recordings]
+    if isinstance(recordings, Sequence) and not isinstance(recordings, str):
+        several = recordings
+    named = [each for each in (*several, manifest) if isinstance(each, str | os.PathLike)]
+    paths = [Path(each) / NAME if Path(each).is_dir() else Path(each) for each in named]
+    lists = [path for path in paths if path.suffix.lower() in KINDS and path.is_file()]
+    return [*named, *lists, *(file for path in lists for file in read_manifest(path).files)]

@@ -130,8 +130,7 @@ def fit_recordings(
         progress=progress,
         kept=lambda name, compute: stages.kept(_RINGING, compute, name=name, takes=takes, **given),
     )
-    if not len(fitted.frequencies) or not (fitted.verdict.modal or force):
-        raise RecordingError(_refusal(fitted, recorded))
+    _require_modes(fitted, recorded, force=force)
     return _made(_by_natural_frequency(fitted), recorded, way, radius, method, residual=residual)
 
 
@@ -156,12 +155,14 @@ def _require_use(recorded: Recorded, way: str, radius: float) -> None:
         )
 
 
-def _refusal(fitted: Fitted, recorded: Recorded) -> str:
+def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
+    if len(fitted.frequencies) and (fitted.verdict.modal or force):
+        return
     names = recorded.takes[0].name
     if len(recorded.takes) > 1:
         names = f"{names} and {len(recorded.takes) - 1} more"
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
-    return f"{names}: not modal: {fitted.verdict.reason}.{advice}"
+    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{advice}")
 
 
 def _by_natural_frequency(fitted: Fitted) -> Fitted:

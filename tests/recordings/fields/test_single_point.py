@@ -7,6 +7,8 @@ import pytest
 
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.errors import ContactError
+from struck.excitation.roll import Roll
+from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.model import ModalModel
 from struck.recordings.fields.single_point import SinglePoint
@@ -91,8 +93,16 @@ def test_the_recorded_place_has_a_name_and_others_have_none() -> None:
     assert model().contact("recorded").point.shape == (0,)
     with pytest.raises(ContactError, match="no place is called 'rim': give one of recorded"):
         model().contact("rim")
-    with pytest.raises(ContactError, match="give a finite number for each of none"):
+    with pytest.raises(ContactError, match=r"recorded at one place.*strike 'recorded'"):
         model().contact((0.0, 0.0, 0.1))
+
+
+def test_recorded_bodies_know_no_way_to_scrape_or_roll() -> None:
+    scrape = Scrape(path=["recorded", "recorded"], speed=0.1, load=1.0)
+    roll = Roll(path=[(0.1,), (0.2,)], speed=0.1, radius=0.01, mass=0.02)
+    for touch in (scrape, roll):
+        with pytest.raises(ContactError, match="knows places that were struck and no way between"):
+            render(model(), touch, seconds=0.1)
 
 
 @pytest.mark.parametrize(("size", "density"), [(2.0, 1.0), (1.0, 3.0), (0.5, 0.7)])

@@ -99,3 +99,10 @@ def test_a_known_onset_is_taken_as_it_is() -> None:
     hit = hit_at(take(samples), LEAD, samples.shape[1])
     assert (hit.onset, hit.end) == (LEAD, samples.shape[1])
     assert hit.start > LEAD
+
+
+def test_a_hit_that_is_over_at_once_is_no_longer_than_that() -> None:
+    samples = scene(20, 40, np.random.default_rng(2)).samples
+    for onset in (0, LEAD, samples.shape[1]):
+        hit = hit_at(take(samples), onset, onset)
+        assert (hit.onset, hit.arrival, hit.start, hit.end) == (onset,) * 4

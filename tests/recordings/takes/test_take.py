@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import re
 from pathlib import Path
 
 import numpy as np
@@ -78,8 +79,8 @@ def test_not_a_number_is_refused_with_its_place() -> None:
 @pytest.mark.parametrize(
     ("samples", "rate", "message"),
     [
-        (np.zeros(RATE), RATE, "silent in channel 0"),
-        (np.stack((np.ones(RATE).cumsum(), np.full(RATE, 0.1))), RATE, "silent in channel 1"),
+        (np.zeros(RATE), RATE, "silent in channel 1"),
+        (np.stack((np.ones(RATE).cumsum(), np.full(RATE, 0.1))), RATE, "silent in channel 2"),
         (np.ones(100), RATE, "at least 0.1 s"),
         (np.ones((2, 2, RATE)), RATE, "shape"),
         (np.ones(100), 100, "sample rate of 100"),
@@ -165,3 +166,43 @@ def test_noise_suppression_is_suspected() -> None:
     samples = rung(seconds=3.0, noise=1e-3)
     samples[2 * RATE :] *= 0.05
     assert "noise suppression" in told(samples)
+
+
+def test_a_digitally_silent_lead_in_tells_no_noise() -> None:
+    """Levels over it have no end, so what counts is how far the sound has fallen."""
+    whole, short = rung(seconds=3.0, noise=0.0), rung(seconds=0.3, noise=0.0)
+    for samples in (whole, short):
+        first = find_hits(take(samples))[0].onset
+        samples[: first - 1] = 0.0
+    assert not told(whole)
+    assert "cut short: it has fallen by" in told(short)
+
+
+def test_a_tail_that_is_gated_is_told_in_decibels_of_files() -> None:
+    samples = rung(seconds=3.0, noise=1e-3)
+    samples[2 * RATE :] = 0.0
+    found = re.search(r"changes by -(\d+) dB", told(samples))
+    assert found
+    assert int(found[1]) < 100
+
+
+@pytest.mark.parametrize("head", [b"ID3\x04", b"\xff\xfb\x90\x00"])
+@pytest.mark.parametrize("name", ["tap.mp3", "tap.flac"])
+def test_mp3_is_refused_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], head: bytes, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(head + bytes(4000))
+    with pytest.raises(FileFormatError, match="convert it to one of them") as caught:
+        Take.load(path)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("takes.csv", "--manifest"), ("mug.struck", "a model, not a recording")]
+)
+def test_what_is_given_for_a_recording_is_told(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / name).write_text("file,u\n")
+    with pytest.raises(FileFormatError, match=message):
+        Take.load(tmp_path / name)

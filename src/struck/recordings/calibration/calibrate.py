@@ -191,16 +191,14 @@ def calibrated(
     OptionError
         On a `size_error` below 0.
     """
-    known = _material_of(model)
-    if not (np.isfinite(size_error) and size_error >= 0):
-        raise OptionError(f"size_error is {size_error}: give a relative error of at least 0")
+    known = inferable(model, size_error)
     partials = Partials.of(fitted)
     pairing = _require_pairs(paired(partials, model, widest=widest), partials)
     _require_likeness(partials, model, pairing)
     if recompute is not None:
         model, pairing = _recomputed(partials, model, pairing, recompute)
     fit = elastic_fit(partials, Expected(model=model), pairing, known.poisson_ratio)
-    base = _material_of(model)
+    base = inferable(model)
     covariance = fit.covariance + np.diag([(2 * size_error) ** 2, 0.0])
     return Calibration(
         specific_stiffness=base.youngs_modulus / base.density * float(np.exp(2 * fit.shift)),
@@ -217,7 +215,18 @@ def calibrated(
     )
 
 
-def _material_of(model: ModalModel) -> Material:
+def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
+    """Return the material of a model from which another can be inferred.
+
+    Raises
+    ------
+    MaterialError
+        When tension, not stiffness, drives the body back, or the model's material is unknown.
+    OptionError
+        On a `size_error` below 0.
+    """
+    if not (np.isfinite(size_error) and size_error >= 0):
+        raise OptionError(f"size_error is {size_error}: give a relative error of at least 0")
     if model.material is None:
         raise MaterialError("the model's own material is unknown: analyze the shape with a guess")
     if model.tensioned:
@@ -253,9 +262,9 @@ def _recomputed(
     recompute: Callable[[Material], ModalModel],
 ) -> tuple[ModalModel, Pairing]:
     """Compute the body anew until it is of the material that is heard."""
-    known = _material_of(model)
+    known = inferable(model)
     for _ in range(_ROUNDS):
-        material = _material_of(model)
+        material = inferable(model)
         fit = elastic_fit(partials, Expected(model=model), pairing, known.poisson_ratio)
         if abs(fit.shift) + abs(fit.ratio - material.poisson_ratio) < _SETTLED:
             break

@@ -16,12 +16,17 @@ from struck.recordings.fields.table import TimbreTable
 Array = NDArray[np.float64]
 
 
+def unexpanded(gains: Gains) -> Gains:
+    """Return gains as they were recorded or computed, before their products became modes."""
+    return gains.products if isinstance(gains, ExpandedGains) else gains
+
+
 def recorded_contacts(gains: Gains) -> Array | None:
     """Return the contacts (P, D) that were recorded; None of gains that were computed.
 
     Of a round body struck all around, each height once: the azimuth makes no difference.
     """
-    whole = _whole(gains)
+    whole = unexpanded(gains)
     if isinstance(whole, SinglePoint):
         return np.zeros((1, 0))
     if isinstance(whole, TimbreTable):
@@ -38,22 +43,19 @@ def recorded_contacts(gains: Gains) -> Array | None:
 def recorded_listeners(gains: Gains) -> Array | None:
     """Return the listeners (Q, 3) that were recorded, m; None of gains that were computed.
 
-    A `TimbreField` keeps waves, not who heard them: 45 directions that tell all its waves apart, at
-    the distance of the nearest listener and at twice that, which tell how they fall.
+    A `TimbreField` keeps waves, not who heard them outside: 45 directions that tell all its waves
+    apart, at the distance of the nearest listener and at twice that, which tell how they fall.
+    Listeners inside the body follow as they were.
     """
-    whole = _whole(gains)
+    whole = unexpanded(gains)
     if isinstance(whole, SinglePoint):
         return whole.centre + np.eye(3)[:1]
     if isinstance(whole, TimbreTable):
         return _gridded(whole)
     if not isinstance(whole, TimbreField):
         return None
-    nearest = 2 * whole.listener_part.waves.limit
-    return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest)])
-
-
-def _whole(gains: Gains) -> Gains:
-    return gains.products if isinstance(gains, ExpandedGains) else gains
+    nearest, inside = 2 * whole.listener_part.waves.limit, whole.listener_part.inside.places
+    return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest), inside])
 
 
 def _gridded(table: TimbreTable) -> Array:

@@ -10,11 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from struck.contact import Place
 from struck.errors import OptionError
-from struck.gains import ExpandedGains, Gains, ShapeGains
+from struck.gains import Gains, ShapeGains
 from struck.model import ModalModel
 from struck.provenance import Provenance
 from struck.recordings.fields.field import TimbreField
-from struck.recordings.fields.recorded_places import recorded_contacts, recorded_listeners
+from struck.recordings.fields.origin import RECORDED, Origin
+from struck.recordings.fields.recorded_places import (
+    recorded_contacts,
+    recorded_listeners,
+    unexpanded,
+)
 from struck.recordings.fields.single_point import SinglePoint
 from struck.recordings.fields.survey import Survey
 from struck.recordings.fields.table import TimbreTable
@@ -50,6 +55,10 @@ class SampledField:
     title : str
     way : str
         How its model interpolates: "field" or "table", as for `model`.
+    radius : float
+        Of a ball about the centre that holds the body, m; 0 where it is not known.
+    origin : Origin or None
+        What the model tells that gains were sampled from; None of gains that were measured.
     """
 
     frequencies: Array
@@ -63,6 +72,8 @@ class SampledField:
     coordinates: tuple[str, ...] = ()
     title: str = ""
     way: str = "field"
+    radius: float = 0.0
+    origin: Origin | None = None
 
     @classmethod
     def of(
@@ -102,7 +113,9 @@ class SampledField:
             symmetry="axial" if _is_axial(model.gains) else "none",
             calibrated=model.calibrated,
             coordinates=model.coordinates,
-            way="table" if isinstance(_whole(model.gains), TimbreTable) else "field",
+            way="table" if isinstance(unexpanded(model.gains), TimbreTable) else "field",
+            radius=float(getattr(unexpanded(model.gains), "radius", 0.0)),
+            origin=Origin.of(model),
         )
 
     def survey(self) -> Survey:
@@ -128,7 +141,7 @@ class SampledField:
             calibrated=self.calibrated,
         )
 
-    def model(self, way: str | None = None, *, radius: float = 0.0) -> ModalModel:
+    def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
         """Return a model that interpolates between contacts and between listeners.
 
         One contact without coordinates, heard at one place, is a `SinglePoint`. Contacts that are
@@ -139,8 +152,8 @@ class SampledField:
         way : str, optional
             "field": a product for each mode (`TimbreField`); "table": all gains, linear in between
             (`TimbreTable`), for contacts and listeners on grids. The field's own unless given.
-        radius : float
-            As for `TimbreField.of`, m.
+        radius : float, optional
+            As for `TimbreField.of`, m. The field's own unless given.
 
         Raises
         ------
@@ -159,30 +172,45 @@ class SampledField:
             gains=self.gains[:, :, order],
         )
         numbered, places = _numbered(ordered)
+        origin = Origin() if self.origin is None else self.origin.chosen(order)
+        gains = _interpolated(numbered, chosen, self.radius if radius is None else radius)
         return ModalModel(
             frequencies=ordered.frequencies,
             natural_frequencies=natural[order],
             decays=ordered.decays,
-            gains=_interpolated(numbered, chosen, radius),
+            gains=gains if self.origin is None else origin.told_to(gains),
             centre=self.centre,
             complete_to=0.0,
+            errors=origin.errors,
             places=places,
             coordinates=numbered.coordinates or ("u", "v")[: numbered.contacts.shape[1]],
-            provenance=Provenance(method=f"timbre {chosen} of sampled gains"),
+            provenance=_sampled_from(origin, f"timbre {chosen} of sampled gains"),
         )
+
+
+def _sampled_from(origin: Origin, method: str) -> Provenance:
+    told = origin.provenance
+    details = {"sampled_from": told.method} if told.method else {}
+    return Provenance(
+        method=method, references=told.references, dropped=told.dropped, details=details
+    )
 
 
 def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
     """Return a field with contacts by number where they are points in space, and their names.
 
-    A contact without coordinates is the recorded one; of several that of most energy is called so.
+    A contact without coordinates is the recorded one; of several it is that which a model called
+    so, else that of most energy.
     """
     count, axes = field.contacts.shape
     if axes in {1, 2}:
+        known = None if field.origin is None else field.origin.place
+        if known is not None and known.shape == (axes,):
+            return field, {RECORDED: known}
         energies = (np.abs(field.gains) ** 2 / np.maximum(field.decays, 1e-6)).sum(axis=(1, 2))
-        return field, {"recorded": field.contacts[energies.argmax()]}
+        return field, {RECORDED: field.contacts[energies.argmax()]}
     if axes == 0 and field.gains.shape[:2] == (1, 1):
-        return field, {"recorded": field.contacts[0]}
+        return field, {RECORDED: field.contacts[0]}
     numbers = np.arange(1.0, count + 1)[:, np.newaxis]
     names = {f"contact {number}": numbers[number - 1] for number in range(1, count + 1)}
     return replace(field, contacts=numbers, coordinates=("number of contact",)), names
@@ -227,13 +255,9 @@ def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[
     return places, np.zeros((len(places), 3))
 
 
-def _whole(gains: Gains) -> Gains:
-    return gains.products if isinstance(gains, ExpandedGains) else gains
-
-
 def _centre(model: ModalModel) -> Array:
     """Return the point from which travel times count, m."""
-    gains = _whole(model.gains)
+    gains = unexpanded(model.gains)
     if isinstance(gains, TimbreTable):
         return gains.centre * gains.size
     if isinstance(gains, TimbreField | ShapeGains | SinglePoint):
@@ -243,7 +267,7 @@ def _centre(model: ModalModel) -> Array:
 
 def _is_axial(gains: Gains) -> bool:
     """Tell whether only the azimuth between contact and listener matters."""
-    whole = _whole(gains)
+    whole = unexpanded(gains)
     if isinstance(whole, TimbreTable):
         return whole.mirrored
     return isinstance(whole, TimbreField) and whole.listener_part.mirrored

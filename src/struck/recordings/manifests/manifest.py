@@ -22,6 +22,8 @@ Index = NDArray[np.int64]
 
 NAME = "manifest.toml"
 """What `struck record` calls a manifest."""
+KINDS = (".toml", ".csv")
+"""Endings of manifests."""
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
 
 

@@ -24,6 +24,9 @@ _QUIET = -50.0
 _AUDIBLE = 20.0
 _CHANGED = 6.0
 _BLOCK = 0.05
+_FALLEN = 40.0
+_STEP = 2.0**-23
+"""Of 24 bits, under the peak: what is softer than its rounding is no sound of a room."""
 
 
 def clipped(take: Take) -> Mask:
@@ -50,7 +53,6 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     """Yield what a person should know of a take, one sentence each."""
     yield from _forces(take)
     yield from _clipping(take)
-    levels = _levels(take)
     peak = 20 * np.log10(np.abs(take.samples).max())
     if peak < _QUIET:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"
@@ -60,9 +62,22 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
             f"{LEAD_IN} s or more of silence before the hit"
         )
         return
-    quiet = _level(lead_in(take, hits))
+    yield from _ending(take, lead_in(take, hits))
+
+
+def _ending(take: Take, before: Array) -> Iterator[str]:
+    """Compare how a take ends with what was heard before its first hit."""
+    softest = _softest(take)
+    levels, quiet = np.maximum(_levels(take), softest), _level(before)
     end = float(levels[-3:].mean())
-    if end - quiet > _AUDIBLE:
+    if quiet <= softest:  # digital silence: it tells nothing of the noise
+        fallen = float(levels.max()) - end
+        if fallen < _FALLEN:
+            yield (
+                f"{take.name} is cut short: it has fallen by {fallen:.0f} dB when it ends, so slow "
+                "decays are less certain; record longer"
+            )
+    elif end - quiet > _AUDIBLE:
         yield (
             f"{take.name} is cut short: it ends {end - quiet:.0f} dB over its lead-in, so slow "
             "decays are less certain; record longer"
@@ -100,3 +115,8 @@ def _levels(take: Take) -> Array:
 
 def _level(samples: Array) -> float:
     return float(10 * np.log10((samples**2).mean() + 1e-30))
+
+
+def _softest(take: Take) -> float:
+    """Return the level of the rounding error of `_STEP`, which is uniform, dB."""
+    return float(20 * np.log10(np.abs(take.samples).max() * _STEP / np.sqrt(12)))

@@ -74,7 +74,7 @@ def find_hits(take: Take) -> list[Hit]:
 
 
 def hit_at(take: Take, onset: int, end: int) -> Hit:
-    """Return the hit that begins at a known sample."""
+    """Return the hit that begins at a known sample, and is over at `end`, maybe at once."""
     size = max(1, round(_BLOCK * take.sample_rate))
     energy = (take.samples**2).sum(axis=0)
     start = _risen(energy, onset, end, size)
@@ -94,6 +94,8 @@ def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
 def _risen(energy: Array, onset: int, end: int, size: int) -> int:
     """Return the sample by which the sound has risen to half of its loudest."""
     last = min(end, onset + round(_CLOSE / _BLOCK) * size)
+    if last <= onset:
+        return onset
     following = uniform_filter1d(energy[onset:last], size, origin=-(size // 2), mode="constant")
     risen = int(np.argmax(following >= 0.5 * following.max(initial=0.0)))
     return min(onset + risen + size // 2, end)

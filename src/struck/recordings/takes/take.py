@@ -17,6 +17,13 @@ Array = NDArray[np.float64]
 
 _RATES = (4000, 400_000)
 _SHORTEST = 0.1
+_TABLE = "a list of recordings, not one: give it alone, or as manifest= (--manifest)"
+_OTHERS = {
+    ".csv": _TABLE,
+    ".toml": _TABLE,
+    ".struck": "a model, not a recording of one: give sound files",
+    ".sofa": "a file of gains or responses, not a recording: give sound files",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,7 +121,7 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
             f"{wrong} samples of {name} are not finite numbers, the first at "
             f"{first / sample_rate:.4f} s: record or export it again"
         )
-    silent = [str(index) for index, channel in enumerate(samples) if not np.ptp(channel)]
+    silent = [str(number) for number, channel in enumerate(samples, 1) if not np.ptp(channel)]
     if silent:
         raise RecordingError(
             f"{name} is silent in channel {', '.join(silent)}: leave the channel out, or check the "
@@ -128,6 +135,7 @@ def _read(path: Path) -> tuple[Array, int]:
         data = path.read_bytes()
     except OSError as error:
         raise FileFormatError(f"{path} cannot be read: {error.strerror or error}") from error
+    _require_lossless(path, data[:3])
     if data[:4] == b"RIFF":
         recording, rest = _read_wav(data, path)
         if recording is not None:
@@ -135,6 +143,19 @@ def _read(path: Path) -> tuple[Array, int]:
     else:
         rest = f"{path} is no WAV file"
     return _read_other(path, rest)
+
+
+def _require_lossless(path: Path, head: bytes) -> None:
+    """Refuse what people give for a recording and is none, before another library looks at it."""
+    kind = path.suffix.lower()
+    if kind in _OTHERS:
+        raise FileFormatError(f"{path} is {_OTHERS[kind]}")
+    synchronised = len(head) > 1 and head[0] == 0xFF and head[1] >= 0xE0
+    if kind == ".mp3" or head == b"ID3" or synchronised:
+        raise FileFormatError(
+            f"{path} is an MP3 file, which leaves out what rings softly: record WAV or FLAC, or "
+            "convert it to one of them"
+        )
 
 
 def _read_wav(data: bytes, path: Path) -> tuple[wav.Recording | None, str]:
@@ -159,7 +180,9 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
             announced, rate = file.frames, file.samplerate
             samples = np.asarray(file.read(dtype="float64", always_2d=True), float).T
     except (soundfile.SoundFileError, RuntimeError, TypeError) as error:
-        raise FileFormatError(f"{path} is no sound file: {error}") from error
+        raise FileFormatError(
+            f"{path} is no sound file that is read ({error}): convert it to WAV or FLAC"
+        ) from error
     if samples.shape[1] < announced:
         raise FileFormatError(
             f"{path} is cut short: it should have {announced} samples and has {samples.shape[1]}"
