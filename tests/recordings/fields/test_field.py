@@ -292,7 +292,7 @@ def test_recordings_without_anything_in_common_are_refused() -> None:
     survey = small()
     given = {name: getattr(survey, name) for name in Survey.__dataclass_fields__}
     apart = {"pairs": np.array([[0, 0], [1, 1]]), "gains": np.ones((2, 1), complex)}
-    with pytest.raises(OptionError, match="contact 1 shares no listener with contact 0"):
+    with pytest.raises(OptionError, match="contact 2 shares no listener with contact 1"):
         TimbreField.of(Survey(**(given | apart)))
     with pytest.raises(OptionError, match="0 of 2 listeners"):
         TimbreField.of(survey, radius=2.0)

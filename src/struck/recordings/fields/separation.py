@@ -109,8 +109,8 @@ class _Table:
         lost = np.flatnonzero(self.contacts.sum(axis=1) * (reached == 0))
         if len(lost):
             raise OptionError(
-                f"contact {lost[0]} shares no listener with contact {self.contact[0]}, not even by "
-                "way of others: record one listener with all contacts"
+                f"contact {lost[0] + 1} shares no listener with contact {self.contact[0] + 1}, not "
+                "even by way of others: record one listener with all contacts"
             )
 
     def separated(self) -> tuple[Array, Complex]:
