@@ -73,7 +73,7 @@ def _triggered(
     moved = times.copy()
     for rows, cost in zip(hits, costs, strict=True):
         best = int(np.argmin(cost))
-        place = best + round((moment - impacts[rows[0]]) * _rate(fitted, recorded, rows))
+        place = best + round(float(moment - impacts[rows[0]]) * _rate(fitted, recorded, rows))
         if 0 <= place < len(cost) and cost[place] - cost[best] < _DOUBTFUL:
             moved[rows] = moment + ways[rows] / AIR.sound_speed
     return moved

@@ -7,7 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.recordings.takes.frames import blackman_harris, frames
-from struck.recordings.takes.ringing import Ringing, Spectrum, best_gains, correlations, samples
+from struck.recordings.takes.ringing import (
+    Ringing,
+    best_gains,
+    correlations,
+    row_width,
+    samples,
+    samples_in_rows,
+)
 
 RATE = 44100.0
 LENGTHS = (1000, 4099)
@@ -42,20 +49,12 @@ def test_correlations_are_inner_products_with_the_exponentials(length: int) -> N
     assert np.allclose(correlations(ringing.poles, noise, RATE), noise @ waves.conj().T)
 
 
-@pytest.mark.parametrize("length", LENGTHS)
-def test_a_spectrum_is_the_transform_of_its_modes(length: int) -> None:
-    ringing = some_modes(4)
-    spectrum = Spectrum.of(directly(ringing, length), length, RATE)
-    bins = np.arange(1, length // 2)
-    modelled = spectrum.at(bins, ringing, ringing.gains)
-    assert np.allclose(modelled, spectrum.values[bins], rtol=0, atol=1e-9 * length)
-
-
-def test_residues_and_gains_are_each_others_inverse() -> None:
-    ringing = some_modes(5)
-    spectrum = Spectrum.of(directly(ringing, 2048), 2048, RATE)
-    residues = spectrum.residues(ringing.poles, ringing.gains)
-    assert np.allclose(spectrum.gains(ringing.poles, residues), ringing.gains)
+def test_rows_are_every_so_many_of_the_samples() -> None:
+    ringing, length = some_modes(5), 4099
+    rows = samples_in_rows(ringing.poles, ringing.gains, length, RATE, every=3)
+    width = row_width(length)
+    whole = directly(ringing, length // width * width).reshape(2, -1, width)[:, ::3]
+    assert np.allclose(rows[:, : whole.shape[1]], whole, rtol=0, atol=1e-11)
 
 
 def test_best_gains_are_those_of_least_squares() -> None:
@@ -67,6 +66,13 @@ def test_best_gains_are_those_of_least_squares() -> None:
     assert np.allclose(
         best_gains(ringing.poles, noisy, RATE), solved[:, :7] + 1j * solved[:, 7:], atol=1e-7
     )
+
+
+def test_gains_of_slow_neighbours_are_those_of_least_squares() -> None:
+    poles = np.array([-0.02 + 2j * np.pi * 400, -0.03 + 2j * np.pi * 400.8])
+    ringing = Ringing(poles=poles, gains=np.array([[1.0 + 2j, -0.5j]]))
+    found = best_gains(poles, directly(ringing, 44100), RATE)
+    assert found == pytest.approx(ringing.gains, abs=1e-6)
 
 
 def test_a_mode_is_an_exponential_from_frame_to_frame() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.recordings.takes.ringing import Ringing
+from struck.recordings.takes.ringing import Ringing, correlations
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]
@@ -52,8 +52,7 @@ def _energies(segment: Segment, ringing: Ringing) -> tuple[Array, Array]:
     """Return energies over noise of the tones in the lead-in: measured, and if they sound there."""
     length = segment.before.shape[1]
     window = np.hanning(length)
-    turns = np.exp(np.outer(np.arange(length), -1j * ringing.poles.imag / segment.sample_rate))
-    sums = (segment.before * window) @ turns
+    sums = correlations(1j * ringing.poles.imag, segment.before * window, segment.sample_rate)
     floor = segment.noise.densities.min(axis=1)[:, None] * (window**2).sum()
     gains = np.abs(ringing.gains[segment.rows]) * window.sum() / 2
     return (np.abs(sums) ** 2 / floor).sum(axis=0), (gains**2 / floor).sum(axis=0)

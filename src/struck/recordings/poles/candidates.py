@@ -29,7 +29,7 @@ _GONE = 3.0
 """Frames count until the power falls to so many times the noise."""
 _FIRST = 6
 _FEWEST = 12
-_WINDOW = 36
+_WINDOW = 28
 _BATCH = 64
 _DIRECTIONS = 8
 _COUNTS = np.array([24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 300])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+
+from struck.recordings.poles.kernels.grouping import labelled
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
@@ -17,24 +19,28 @@ _MOST = 16
 _FEW = 6
 
 
-def overlaps(poles: Complex, duration: float) -> Array:
-    """Return the squared correlations of the modes' exponentials, (M, M).
+def overlap(left: Complex, right: Complex, duration: float) -> Array:
+    """Return the squared correlations of exponentials, 1 for equal poles.
 
     Parameters
     ----------
-    poles : array (M,), complex
-        -d + 2 pi i f, 1/s.
+    left, right : arrays, complex
+        Poles -d + 2 pi i f, 1/s, that broadcast with each other.
     duration : float
         Length of the recording, s: in it even undamped modes overlap.
 
     Returns
     -------
-    array (M, M)
-        4 d1 d2 / |conj(s1) + s2|^2: 1 for equal poles.
+    array
+        4 d1 d2 / |conj(s1) + s2|^2.
     """
-    decays = np.maximum(-poles.real, 2 / duration)
-    apart = np.subtract.outer(poles.imag, poles.imag)
-    return 4 * np.outer(decays, decays) / (np.add.outer(decays, decays) ** 2 + apart**2)
+    one, other = np.maximum(-left.real, 2 / duration), np.maximum(-right.real, 2 / duration)
+    return 4 * one * other / ((one + other) ** 2 + (left.imag - right.imag) ** 2)
+
+
+def overlaps(poles: Complex, duration: float) -> Array:
+    """Return the squared correlations of modes with each other, (M, M), as `overlap` does."""
+    return overlap(poles[:, None], poles, duration)
 
 
 def overlapping(poles: Complex, duration: float, coupled: float = _COUPLED) -> list[Index]:
@@ -52,30 +58,26 @@ def overlapping(poles: Complex, duration: float, coupled: float = _COUPLED) -> l
     """
     if not poles.size:
         return []
-    groups = _split(np.arange(len(poles)), overlaps(poles, duration), coupled)
-    groups = sorted(groups, key=lambda group: float(poles[group].imag.mean()))
-    return list(_merged(groups, np.asarray(-poles.real, float)))
-
-
-def _split(group: Index, overlap: Array, threshold: float) -> Iterator[Index]:
-    close = overlap[np.ix_(group, group)] > threshold
-    count, labels = connected_components(close, directed=False)
-    for label in range(count):
-        part = group[labels == label]
-        if len(part) <= _MOST:
-            yield part
-        else:
-            yield from _split(part, overlap, 2 * threshold)
+    labels = labelled(overlaps(poles, duration), coupled, _MOST)
+    order = np.argsort(labels, kind="stable")
+    sizes = np.bincount(labels)
+    ends = np.cumsum(sizes).tolist()
+    groups = [order[first:last] for first, last in pairwise([0, *ends])]
+    middles = np.bincount(labels, poles.imag) / sizes
+    ascending = [groups[label] for label in np.argsort(middles, kind="stable")]
+    return list(_merged(ascending, np.asarray(-poles.real, float)))
 
 
 def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
     """Join small neighbours that last about as long: fewer and larger products of matrices."""
-    held = groups[0]
-    for group in groups[1:]:
-        both = np.concatenate((held, group))
-        if len(both) <= _FEW and np.ptp(np.log(decays[both])) < np.log(3):
-            held = both
-        else:
-            yield held
-            held = group
-    yield held
+    sizes = [len(group) for group in groups]
+    starts = np.cumsum([0, *sizes[:-1]])
+    lowest = np.minimum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    highest = np.maximum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    first, low, high = 0, lowest[0], highest[0]
+    for place in range(1, len(groups)):
+        low, high = min(low, lowest[place]), max(high, highest[place])
+        if sum(sizes[first : place + 1]) > _FEW or high >= 3 * low:
+            yield np.concatenate(groups[first:place])
+            first, low, high = place, lowest[place], highest[place]
+    yield np.concatenate(groups[first:])

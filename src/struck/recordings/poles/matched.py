@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from struck.recordings.poles.candidates import Candidates
+from struck.recordings.takes.noise import Noise
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]
@@ -42,13 +43,17 @@ def matched(segments: Sequence[Segment], left: Sequence[Array], least: float) ->
     Candidates
     """
     rate = segments[0].sample_rate
+    noises = [
+        segment.noise.raised(samples, rate, _BREADTH)
+        for segment, samples in zip(segments, left, strict=True)
+    ]
     found = []
     for decay in DECAYS:
         size = fft.next_fast_len(2 * max(_count(decay, each, rate) for each in left), real=True)
         frequencies = np.arange(size // 2 + 1) * (rate / size)
         energies = np.zeros(len(frequencies))
-        for segment, samples in zip(segments, left, strict=True):
-            energies += _energies(segment, samples, decay, size)
+        for noise, samples in zip(noises, left, strict=True):
+            energies += _energies(noise, samples, decay, frequencies)
         peaks = _peaks(energies, least)
         heard = (frequencies[peaks] > _LOWEST) & (frequencies[peaks] < _HIGHEST * rate)
         peaks = peaks[heard & (decay < np.pi * frequencies[peaks])]
@@ -62,15 +67,17 @@ def _count(decay: float, samples: Array, sample_rate: float) -> int:
     return min(samples.shape[1], int(8 / decay * sample_rate))
 
 
-def _energies(segment: Segment, samples: Array, decay: float, size: int) -> Array:
+def _energies(
+    noise: Noise, samples: Array, decay: float, frequencies: NDArray[np.floating]
+) -> Array:
     """Return energies along one exponential, over noise or what is left, summed over channels."""
-    rate = segment.sample_rate
+    size, rate = 2 * (len(frequencies) - 1), 2 * frequencies[-1]
     shape = np.exp(-decay / rate * np.arange(_count(decay, samples, rate)))
-    frequencies = np.arange(size // 2 + 1) * (rate / size)
-    floor = segment.noise.raised(samples, rate, _BREADTH).at(frequencies) * (shape**2).sum()
+    floor = noise.at(frequencies) * (shape**2).sum()
     total = np.zeros(len(frequencies))
-    for channel, noise in zip(samples, floor, strict=True):
-        total += np.abs(fft.rfft(channel[: len(shape)] * shape, size)) ** 2 / noise
+    for channel, density in zip(samples, floor, strict=True):
+        transform = fft.rfft(channel[: len(shape)] * shape, size)
+        total += (transform.real**2 + transform.imag**2) / density
     return total
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
 from struck.hearing import erb_number
-from struck.recordings.poles.block import Block, unique
+from struck.recordings.poles.blocks import blocks_around
 from struck.recordings.poles.candidates import Candidates
 from struck.recordings.poles.groups import overlapping, overlaps
-from struck.recordings.poles.refine import SLOWEST, refine
+from struck.recordings.poles.kernels.telling import add_unique
+from struck.recordings.poles.kernels.turns import SLOWEST
+from struck.recordings.poles.refine import refine
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
@@ -29,6 +32,7 @@ _SHARE = 2
 _PER_BAND = 4
 
 
+@cache
 def significance(channels: int, chance: float = CHANCE) -> float:
     """Return the energy over noise that noise in so many channels exceeds by this chance.
 
@@ -42,12 +46,10 @@ def energies(segments: Sequence[Segment], ringing: Ringing) -> tuple[Array, Arra
     """Return what each mode alone explains over noise, and its share of the mode's energy."""
     duration = max(segment.duration for segment in segments)
     energy, share = np.zeros(ringing.count), np.zeros(ringing.count)
-    for group in overlapping(ringing.poles, duration):
-        own = ringing.of(group)
-        for segment in segments:
-            alone, part = unique(Block.around(segment, own), own)
-            energy[group] += alone
-            share[group] = np.maximum(share[group], part)
+    if not ringing.count:
+        return energy, share
+    blocks = blocks_around(segments, ringing.poles, overlapping(ringing.poles, duration))
+    add_unique(blocks, ringing.poles, np.ascontiguousarray(ringing.gains), energy, share)
     return energy, share
 
 

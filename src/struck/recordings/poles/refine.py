@@ -8,28 +8,21 @@ present estimate of all others (Gauss-Seidel).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.recordings.poles.block import Block, Projection
+from struck.recordings.poles.blocks import Blocks, blocks_around
 from struck.recordings.poles.groups import overlapping, overlaps
-from struck.recordings.takes.ringing import Ringing, best_gains, samples
+from struck.recordings.poles.kernels.turns import take_turns
+from struck.recordings.takes.ringing import Ringing, best_gains, row_width, samples_in_rows
 from struck.recordings.takes.segment import Segment
 
 Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
 
-SLOWEST = 0.02
-"""Least decay rate, 1/s."""
-FASTEST = 1500.0
-"""Largest decay rate, 1/s."""
-LEAST_Q = 2.0
-"""Least pi f / d."""
-_SETTLED = 1e-3
-"""A group rests when a step promises to lower its cost by no more than this, noise being 1."""
-_TRIES = 4
-_WITNESSES = 4
+_WITNESSES, _EVERY = 4, 4
 _WORSE = 1.05
 """A group that gets better may make the whole a little worse, for a while."""
 _TOUCHING = 1e-3
@@ -60,9 +53,7 @@ def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: in
     energy = left_over(segments, ringing)
     unsettled = np.ones(ringing.count, bool)
     for _ in range(sweeps):
-        groups = [
-            group for group in overlapping(ringing.poles, duration) if unsettled[group].any()
-        ]
+        groups = [group for group in overlapping(ringing.poles, duration) if unsettled[group].any()]
         if not groups:
             break
         moved = _swept(segments, ringing, groups, steps)
@@ -92,13 +83,20 @@ def with_best_gains(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
 
 
 def left_over(segments: Sequence[Segment], ringing: Ringing) -> float:
-    """Return the energy that a fit leaves of a few channels, each against its noise."""
+    """Return the energy that a fit leaves of a few channels, each against its noise.
+
+    Of every so many milliseconds: that is enough to tell whether it grows.
+    """
     energy = 0.0
     for segment in segments:
         some = slice(None, None, -(-len(segment.samples) // _WITNESSES))
-        gains = ringing.gains[segment.rows][some]
-        model = samples(ringing.poles, gains, segment.samples.shape[1], segment.sample_rate)
-        left = ((segment.samples[some] - model) ** 2).sum(axis=1)
+        gains, heard = ringing.gains[segment.rows][some], segment.samples[some]
+        length = segment.samples.shape[1]
+        model = samples_in_rows(ringing.poles, gains, length, segment.sample_rate, _EVERY)
+        width = row_width(length)
+        whole = length // width
+        rows = heard[:, : whole * width].reshape(len(heard), whole, width)[:, ::_EVERY]
+        left = ((rows - model[:, : rows.shape[1]]) ** 2).sum(axis=(1, 2))
         energy += float(left @ (1 / segment.noise.densities[some].mean(axis=1)))
     return energy
 
@@ -107,59 +105,49 @@ def _swept(
     segments: Sequence[Segment], ringing: Ringing, groups: Sequence[Index], steps: int
 ) -> Ringing:
     """Give each group its turn."""
-    poles, gains = ringing.poles.copy(), ringing.gains.copy()
-    for group in groups:
-        now = Ringing(poles=poles, gains=gains)
-        blocks = [Block.cleared(segment, now, group) for segment in segments]
-        poles[group], projections = settle(blocks, poles[group], steps)
-        for block, each in zip(blocks, projections, strict=True):
-            gains[block.rows, group] = block.spectrum.gains(poles[group], each.residues.T)
+    poles, gains = ringing.poles.copy(), ringing.gains.copy(order="C")
+    blocks = blocks_around(segments, poles, groups)
+    take_turns(blocks, poles, gains, poles[blocks.members], blocks.starts, steps, keep=True)
     return Ringing(poles=poles, gains=gains)
 
 
-def settle(blocks: list[Block], poles: Complex, steps: int) -> tuple[Complex, list[Projection]]:
-    """Refine the poles of one group."""
-    here, cost = _projected(blocks, poles)
-    damping = 1e-3
-    for _ in range(steps):
-        matrix, slope = normal_equations(here)
-        for _ in range(_TRIES):
-            scale = np.diag(matrix).real * damping
-            step = np.linalg.solve(matrix + np.diag(scale), slope)
-            if not (slope.conj() @ step).real > _SETTLED:
-                return poles, here
-            moved = _limited(poles, step)
-            there, lower = _projected(blocks, moved)
-            if lower < cost:
-                break
-            damping *= 8
-        else:
-            return poles, here
-        poles, here, cost = moved, there, lower
-        damping = max(damping / 5, 1e-9)
-    return poles, here
+class Attempt(NamedTuple):
+    """What other poles would explain in the place of a group's.
+
+    Parameters
+    ----------
+    poles : array (M,), complex
+        As they have settled.
+    gains : array (C, M), complex
+        Theirs.
+    cost : float
+        Energy left, in units of the noise's in one bin.
+    misfit : float
+        The same a bin and channel, noise being 1; 1 where chance may explain it.
+    """
+
+    poles: Complex
+    gains: Complex
+    cost: float
+    misfit: float
 
 
-def _projected(blocks: list[Block], poles: Complex) -> tuple[list[Projection], float]:
-    projections = [Projection.of(block, poles) for block in blocks]
-    return projections, sum(each.cost for each in projections)
+def settled(blocks: Blocks, ringing: Ringing, start: Complex, steps: int) -> Attempt:
+    """Refine other poles in the place of the only group of some blocks.
 
-
-def normal_equations(projections: list[Projection]) -> tuple[Complex, Complex]:
-    """Return matrix (M, M) and right side (M,) of all segments together."""
-    matrices, slopes = zip(*(each.normal_equations() for each in projections), strict=True)
-    return np.sum(matrices, axis=0), np.sum(slopes, axis=0)
-
-
-def _limited(poles: Complex, step: Complex) -> Complex:
-    """Step by half a decay rate at most, twice that in angular frequency, and stay damped."""
-    most = np.maximum(-0.5 * poles.real, 2.0)
-    real = np.clip(step.real, -most, most)
-    imaginary = np.clip(step.imag, -2 * most, 2 * most)
-    return damped(poles + real + 1j * imaginary)
-
-
-def damped(poles: Complex) -> Complex:
-    """Return poles whose decay rates are within the bounds of what can be told from a click."""
-    fastest = np.minimum(FASTEST, np.maximum(np.abs(poles.imag) / (2 * LEAST_Q), 2 * SLOWEST))
-    return -np.clip(-poles.real, SLOWEST, fastest) + 1j * poles.imag
+    Parameters
+    ----------
+    blocks : Blocks
+        Around one group.
+    ringing : Ringing
+        All modes; those outside the group stay as they are.
+    start : array, complex
+        Poles to start with.
+    steps : int
+        Of Levenberg and Marquardt at most.
+    """
+    gains, places = np.ascontiguousarray(ringing.gains), np.array([0, len(start)])
+    moved, own, costs, misfits = take_turns(
+        blocks, ringing.poles, gains, start, places, steps, keep=False
+    )
+    return Attempt(poles=moved, gains=own, cost=float(costs[0]), misfit=float(misfits[0]))

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.recordings.poles.block import Block, misfit
-from struck.recordings.poles.groups import overlaps
+from struck.recordings.poles.blocks import blocks_around
+from struck.recordings.poles.groups import overlap
 from struck.recordings.poles.prune import energies, significance
-from struck.recordings.poles.refine import settle
+from struck.recordings.poles.refine import settled
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
@@ -47,7 +47,7 @@ def weeded(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
     ringing = _uncrowded(segments, ringing)
     for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:
         mode = int(np.argmin(np.abs(ringing.poles - pole)))
-        close = overlaps(ringing.poles, duration)[mode]
+        close = overlap(pole, ringing.poles, duration)
         if ringing.poles[mode] == pole and _is_weak(ringing, mode, close):
             ringing = _without(segments, ringing, mode)
     return ringing
@@ -74,19 +74,19 @@ def _is_weak(ringing: Ringing, mode: int, close: NDArray[np.float64]) -> bool:
 def _without(
     segments: Sequence[Segment], ringing: Ringing, mode: int, *, needed: bool = True
 ) -> Ringing:
-    close = overlaps(ringing.poles, max(segment.duration for segment in segments))[mode]
+    """Drop a mode, `needed` only if its neighbours, refined without it, lose as little as noise."""
+    duration = max(segment.duration for segment in segments)
+    close = overlap(ringing.poles[mode], ringing.poles, duration)
     group = np.argsort(-close)[:_COMPANY]
     group = group[close[group] > _CLOSE]
-    blocks = [Block.cleared(segment, ringing, group) for segment in segments]
+    blocks = blocks_around(segments, ringing.poles, [group])
     rest = group[group != mode]
-    moved, fewer = settle(blocks, ringing.poles[rest], _STEPS)
+    fewer = settled(blocks, ringing, ringing.poles[rest], _STEPS)
     if needed:
-        _, whole = settle(blocks, ringing.poles[group], _STEPS)
-        lost = sum(each.cost for each in fewer) - sum(each.cost for each in whole)
-        if lost > misfit(whole) * significance(len(ringing.gains) + 1, _PROVEN):
+        whole = settled(blocks, ringing, ringing.poles[group], _STEPS)
+        least = whole.misfit * significance(len(ringing.gains) + 1, _PROVEN)
+        if fewer.cost - whole.cost > least:
             return ringing
     poles, gains = ringing.poles.copy(), ringing.gains.copy()
-    poles[rest] = moved
-    for block, each in zip(blocks, fewer, strict=True):
-        gains[block.rows, rest] = block.spectrum.gains(moved, each.residues.T)
+    poles[rest], gains[:, rest] = fewer.poles, fewer.gains
     return Ringing(poles=poles, gains=gains).of(np.arange(len(poles)) != mode)

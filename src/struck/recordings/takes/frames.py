@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -41,8 +43,10 @@ def frames(samples: Array, window: Array, step: int, most: int | None = None) ->
     size = len(window)
     count = (samples.shape[1] - size) // step + 1
     count = min(count, most) if most is not None else count
-    turned = (np.arange(count)[:, None] * step * np.arange(size // 2)) % size
-    back = np.exp((-2j * np.pi / size) * turned).astype(np.complex64)
+    # The phases come round again after a few frames.
+    period = size // math.gcd(step, size)
+    turned = (np.arange(period)[:, None] * step * np.arange(size // 2)) % size
+    back = np.exp((-2j * np.pi / size) * turned).astype(np.complex64)[np.arange(count) % period]
     parts = [_transforms(each, window, step, count) * back for each in samples]
     return np.stack(parts)
 

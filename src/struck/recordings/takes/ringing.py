@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_FEW = 8
+_NEAR = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,33 +72,46 @@ def samples(poles: Complex, gains: Complex, length: int, sample_rate: float) -> 
     A sample index is a row and a column, n = row * width + column, and so each exponential the
     product of two short ones: all modes add up in a product of two matrices.
     """
-    width = int(np.ceil(np.sqrt(length)))
-    coarse = _powers(poles * (width / sample_rate), -(-length // width)).T
+    rows = samples_in_rows(poles, gains, length, sample_rate)
+    return rows.reshape(len(gains), -1)[:, :length]
+
+
+def samples_in_rows(
+    poles: Complex, gains: Complex, length: int, sample_rate: float, every: int = 1
+) -> Array:
+    """Return every so many rows of the samples, (C, rows, width); the width is root length."""
+    width = row_width(length)
+    coarse = _powers(poles * (every * width / sample_rate), -(-length // (every * width))).T
     fine = _powers(poles / sample_rate, width)
-    sums = [
-        coarse.real @ (gain[:, None] * fine).imag + coarse.imag @ (gain[:, None] * fine).real
-        for gain in gains
-    ]
-    return np.reshape(sums, (len(gains), -1))[:, :length]
+    both = np.hstack((coarse.real, coarse.imag))
+    turned = (gain[:, None] * fine for gain in gains)
+    rows = [both @ np.vstack((each.imag, each.real)) for each in turned]
+    return np.reshape(np.asarray(rows, float), (len(gains), len(coarse), width))
+
+
+def row_width(length: int) -> int:
+    """Return how many samples stand in a row."""
+    return int(np.ceil(np.sqrt(length)))
 
 
 def correlations(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     """Return the sums of conj(exp(s n / rate)) x[n], (C, M), by the same factors."""
     channels, length = samples.shape
-    width = int(np.ceil(np.sqrt(length)))
+    width = row_width(length)
     count = -(-length // width)
     folded = np.zeros((channels, count * width))
     folded[:, :length] = samples
     coarse = _powers(poles.conj() * (width / sample_rate), count).T
     fine = _powers(poles.conj() / sample_rate, width).T
     rows = folded.reshape(channels, count, width)
-    inner = rows @ fine.real + 1j * (rows @ fine.imag)
-    return (inner * coarse).sum(axis=1)
+    inner = rows @ np.hstack((fine.real, fine.imag))
+    real, imaginary = inner[..., : len(poles)], inner[..., len(poles) :]
+    return np.einsum("crm,rm->cm", real + 1j * imaginary, coarse)
 
 
 def _powers(exponents: Complex, count: int) -> Complex:
     """Return exp(x n) for n below the count, (M, count), by the same factors once more."""
-    width = int(np.ceil(np.sqrt(count)))
+    width = row_width(count)
     rows = -(-count // width)
     coarse: Complex = np.exp(np.outer(exponents, width * np.arange(rows)))
     fine: Complex = np.exp(np.outer(exponents, np.arange(width)))
@@ -134,7 +146,11 @@ def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
 def _series(left: Complex, right: Complex, length: int) -> Complex:
     """Return the sums of exp((x + y) n) for n below the length, one row for each x."""
     last = np.outer(np.exp(left * length), np.exp(right * length))
-    return np.asarray((last - 1) / np.expm1(np.add.outer(left, right)), complex)
+    first = np.outer(np.exp(left), np.exp(right)) - 1
+    # Where much cancels, digit by digit.
+    x, y = np.nonzero(np.abs(first) < _NEAR)
+    first[x, y] = np.expm1(left[x] + right[y])
+    return np.asarray((last - 1) / first, complex)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -169,71 +185,3 @@ class Spectrum:
     def spacing(self) -> float:
         """From one bin to the next, Hz."""
         return self.sample_rate / self.length
-
-    def lines(self, bins: Index, poles: Complex) -> Complex:
-        """Return 1 / (1 - z / u), (bins, M)."""
-        turns = np.exp((-2j * np.pi / self.length) * bins)
-        return np.reciprocal(1 - turns[:, None] * np.exp(poles / self.sample_rate))
-
-    def residues(self, poles: Complex, gains: Complex) -> Complex:
-        """Return r of gains (C, M)."""
-        return gains * self._span(poles)
-
-    def gains(self, poles: Complex, residues: Complex) -> Complex:
-        """Return the gains of residues (C, M)."""
-        return residues / self._span(poles)
-
-    def at(self, bins: Index, ringing: Ringing, gains: Complex) -> Complex:
-        """Return the transform of modes with these gains (C, M), (bins, C)."""
-        # r / (1 - z / u) and its conjugate's line over one denominator: sums of real products.
-        residues = self.residues(ringing.poles, gains)
-        ratios: Complex = np.exp(ringing.poles / self.sample_rate)
-        angles = np.asarray((2 * np.pi / self.length) * bins, float)
-        shapes = _inverses(angles, ratios)
-        factors = 2 * np.concatenate((residues.real, (residues * ratios.conj()).real))
-        real, imaginary = (_summed(shape, factors) for shape in shapes)
-        turned, still = np.hsplit(real - 1j * imaginary, 2)
-        return np.exp(1j * angles)[:, None] * turned - still
-
-    def mirrored(self, bins: Index, poles: Complex, gains: Complex) -> Complex:
-        """Return what the conjugate poles add, at the bins of positive frequencies."""
-        return _summed(self.lines(bins, poles.conj()), self.residues(poles, gains).conj())
-
-    def near(self, poles: Complex, halfwidths: Array) -> Index:
-        """Return the bins within so many Hz of each pole."""
-        middles, reach = poles.imag / (2 * np.pi * self.spacing), halfwidths / self.spacing
-        last = len(self.values) - 1
-        low = np.clip(np.ceil(middles - reach), 1, last - 1).astype(int)
-        high = np.clip(np.floor(middles + reach), 1, last - 1).astype(int)
-        first = int(low.min())
-        inside = np.zeros(int(high.max()) + 1 - first, bool)
-        for begin, end in zip((low - first).tolist(), (high + 1 - first).tolist(), strict=True):
-            inside[begin:end] = True
-        return np.asarray(first + np.flatnonzero(inside), np.int64)
-
-    def _span(self, poles: Complex) -> Complex:
-        return np.asarray(-np.expm1(poles * (self.length / self.sample_rate)) / 2j, complex)
-
-
-def _inverses(angles: Array, ratios: Complex) -> tuple[Array, Array]:
-    """Return 1 / ((1 - z / u) (u - conj(z))) at u = exp(i angle): real part, less the other."""
-    squares = np.abs(ratios) ** 2
-    real: Array = np.outer(np.cos(angles), 1 + squares)
-    real -= 2 * ratios.real
-    imaginary: Array = np.outer(np.sin(angles), 1 - squares)
-    inverse = real * real
-    inverse += imaginary * imaginary
-    np.reciprocal(inverse, out=inverse)
-    real *= inverse
-    imaginary *= inverse
-    return real, imaginary
-
-
-def _summed(lines: NDArray[Any], residues: NDArray[Any]) -> NDArray[Any]:
-    """Return lines (K, M) times residues (C, M), (K, C).
-
-    For few channels without BLAS: its threads take longer to meet than one needs for the work.
-    """
-    if len(residues) <= _FEW:
-        return np.stack([np.einsum("km,m->k", lines, each) for each in residues], axis=1)
-    return lines @ residues.T

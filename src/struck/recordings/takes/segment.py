@@ -75,10 +75,11 @@ class Segment:
         """Length, s."""
         return self.samples.shape[1] / self.sample_rate
 
-    def spectrum(self, slowest: float) -> Spectrum:
-        """Return the shortest transform in which a mode of this decay, 1/s, is over."""
-        enough = _ALIVE / slowest * self.sample_rate
-        return next((each for each in self.spectra[::-1] if each.length >= enough), self.spectra[0])
+    def levels(self, slowest: Array) -> NDArray[np.int64]:
+        """Return which is the shortest transform in which a mode of these decays, 1/s, is over."""
+        durations = np.array([each.length for each in self.spectra]) / self.sample_rate
+        long_enough = durations[:, None] >= _ALIVE / slowest
+        return np.maximum(long_enough.sum(axis=0) - 1, 0)
 
     def model(self, ringing: Ringing) -> Array:
         """Return what these modes sound like here, (C, n)."""

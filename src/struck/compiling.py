@@ -1,0 +1,56 @@
+"""How loops are compiled, and when machine code that numba kept may be used again.
+
+numba keeps the code of a function as long as the file it stands in stays the same, whatever
+becomes of the functions and constants that it uses from elsewhere. So the names under which code
+is kept carry a fingerprint of their whole package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_SUMS = {"reassoc", "contract", "arcp", "nsz"}
+"""Sums may be taken in any order, but NaN stays NaN."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compiler:
+    """Compiles the functions of one package.
+
+    Parameters
+    ----------
+    fingerprint : str
+        Of all its files.
+    """
+
+    fingerprint: str
+
+    @classmethod
+    def of_package(cls, file: str) -> Compiler:
+        """Take the package that a file stands in."""
+        digest = hashlib.sha256()
+        for path in sorted(Path(file).parent.glob("*.py")):
+            digest.update(path.read_bytes())
+        return cls(digest.hexdigest()[:12])
+
+    def jitted(self, function: Function) -> Function:
+        """Compile a function when it is first called; it needs no Python then, nor its lock."""
+        return self._compiled(function)
+
+    def jitted_within(self, function: Function) -> Function:
+        """Compile a function that only compiled code calls: sooner done without a way in."""
+        return self._compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+    def _compiled(self, function: Function, **options: bool) -> Function:
+        function.__qualname__ = f"{function.__qualname__}_{self.fingerprint}"
+        njit: Any = numba.njit
+        settings = {"fastmath": _SUMS, "nogil": True, "error_model": "numpy", "cache": True}
+        return njit(**settings, **options)(function)

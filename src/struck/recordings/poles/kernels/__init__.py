@@ -1,0 +1,1 @@
+"""Compiled: groups of modes against the bins that hold them."""

@@ -1,0 +1,8 @@
+"""The compiler of the fit's loops."""
+
+from __future__ import annotations
+
+from struck.compiling import Compiler
+
+_COMPILER = Compiler.of_package(__file__)
+jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
