@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
@@ -78,8 +79,9 @@ def _reason(segments: Sequence[Segment], ringing: Ringing, misfit: float) -> str
 
 
 def _steady(segments: Sequence[Segment], ringing: Ringing) -> float:
-    """Return the share of energy in what does not decay."""
-    steady = ringing.of(ringing.decays < _SLOW)
+    """Return the share of energy in what hardly decays, and is known to."""
+    errors = standard_errors(segments, ringing).decays
+    steady = ringing.of(ringing.decays + errors < _SLOW)
     if not steady.count:
         return 0.0
     whole = sum(float((each.samples**2).sum()) for each in segments)
