@@ -43,6 +43,7 @@ def declare_fit(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--way", default="field", help="field (default) or table")
     parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
     parser.add_argument("--modes", default="64", help="not more than these, or all (default 64)")
+    parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
     parser.add_argument(
         "--residual", action="store_true", help="keep attack and noise beside the modes"
     )
@@ -65,6 +66,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     fitting = fit_recordings(
         several[0] if len(several) == 1 else several,
         modes=_budget(options.modes),
+        room=_room(options.room),
         progress=progress,
         **{name: getattr(options, name) for name in _SAME},
     )
@@ -95,6 +97,13 @@ def _budget(text: str) -> int | None:
     return count
 
 
+def _room(text: str | None) -> float | str | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
+
+
 def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
     fitted = fitting.fitted
     verdict = fitted.verdict
@@ -104,6 +113,7 @@ def _told(fitting: Fitting, written: list[str], *, output: str, report: str | No
         fitting.model,
         "\n".join([ratio, *caution, *written]),
         decay_errors=[None if np.isnan(each) else each for each in fitted.decay_errors.tolist()],
+        of_room=None if fitting.room is None else np.flatnonzero(fitting.room).tolist(),
         modal=verdict.modal,
         reason=verdict.reason,
         signal_to_residual=verdict.signal_to_residual,

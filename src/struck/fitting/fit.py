@@ -29,6 +29,7 @@ def fit(
     method: str = "shared",
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
+    room: float | Recording | None = None,
     residual: bool = False,
     force: bool = False,
     report: str | os.PathLike[str] | None = None,
@@ -65,6 +66,9 @@ def fit(
         that stand out of the noise of what rings freely after it.
     onsets : sequence of sequences of float, optional
         Times of the hits in each recording, s; found unless given.
+    room : float, path or Sound, optional
+        Reverberation time T60 of the room, s, or a recording of a clap in it: modes that die away
+        nearly as fast, or faster, are told in the report and in `provenance` as perhaps its own.
     residual : bool
         Keep what the modes do not explain of the loudest hit, its attack and noise: `render` then
         plays it with each strike.
@@ -109,6 +113,7 @@ def fit(
         method=method,
         modes=modes,
         onsets=onsets,
+        room=room,
         residual=residual,
         force=force,
         cache=cache,

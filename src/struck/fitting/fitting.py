@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from struck.errors import OptionError, RecordingError
 from struck.fitting.gathering import Gathered
 from struck.fitting.recorded import Recorded, Recording
 from struck.fitting.remainder import remainder
+from struck.fitting.room import may_be_of_room, reverberation
 from struck.gains import Gains
 from struck.model import ModalModel
 from struck.progress import Progress, silent
@@ -27,6 +29,7 @@ from struck.recordings.fields.table import TimbreTable
 from struck.recordings.poles.fit import fit_poles
 from struck.recordings.poles.fitted import Fitted
 from struck.recordings.takes.ringing import Ringing
+from struck.recordings.takes.take import Take
 from struck.residual import Residual
 from struck.stages import Stages, fingerprint, holding
 
@@ -58,6 +61,8 @@ class Fitting:
     lead : float
         From the arrival of a hit to the moment that gains are as of, s: until then the object is
         still being struck.
+    room : array (M,), bool, or None
+        Which modes the room may have; None where nobody told its reverberation.
     residual : Residual
         Attack and noise of the loudest hit, which the model has where it was asked for.
     """
@@ -67,6 +72,7 @@ class Fitting:
     recorded: Recorded
     survey: Survey | None
     lead: float
+    room: NDArray[np.bool_] | None
     residual: Residual
 
     def report(self) -> str:
@@ -99,6 +105,7 @@ def fit_recordings(
     method: str = "shared",
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
+    room: float | Recording | None = None,
     residual: bool = False,
     force: bool = False,
     cache: bool | str | os.PathLike[str] = True,
@@ -121,17 +128,28 @@ def fit_recordings(
         progress=progress,
     )
     _require_use(recorded, way, radius)
-    stages = Stages(cache=opened(choice=cache), progress=progress)
-    given = {"method": method, "budget": modes, "onsets": onsets}
-    takes = fingerprint([(take.samples, take.sample_rate) for take in recorded.takes])
-    fitted = fit_poles(
-        recorded.takes,
-        **given,
-        progress=progress,
-        kept=lambda name, compute: stages.kept(_RINGING, compute, name=name, takes=takes, **given),
-    )
+    seconds = None if room is None else reverberation(room)
+    told = {"method": method, "budget": modes, "onsets": onsets}
+    fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, force=force)
-    return _made(_by_natural_frequency(fitted), recorded, way, radius, method, residual=residual)
+    fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
+    return _made(fitted, recorded, seconds, way, radius, method, residual=residual)
+
+
+def _fitted(
+    takes: Sequence[Take],
+    told: dict[str, Any],
+    cache: bool | str | os.PathLike[str],  # noqa: FBT001 - as of the verb
+    progress: Progress,
+) -> Fitted:
+    """Fit poles, taking up what an earlier run has finished."""
+    stages = Stages(cache=opened(choice=cache), progress=progress)
+    heard = fingerprint([(take.samples, take.sample_rate) for take in takes])
+
+    def kept(name: str, compute: Callable[[], Ringing]) -> Ringing:
+        return stages.kept(_RINGING, compute, name=name, takes=heard, **told)
+
+    return fit_poles(takes, **told, progress=progress, kept=kept)
 
 
 def _require(way: str, radius: float, modes: int | None) -> None:
@@ -176,8 +194,27 @@ def _by_natural_frequency(fitted: Fitted) -> Fitted:
     )
 
 
+def _with_room_told(fitted: Fitted, seconds: float | None) -> Fitted:
+    """Note which modes may be the room's."""
+    if seconds is None or not (count := may_be_of_room(fitted.decays, seconds).sum()):
+        return fitted
+    note = (
+        f"{count} of {len(fitted.decays)} modes die away nearly as fast as the room, T60 "
+        f"{seconds:.2g} s, or faster: they may be its own; those that stay when the object is "
+        "moved are not"
+    )
+    return replace(fitted, notes=(*fitted.notes, note))
+
+
 def _made(
-    fitted: Fitted, recorded: Recorded, way: str, radius: float, method: str, *, residual: bool
+    fitted: Fitted,
+    recorded: Recorded,
+    seconds: float | None,
+    way: str,
+    radius: float,
+    method: str,
+    *,
+    residual: bool,
 ) -> Fitting:
     gathered = Gathered.of(fitted, recorded)
     survey, gains = _gains(gathered, recorded, way, radius)
@@ -202,6 +239,7 @@ def _made(
         recorded=recorded,
         survey=survey,
         lead=gathered.lead,
+        room=None if seconds is None else may_be_of_room(fitted.decays, seconds),
         residual=rest,
     )
 

@@ -50,6 +50,8 @@ class AnyFitting(Protocol):
     @property
     def lead(self) -> float: ...  # noqa: D102
     @property
+    def room(self) -> Mask | None: ...  # noqa: D102
+    @property
     def residual(self) -> Residual: ...  # noqa: D102
 
 
@@ -173,8 +175,6 @@ def _modes(fitting: AnyFitting, first: Played) -> str:
     lowest = report_pictures.lowest_shown(fitted.frequencies)
     drawn = report_pictures.spectra(first, fitted.frequencies, lowest)
     seen = _wide(picture("Spectra of original and residual, with the modes", drawn))
-    if not len(fitted.frequencies):
-        return seen
     known = _known(fitting.model)
     errors = np.where(known, fitted.decay_errors, np.nan)
     rings = report_pictures.ringing_times(
@@ -186,6 +186,11 @@ def _modes(fitting: AnyFitting, first: Played) -> str:
         headings += report_tables.PLACES
         more = report_tables.place_columns(*_ranks(fitting.model))
         rows = [[*row, *columns] for row, columns in zip(rows, more, strict=True)]
+    if fitting.room is not None:
+        headings += report_tables.ROOM
+        rows = [
+            [*row, "perhaps" if own else ""] for row, own in zip(rows, fitting.room, strict=True)
+        ]
     return f"{seen}<p>{_ERRORS}</p>{_scrolling('modes', table(headings, rows))}"
 
 

@@ -21,6 +21,8 @@ MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (
 """Headings of the table of modes."""
 PLACES = ("rank error (%)", "measured")
 """Further ones, of gains over contacts and listeners."""
+ROOM = ("of the room",)
+"""One more, where the room's reverberation was told."""
 TAKES = ("take", "hits", "channels", "peak (dB FS)", "lead-in (dB FS)", "signal to residual (dB)")
 """Headings of the table of takes."""
 _LITTLE = 20.0
