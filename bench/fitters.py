@@ -173,7 +173,7 @@ def _older_reshape() -> Iterator[None]:
     module: Any = np
     newer = module.reshape
 
-    def reshape(array: Any, shape: Any = None, order: Any = "C", newshape: Any = None) -> Any:  # noqa: ANN401
+    def reshape(array: Any, shape: Any = None, order: Any = "C", newshape: Any = None) -> Any:  # noqa: ANN401 - as of NumPy
         return newer(array, shape if newshape is None else newshape, order=order)
 
     if "newshape" not in inspect.signature(newer).parameters:

@@ -15,7 +15,9 @@ from struck.command import Result, command
 from struck.errors import OptionError
 from struck.files.any_model import model_path
 from struck.fitting.fit import files_read
-from struck.fitting.fitting import Fitting, fit_recordings
+from struck.fitting.fitting import fit_recordings
+from struck.fitting.outcome import Fitting
+from struck.fitting.report import save_report
 from struck.progress import TerminalProgress
 
 _SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")
@@ -74,7 +76,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     written = [f"wrote {output}"]
     if report is not None:
         progress("report", 0.0)
-        fitting.save_report(report)
+        save_report(fitting, report)
         written.append(f"wrote {report}")
     return _told(fitting, written, output=str(output), report=report and str(report))
 

@@ -10,7 +10,8 @@ import pytest
 import struck
 from struck import Strike
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.fitting.fitting import Fitting, fit_recordings
+from struck.fitting.fitting import fit_recordings
+from struck.fitting.outcome import Fitting
 from struck.gains import Gains
 from struck.model import ModalModel
 from struck.recordings.fields.field import TimbreField

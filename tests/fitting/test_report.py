@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from struck.errors import RecordingError
 from struck.fitting import report as page_module
 from struck.fitting import report_pictures, report_places, report_players, report_tables
-from struck.fitting.fitting import Fitting, fit_recordings
+from struck.fitting.fitting import fit_recordings
+from struck.fitting.outcome import Fitting
 from struck.fitting.report import report
 from struck.fitting.report_hits import Energies, Played, chosen_hits, hits_of, played, setting_in
 from struck.recordings.fields.survey import Survey

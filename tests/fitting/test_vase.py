@@ -10,7 +10,8 @@ import pytest
 import struck
 from struck import Mono, Strike
 from struck.air import AIR
-from struck.fitting.fitting import Fitting, fit_recordings
+from struck.fitting.fitting import fit_recordings
+from struck.fitting.outcome import Fitting
 from struck.recordings.takes.take import Take
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 

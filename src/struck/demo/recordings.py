@@ -8,6 +8,7 @@ from pathlib import Path
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.fitting.fitting import fit_recordings
+from struck.fitting.report import report
 from struck.progress import Progress
 from struck.rendering import render
 
@@ -29,4 +30,4 @@ def recording(folder: Path, progress: Progress) -> str:
     for name, size in (("half", 0.5), ("recorded", 1.0), ("twice", 2.0)):
         model = made.model if size == 1 else made.model.scaled(size)
         render(model, Strike(impulse=1.0, duration=0.0)).save(folder / f"{NAME}_{name}.wav")
-    return made.report()
+    return report(made)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from struck.atomic import writable
 from struck.fitting.fitting import fit_recordings
 from struck.fitting.recorded import Recording
+from struck.fitting.report import save_report
 from struck.model import ModalModel
 from struck.progress import Progress, silent
 from struck.recordings.manifests.manifest import KINDS, NAME, read_manifest
@@ -120,7 +121,7 @@ def fit(
         progress=progress,
     )
     if page is not None:
-        fitting.save_report(page)
+        save_report(fitting, page)
     return fitting.model
 
 

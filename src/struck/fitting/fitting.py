@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.atomic import write_bytes
 from struck.cache import opened
 from struck.errors import OptionError, RecordingError
 from struck.fitting.gathering import Gathered
+from struck.fitting.outcome import Fitting
 from struck.fitting.recorded import Recorded, Recording
 from struck.fitting.remainder import remainder
 from struck.fitting.room import may_be_of_room, reverberation
@@ -30,7 +30,6 @@ from struck.recordings.poles.fit import fit_poles
 from struck.recordings.poles.fitted import Fitted
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.take import Take
-from struck.residual import Residual
 from struck.stages import Stages, fingerprint, holding
 
 Array = NDArray[np.float64]
@@ -43,53 +42,6 @@ _REFERENCES = {
 }
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Ringing)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fitting:
-    """A model of recordings, with all that is known of how well it fits.
-
-    Parameters
-    ----------
-    model : ModalModel
-    fitted : Fitted
-        Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
-    recorded : Recorded
-        The takes and their places.
-    survey : Survey or None
-        Gains over contact and listener; None for a model of a single point.
-    lead : float
-        From the arrival of a hit to the moment that gains are as of, s: until then the object is
-        still being struck.
-    room : array (M,), bool, or None
-        Which modes the room may have; None where nobody told its reverberation.
-    residual : Residual
-        Attack and noise of the loudest hit, which the model has where it was asked for.
-    """
-
-    model: ModalModel
-    fitted: Fitted
-    recorded: Recorded
-    survey: Survey | None
-    lead: float
-    room: NDArray[np.bool_] | None
-    residual: Residual
-
-    def report(self) -> str:
-        """Return an HTML page of its own: how the recordings sound, the model, and the rest."""
-        from struck.fitting.report import report
-
-        return report(self)
-
-    def save_report(self, path: str | os.PathLike[str]) -> None:
-        """Write the page, whole or not at all.
-
-        Raises
-        ------
-        FileFormatError
-            When the file cannot be written.
-        """
-        write_bytes(path, self.report().encode())
 
 
 def fit_recordings(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import html
+import os
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.atomic import write_bytes
 from struck.fitting import report_pictures, report_places, report_players, report_tables
+from struck.fitting.outcome import Fitting
 from struck.fitting.recorded import Recorded
 from struck.fitting.remainder import loudest
 from struck.fitting.report_hits import (
@@ -26,7 +28,6 @@ from struck.html_page import document, picture, table
 from struck.model import ModalModel
 from struck.recordings.fields.survey import Survey
 from struck.recordings.poles.fitted import Fitted
-from struck.residual import Residual
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,26 +37,18 @@ _FIRST, _OTHERS = 3e6, 3e6
 _NOTES = 6
 
 
-class AnyFitting(Protocol):
-    """A `struck.fitting.fitting.Fitting`, as far as a page of it asks."""
+def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
+    """Write the page, whole or not at all.
 
-    @property
-    def model(self) -> ModalModel: ...  # noqa: D102 - as there
-    @property
-    def fitted(self) -> Fitted: ...  # noqa: D102
-    @property
-    def recorded(self) -> Recorded: ...  # noqa: D102
-    @property
-    def survey(self) -> Survey | None: ...  # noqa: D102
-    @property
-    def lead(self) -> float: ...  # noqa: D102
-    @property
-    def room(self) -> Mask | None: ...  # noqa: D102
-    @property
-    def residual(self) -> Residual: ...  # noqa: D102
+    Raises
+    ------
+    FileFormatError
+        When the file cannot be written.
+    """
+    write_bytes(path, report(fitting).encode())
 
 
-def report(fitting: AnyFitting) -> str:
+def report(fitting: Fitting) -> str:
     """Return a page that needs no other file.
 
     It says how well modes explain the recordings, plays hits as recorded and as fitted, and shows
@@ -88,7 +81,7 @@ def _section(title: str, body: str) -> str:
     return f"<section>{heading}{body}</section>" if body else ""
 
 
-def _with_rest(fitting: AnyFitting, hit: Played) -> Played:
+def _with_rest(fitting: Fitting, hit: Played) -> Played:
     """Return the loudest hit, with attack and noise where the model has them or they help."""
     fitted, recorded, residual = fitting.fitted, fitting.recorded, fitting.residual
     if fitting.model.residual is None and not residual.levels.any():
@@ -97,7 +90,7 @@ def _with_rest(fitting: AnyFitting, hit: Played) -> Played:
     return with_residual(hit, residual, recorded.distance(row.take, row.channel))
 
 
-def _summary(fitting: AnyFitting) -> str:
+def _summary(fitting: Fitting) -> str:
     fitted, model = fitting.fitted, fitting.model
     count = len(model.frequencies)
     verdict, *meaning = report_tables.verdict_lines(fitted.verdict, count)
@@ -108,7 +101,7 @@ def _summary(fitting: AnyFitting) -> str:
     return f'<p class="{kind}">{html.escape(verdict)}</p><ul>{told}</ul>{_noted(notes)}'
 
 
-def _made_of(fitting: AnyFitting) -> str:
+def _made_of(fitting: Fitting) -> str:
     fitted, takes, survey = fitting.fitted, fitting.recorded.takes, fitting.survey
     channels = sorted({take.channels for take in takes})
     each = counted(channels[-1], "channel")
@@ -135,7 +128,7 @@ def _noted(notes: Sequence[str]) -> str:
     return f'<div class="notes"><b>Notes</b>{listed(shown)}{rest if more else ""}</div>'
 
 
-def _players(fitting: AnyFitting, hits: Sequence[Played], names: Sequence[str]) -> str:
+def _players(fitting: Fitting, hits: Sequence[Played], names: Sequence[str]) -> str:
     first, *others = hits
     one = report_players.player(f"{_named(first, names)}, the loudest hit", first, _FIRST)
     share = _OTHERS / max(len(others), 1)
@@ -146,7 +139,7 @@ def _players(fitting: AnyFitting, hits: Sequence[Played], names: Sequence[str]) 
     return f"<p>{_how(fitting, first)}</p>{one}{_folded(more, hidden)}"
 
 
-def _how(fitting: AnyFitting, first: Played) -> str:
+def _how(fitting: Fitting, first: Played) -> str:
     beside = "" if first.beside is None else _BESIDE
     lost = _LOST if beside and fitting.model.residual is None else ""
     return " ".join(filter(None, (_HOW, beside, lost, _SWITCH)))
@@ -170,7 +163,7 @@ def _spectrograms(first: Played, fitted: Fitted) -> str:
     return _wide(picture(text, report_pictures.spectrograms(first, lowest)))
 
 
-def _modes(fitting: AnyFitting, first: Played) -> str:
+def _modes(fitting: Fitting, first: Played) -> str:
     fitted = fitting.fitted
     lowest = report_pictures.lowest_shown(fitted.frequencies)
     drawn = report_pictures.spectra(first, fitted.frequencies, lowest)
@@ -209,7 +202,7 @@ def _ranks(model: ModalModel) -> tuple[Array, Mask]:
     return errors, lost
 
 
-def _places(fitting: AnyFitting) -> Iterator[str]:
+def _places(fitting: Fitting) -> Iterator[str]:
     survey = fitting.survey
     if survey is None or len(survey.contacts) * len(survey.listeners) < 2:
         return

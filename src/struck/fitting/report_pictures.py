@@ -52,7 +52,7 @@ def spectrograms(hit: Played, lowest: float) -> Figure:
     panels[0].set_ylabel("frequency (Hz)")
     image = panels[0].collections[0]
     bar = figure.colorbar(image, ax=panels, pad=0.01, label="level (dB, loudest = 0)")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
     return figure
 
 

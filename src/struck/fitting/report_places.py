@@ -73,7 +73,7 @@ def gain_map(
     axes.set_yticks(shown, [places[place] for place in shown], fontsize=8)
     axes.set(ylabel=what, xlabel="mode (Hz)")
     bar = figure.colorbar(image, ax=axes, pad=0.01, label="level (dB)")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
     return figure
 
 

@@ -107,7 +107,7 @@ def test_a_vase_from_22_recordings_at_20_db(seed: int) -> None:
     ("heights", "free"), [(HEIGHTS, True), (np.linspace(1, 0, 5)[:, None], False)]
 )
 @pytest.mark.parametrize("seed", range(2))
-def test_unseen_places_beat_the_nearest_recording(heights: Array, free: bool, seed: int) -> None:  # noqa: FBT001
+def test_unseen_places_beat_the_nearest_recording(heights: Array, free: bool, seed: int) -> None:  # noqa: FBT001 - a parameter of the cases
     chance = default_rng([4, seed])
     vase = Vase.drawn(chance, free=free)
     gains = noisy(vase.gains(heights[:, 0], listeners()), 29.6, chance)
