@@ -2,7 +2,7 @@
 
 numba keeps the code of a function as long as the file it stands in stays the same, whatever
 becomes of the functions and constants that it uses from elsewhere. So the names under which code
-is kept carry a fingerprint of their whole package.
+is kept carry a fingerprint of all packages that it is made of.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ _SUMS = {"reassoc", "contract", "arcp", "nsz"}
 
 @dataclass(frozen=True, slots=True)
 class Compiler:
-    """Compiles the functions of one package.
+    """Compiles the functions of a package.
 
     Parameters
     ----------
     fingerprint : str
-        Of all its files.
+        Of all its files, and of those of the packages that it compiles with them.
     """
 
     fingerprint: str
 
     @classmethod
-    def of_package(cls, file: str) -> Compiler:
-        """Take the package that a file stands in."""
+    def of_packages(cls, *files: str) -> Compiler:
+        """Take the packages that these files stand in."""
         digest = hashlib.sha256()
-        for path in sorted(Path(file).parent.glob("*.py")):
-            digest.update(path.read_bytes())
+        for file in files:
+            for path in sorted(Path(file).parent.glob("*.py")):
+                digest.update(path.read_bytes())
         return cls(digest.hexdigest()[:12])
 
     def jitted(self, function: Function) -> Function:
@@ -49,8 +50,19 @@ class Compiler:
         """Compile a function that only compiled code calls: sooner done without a way in."""
         return self._compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
+    def callback(self, signature: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba has no types
+        """Compile a function, now, for those who call it by its `address`."""
+
+        def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba has no types
+            return numba.cfunc(signature, error_model="numpy", cache=True)(self._named(function))
+
+        return compiled
+
     def _compiled(self, function: Function, **options: bool) -> Function:
-        function.__qualname__ = f"{function.__qualname__}_{self.fingerprint}"
         njit: Any = numba.njit
         settings = {"fastmath": _SUMS, "nogil": True, "error_model": "numpy", "cache": True}
-        return njit(**settings, **options)(function)
+        return njit(**settings, **options)(self._named(function))
+
+    def _named(self, function: Function) -> Function:
+        function.__qualname__ = f"{function.__qualname__}_{self.fingerprint}"
+        return function

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
-import pytest
 from numba import njit
 from numpy.typing import NDArray
 
@@ -34,24 +32,20 @@ def play_the_force(
     outputs[1] = -reals
 
 
-@pytest.fixture(scope="module")
-def compiled() -> Any:  # noqa: ANN401 - numba's class has no type
-    return callback.compiled(play_the_force)
-
-
 class Device:
     """What calls the callback."""
 
-    def __init__(self, compiled: Any) -> None:  # noqa: ANN401 - numba's class has no type
+    def __init__(self) -> None:
         self.records = Ring(capacity=4, integers=1, reals=BLOCK)
         self.arena = np.zeros(2)
         limited = limiter.limiter(sample_rate=RATE, channels=CHANNELS)
         self.shared = Shared(
-            records=self.records, limited=limited, arena=self.arena, channels=CHANNELS, block=BLOCK
-        )
+            records=self.records, limited=limited, arena=self.arena, process=play_the_force,
+            channels=CHANNELS, block=BLOCK,
+        )  # fmt: skip
         whole, word, place = ctypes.c_int, ctypes.c_ulong, ctypes.c_void_p
         prototype = ctypes.CFUNCTYPE(whole, place, place, word, place, word, place)
-        self._call = prototype(compiled.address)
+        self._call = prototype(callback.compiled().address)
         self.answer = CONTINUE
 
     def play(self, flags: int = 0) -> NDArray[np.float32]:
@@ -63,8 +57,8 @@ class Device:
         return frames.T
 
 
-def test_records_are_heard_in_order_each_for_one_block(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_records_are_heard_in_order_each_for_one_block() -> None:
+    device = Device()
     sent, heard = [], []
     ramp = np.linspace(0, 0.5, BLOCK)
     for number in range(20):
@@ -81,8 +75,8 @@ def test_records_are_heard_in_order_each_for_one_block(compiled: Any) -> None:  
     assert device.shared.counters[[CALLS, UNDERFLOWS, LATE]].tolist() == [20, 0, 0]
 
 
-def test_a_late_record_is_counted_and_the_last_one_goes_on(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_a_late_record_is_counted_and_the_last_one_goes_on() -> None:
+    device = Device()
     assert not device.play().any()  # nothing was ever sent: silence, and nothing is late
     device.records.push(np.array([5]), np.full(BLOCK, 0.25))
     for _ in range(10):
@@ -96,8 +90,8 @@ def test_a_late_record_is_counted_and_the_last_one_goes_on(compiled: Any) -> Non
     assert device.shared.counters[LATE] == 9
 
 
-def test_what_is_being_heard_cannot_be_overwritten(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_what_is_being_heard_cannot_be_overwritten() -> None:
+    device = Device()
     for number in range(4):
         device.records.push(np.array([number]), np.zeros(BLOCK))
     device.play()
@@ -106,15 +100,15 @@ def test_what_is_being_heard_cannot_be_overwritten(compiled: Any) -> None:  # no
     assert device.records.reserve() is not None
 
 
-def test_underflows_are_counted_and_other_flags_are_not(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_underflows_are_counted_and_other_flags_are_not() -> None:
+    device = Device()
     for flags in (0, OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW, OUTPUT_UNDERFLOW | 1):
         device.play(flags)
     assert device.shared.counters[[CALLS, UNDERFLOWS]].tolist() == [4, 2]
 
 
-def test_it_fades_out_and_ends_when_it_is_told_to(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_it_fades_out_and_ends_when_it_is_told_to() -> None:
+    device = Device()
     device.records.push(np.array([0]), np.full(BLOCK, 0.5))
     for _ in range(20):
         device.play()
@@ -131,8 +125,8 @@ def test_it_fades_out_and_ends_when_it_is_told_to(compiled: Any) -> None:  # noq
     assert np.abs(np.diff(fading)).max() < 0.5 * np.pi / 2 / (0.02 * RATE) * 1.01
 
 
-def test_nothing_that_the_host_sends_is_louder_than_the_ceiling(compiled: Any) -> None:  # noqa: ANN401
-    device = Device(compiled)
+def test_nothing_that_the_host_sends_is_louder_than_the_ceiling() -> None:
+    device = Device()
     chance = np.random.default_rng(5)
     for _ in range(200):
         forces = 10 ** chance.uniform(-3, 12) * chance.normal(size=BLOCK)

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
@@ -57,11 +56,6 @@ def ring_and_push(
         outputs[:, sample] = 1e-4 * value
 
 
-@cache
-def compiled() -> Any:  # noqa: ANN401 - numba's class has no type
-    return callback.compiled(ring_and_push)
-
-
 class Player:
     """All that plays: memory, callback, feeder."""
 
@@ -72,10 +66,10 @@ class Player:
         self.arena[:, 0] = 1.9999 * np.cos(turns)
         limited = limiter.limiter(sample_rate=RATE, channels=2)
         self.shared = Shared(
-            records=self.records, limited=limited, arena=self.arena.reshape(-1), channels=2,
-            block=BLOCK,
+            records=self.records, limited=limited, arena=self.arena.reshape(-1),
+            process=ring_and_push, channels=2, block=BLOCK,
         )  # fmt: skip
-        self.callback = compiled()
+        self.callback = callback.compiled()
         self.feeder = Feeder(self.records, self.fill, seconds=BLOCK / RATE)
         self._modes = modes
 

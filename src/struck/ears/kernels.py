@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.synth.compiling import jitted
+from struck.synth.compiling import jitted, jitted_within
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -64,7 +64,7 @@ def hear(
             room[k] = room[k + block]
 
 
-@jitted
+@jitted_within
 def read(
     line: Single,
     now: int,
@@ -99,7 +99,7 @@ def read(
         into[k] *= total
 
 
-@jitted
+@jitted_within
 def convolve(samples: Single, before: Single, after: Single, shares: Single, into: Single) -> None:
     """Add the convolution with a response that has gone a share of the way to another.
 

@@ -21,11 +21,11 @@ from struck.ears.propagation import STRETCH, Propagation
 from struck.ears.sources import Emitter
 from struck.ears.trajectory import Trajectory
 from struck.errors import ContactError, OptionError
+from struck.live.compiling import jitted_within
 from struck.live.record import NEW_WAYS, SINCE, Record
 from struck.model import ModalModel
 from struck.scene.body import centre_of, emitter_at
 from struck.synth.addresses import part
-from struck.synth.compiling import jitted
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -90,7 +90,7 @@ def _seen(singles: Single, reals: Array, wholes: Integers) -> Ears:
     )
 
 
-seen = jitted(_seen)
+seen = jitted_within(_seen)
 """The parts, for functions without Python."""
 
 
@@ -244,18 +244,20 @@ def _emitter(model: ModalModel) -> Emitter:
     return emitter_at(model, Trajectory.of("position", centre_of(model)))
 
 
-@jitted
+@jitted_within
 def take(ears: Ears, record: Record) -> None:
     """Take over new ways."""
-    if record.stretch[NEW_WAYS]:
-        ears.ways[:] = record.ways
-        ears.before[:] = ears.after
+    if record.stretch[NEW_WAYS]:  # number by number: whole arrays take seconds to compile
         for path in range(ears.after.shape[0]):
+            for place in range(3):
+                ears.ways[0, path, place] = record.ways[0, path, place]
+                ears.ways[1, path, place] = record.ways[1, path, place]
             for tap in range(ears.after.shape[1]):
+                ears.before[path, tap] = ears.after[path, tap]
                 ears.after[path, tap] = np.float32(record.responses[path, tap])
 
 
-@jitted
+@jitted_within
 def listen(ears: Ears, sounds: Array, since: int, held: int) -> None:
     """Write what bodies sound like (bodies, rows, block) to the lines and hear it.
 

@@ -41,7 +41,9 @@ def full_scale(bodies: Sequence[Played], listener: Array, sample_rate: float) ->
 
 def _peak(body: Played, listener: Array, sample_rate: float) -> float:
     outputs = [body.outputs(listener)[None]]
-    modes = Resonators([body.model], sample_rate=sample_rate, block=_BLOCK, engine="stepped")
+    modes = Resonators(
+        [body.model], sample_rate=sample_rate, block=_BLOCK, voices=1, engine="stepped"
+    )
     pushing = Strike().begin(body.model, sample_rate)
     peak = 0.0
     for _ in range(round(_LISTENED * sample_rate / _BLOCK)):

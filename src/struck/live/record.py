@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.live.compiling import jitted_within
 from struck.synth.blocks import refresh, settle, stand, wake
-from struck.synth.compiling import jitted
 from struck.synth.store import Body, Drive, Memory, Mode, Output, Voice
 
 Array = NDArray[np.float64]
@@ -154,11 +154,11 @@ def _parted(
     )
 
 
-parted_compiled = jitted(_parted)
+parted_compiled = jitted_within(_parted)
 """`Record` of a slot, for functions without Python."""
 
 
-@jitted
+@jitted_within
 def apply(memory: Memory, record: Record) -> None:
     """Take over what is new."""
     for body in range(memory.bodies.shape[0]):
@@ -170,7 +170,7 @@ def apply(memory: Memory, record: Record) -> None:
         _take_push(memory, record, voice)
 
 
-@jitted
+@jitted_within
 def hold(memory: Memory, record: Record) -> None:
     """Let each force go over to its steady load within the block, as nothing new is known."""
     block = memory.forces.shape[1]
@@ -184,7 +184,7 @@ def hold(memory: Memory, record: Record) -> None:
                 memory.forces[voice, k] = load + share * (last - load)
 
 
-@jitted
+@jitted_within
 def _take_poles(memory: Memory, record: Record, body: int) -> None:
     settle(memory, body)
     wake(memory, body)
@@ -200,7 +200,7 @@ def _take_poles(memory: Memory, record: Record, body: int) -> None:
             memory.voices[voice, Voice.MOVED] = 1
 
 
-@jitted
+@jitted_within
 def _take_outputs(memory: Memory, record: Record, body: int) -> None:
     first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
     for point in range(record.outputs.shape[1]):
@@ -216,7 +216,7 @@ def _take_outputs(memory: Memory, record: Record, body: int) -> None:
     memory.bodies[body, Body.MOVED] = 1
 
 
-@jitted
+@jitted_within
 def _take_push(memory: Memory, record: Record, voice: int) -> None:
     state = record.voices[voice, STATE]
     memory.voices[voice, Voice.ACTIVE] = state

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import atexit
 from collections.abc import Sequence
-from functools import cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +68,7 @@ class Running:
             records=self._desk.records,
             limited=self._limited,
             arena=self._desk.arena,
+            process=sound,
             channels=outlet.channels,
             block=block,
         )
@@ -77,7 +77,7 @@ class Running:
             self._desk.records, self._desk.fill, seconds=block / rate, ahead=ahead
         )
         self._stopped = False
-        outlet.open(_compiled(), self._shared, block)
+        outlet.open(callback.compiled(), self._shared, block)
 
     def begin(self) -> None:
         """Let it be heard; `struck.play` has done that. Where it fails, nothing of it stays."""
@@ -154,9 +154,3 @@ class Running:
             failure = self._feeder.failure
             raise failed(self._outlet.name, failure) if failure else gone(self._outlet.name)
         self._desk.raise_trouble()
-
-
-@cache
-def _compiled() -> Any:  # noqa: ANN401 - numba's class has no type
-    """Return the callback, compiled."""
-    return callback.compiled(sound)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit, typeof, types
-from numba.extending import intrinsic
+from numba import typeof
 from numpy.typing import NDArray
 
+from struck.live.compiling import jitted, jitted_within
 from struck.live.ears import LiveEars, listen, seen, take
 from struck.live.record import SINCE, apply, hold, parted_compiled
-from struck.synth.addresses import integers_at, reals_at, singles_at
-from struck.synth.compiling import jitted
+from struck.synth.addresses import address_of, call, integers_at, reals_at, singles_at
 from struck.synth.process import process
 from struck.synth.stepped import Stepped
 from struck.synth.store import rows_for, view
@@ -48,32 +45,12 @@ def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Arra
 
 
 def _address(bank: Stepped) -> int:
-    """Return where the machine code that makes a block of these modes begins.
-
-    Were it called by name, all kernels would be compiled anew with whatever calls it.
-    """
-    run: Any = process(rows_for(1), turned=True)  # for as long as Python runs
-    run.compile(tuple(typeof(numbers) for numbers in bank.numbers))
-    made = next(iter(run.overloads.values()))
-    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    """Return where the machine code that makes a block of these modes begins."""
+    made = process(rows_for(1), turned=True)  # kept for as long as Python runs
+    return address_of(made, tuple(typeof(numbers) for numbers in bank.numbers))
 
 
-@intrinsic
-def _call(_typing, address, reals, wholes):  # noqa: ANN001, ANN202 - numba's own types
-    """Call a compiled function of two arrays by its address."""
-
-    def generate(context, builder, signature, arguments):  # noqa: ANN001, ANN202 - compiled
-        kind = context.call_conv.get_function_type(types.none, signature.args[1:])
-        pointer = builder.inttoptr(arguments[0], kind.as_pointer())
-        context.call_conv.call_function(
-            builder, pointer, types.none, signature.args[1:], arguments[1:]
-        )
-        return context.get_dummy_value()
-
-    return types.none(address, reals, wholes), generate
-
-
-@njit(nogil=True, error_model="numpy")  # not cached: a cache would not see a change in `record`
+@jitted
 def sound(arena: Array, integers: Integers, reals: Array, fresh: bool, outputs: Array) -> None:  # noqa: FBT001 - compiled: positional
     """Make a block; see `callback.compiled`."""
     whole = arena.view(np.int64)
@@ -95,7 +72,7 @@ def sound(arena: Array, integers: Integers, reals: Array, fresh: bool, outputs: 
         apply(memory, record)
     else:
         hold(memory, record)
-    _call(whole[_PROCESS], store_reals, store_wholes)  # type: ignore[call-arg] # numba adds the typing context
+    call(whole[_PROCESS], (store_reals, store_wholes))
     if whole[_PATHS]:
         ears = seen(
             singles_at(whole[_SINGLES], whole[_SINGLES + 1]),
@@ -111,7 +88,7 @@ def sound(arena: Array, integers: Integers, reals: Array, fresh: bool, outputs: 
     level(arena, record.volume[0], outputs)
 
 
-@jitted
+@jitted_within
 def mix(sounds: Array, points: int, outputs: Array) -> None:
     """Add up all bodies (bodies, rows, block) in the channels, points in turn."""
     outputs[:] = 0.0
@@ -121,7 +98,7 @@ def mix(sounds: Array, points: int, outputs: Array) -> None:
                 outputs[channel, k] += sounds[body, channel % points, k]
 
 
-@jitted
+@jitted_within
 def hand_over(heard: Single, outputs: Array) -> None:
     """Give each channel an ear in turn; a single channel gets the mean of all."""
     ears, alone = heard.shape[0], outputs.shape[0] == 1
@@ -133,7 +110,7 @@ def hand_over(heard: Single, outputs: Array) -> None:
                     outputs[channel, k] += heard[ear, k] / (ears if alone else 1)
 
 
-@jitted
+@jitted_within
 def level(arena: Array, volume: float, outputs: Array) -> None:
     """Go from the volume of the last block to this one's, and note the loudest sample."""
     block = outputs.shape[1]

@@ -1,4 +1,4 @@
-"""Memory at an address, for compiled code."""
+"""Memory and functions at an address, for compiled code."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic as _intrinsic
 from numba.extending import overload
@@ -64,3 +65,28 @@ def _part(array: Array, first: int, shape: tuple[int, ...]) -> Callable[..., Arr
         return carray(pointer_to(address), shape, array.dtype)
 
     return compiled
+
+
+def address_of(function: Any, arguments: tuple[types.Type, ...]) -> int:  # noqa: ANN401 - numba has no types
+    """Return where the machine code of a compiled function begins, for arguments of these types.
+
+    What is called by its address is not compiled anew with all that calls it; it must outlive them.
+    """
+    function.compile(arguments)
+    made = function.overloads[arguments]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
+@intrinsic
+def call(_context: object, address: types.Type, arguments: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ANN401 - numba has no types
+    """call(address, arguments): call a compiled function that returns nothing, with a tuple."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401 - numba has no types
+        kinds = signature.args[1].types
+        pointed = context.call_conv.get_function_type(types.none, kinds).as_pointer()
+        pointer = builder.inttoptr(values[0], pointed)
+        parts = cgutils.unpack_tuple(builder, values[1])
+        context.call_conv.call_function(builder, pointer, types.none, kinds, parts)
+        return context.get_dummy_value()
+
+    return types.none(address, arguments), generate

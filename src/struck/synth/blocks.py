@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.synth.compiling import jitted
+from struck.synth.compiling import jitted, jitted_within
 from struck.synth.store import LEVELS, Body, Drive, HeldAs, Level, Memory, Mode, Output, Voice
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def refresh(memory: Memory, body: int) -> None:
             memory.outputs[Output.STILL, :, n] = 0.0
 
 
-@jitted
+@jitted_within
 def advance(memory: Memory, first: int, last: int, samples: float) -> None:
     """Let modes ring for so many samples, unheard."""
     modes = memory.modes
@@ -49,7 +49,7 @@ def advance(memory: Memory, first: int, last: int, samples: float) -> None:
         modes[Mode.STATE_RE, n], modes[Mode.STATE_IM, n] = state.real, state.imag
 
 
-@jitted
+@jitted_within
 def leap(memory: Memory, first: int, last: int) -> None:
     """Let modes ring for a block."""
     modes = memory.modes
@@ -60,7 +60,7 @@ def leap(memory: Memory, first: int, last: int) -> None:
         modes[Mode.STATE_IM, n] = real * turn_im + imag * turn_re
 
 
-@jitted
+@jitted_within
 def unpack(memory: Memory, first: int, last: int) -> None:
     """Turn states into the pairs that kernels take."""
     modes = memory.modes
@@ -70,14 +70,14 @@ def unpack(memory: Memory, first: int, last: int) -> None:
         modes[Mode.PREVIOUS, n] = imag
 
 
-@jitted
+@jitted_within
 def clear(memory: Memory, first: int, last: int) -> None:
     """Start pairs from rest."""
     memory.modes[Mode.LATEST, first:last] = 0.0
     memory.modes[Mode.PREVIOUS, first:last] = 0.0
 
 
-@jitted
+@jitted_within
 def pack(memory: Memory, first: int, last: int, kept: float) -> None:
     """Turn pairs into states, on top of `kept` (0 or 1) times those there are."""
     modes = memory.modes
@@ -93,14 +93,15 @@ def settle(memory: Memory, body: int) -> None:
     """See that a body's state is its c."""
     first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
     if memory.bodies[body, Body.HELD_AS] == HeldAs.UNIT_PAIRS:
-        memory.modes[Mode.LATEST, first:last] *= memory.modes[Mode.UNIT, first:last]
-        memory.modes[Mode.PREVIOUS, first:last] *= memory.modes[Mode.UNIT, first:last]
+        for n in range(first, last):  # sooner compiled than whole arrays
+            memory.modes[Mode.LATEST, n] *= memory.modes[Mode.UNIT, n]
+            memory.modes[Mode.PREVIOUS, n] *= memory.modes[Mode.UNIT, n]
     if memory.bodies[body, Body.HELD_AS] != HeldAs.STATE:
         pack(memory, first, last, 0.0)
         memory.bodies[body, Body.HELD_AS] = HeldAs.STATE
 
 
-@jitted
+@jitted_within
 def measure(memory: Memory, body: int, voice: int) -> None:
     """Turn states into pairs in units of a voice's gains, and outputs to fit."""
     modes, outputs = memory.modes, memory.outputs
@@ -129,7 +130,7 @@ def wake(memory: Memory, body: int) -> None:
         bodies[body, Body.ASLEEP] = bodies[body, Body.SLEPT] = 0
 
 
-@jitted
+@jitted_within
 def may_sleep(memory: Memory, body: int) -> bool:
     """Tell whether all that a body can still sound like is below its share of the loudest."""
     modes, total = memory.modes, 0.0
@@ -141,7 +142,7 @@ def may_sleep(memory: Memory, body: int) -> bool:
     return total <= memory.levels[Level.QUIET] * memory.levels[loudest]
 
 
-@jitted
+@jitted_within
 def begin_outputs(memory: Memory, body: int) -> None:
     """Prepare gains that move in this block; if none does, those of the last block hold."""
     if not memory.bodies[body, Body.MOVED]:
@@ -163,7 +164,7 @@ def begin_outputs(memory: Memory, body: int) -> None:
             modes[Mode.LOUDNESS, n] = max(modes[Mode.LOUDNESS, n], size)
 
 
-@jitted
+@jitted_within
 def end_outputs(memory: Memory, body: int) -> None:
     """Arrive at the gains that outputs moved to."""
     if not memory.bodies[body, Body.MOVED]:
@@ -193,7 +194,7 @@ def stand(memory: Memory, body: int) -> None:
             outputs[Output.STILL, row, n] = -(real * hold_im + imag * hold_re)
 
 
-@jitted
+@jitted_within
 def begin_drive(memory: Memory, voice: int) -> None:
     """Prepare a drive that moves in this block; if it does not, that of the last block holds."""
     if not memory.voices[voice, Voice.MOVED]:
@@ -207,7 +208,7 @@ def begin_drive(memory: Memory, voice: int) -> None:
         drives[Drive.SLOPE, voice, n] = (drives[Drive.TARGET, voice, n] - now) * given / block
 
 
-@jitted
+@jitted_within
 def end_drive(memory: Memory, voice: int) -> None:
     """Arrive at the drive that a voice moved to."""
     if not memory.voices[voice, Voice.MOVED]:
@@ -223,7 +224,7 @@ def end_drive(memory: Memory, voice: int) -> None:
     memory.voices[voice, Voice.MOVED] = 0
 
 
-@jitted
+@jitted_within
 def feed(memory: Memory, body: int, voice: int, end: int) -> None:
     """Work out anew how loudly a voice's force is heard directly: at the end, or begin, of a block.
 
@@ -233,7 +234,7 @@ def feed(memory: Memory, body: int, voice: int, end: int) -> None:
         memory.feeds[end, voice, row] = _still(memory, body, voice, row)
 
 
-@jitted
+@jitted_within
 def direct(memory: Memory, body: int, voice: int) -> None:
     """Take off what a constant force would still sound like: only what changes is heard."""
     block, force = memory.forces.shape[1], memory.forces[voice]
@@ -245,7 +246,7 @@ def direct(memory: Memory, body: int, voice: int) -> None:
         memory.feeds[0, voice, row] = end
 
 
-@jitted
+@jitted_within
 def _still(memory: Memory, body: int, voice: int, row: int) -> float:
     first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
     drive, still = memory.drives[Drive.NOW, voice], memory.outputs[Output.STILL, row]
@@ -255,7 +256,7 @@ def _still(memory: Memory, body: int, voice: int, row: int) -> float:
     return level
 
 
-@jitted
+@jitted_within
 def link(memory: Memory) -> None:
     """Give each body the list of voices that push it in this block."""
     memory.bodies[:, Body.VOICE] = -1

@@ -7,7 +7,8 @@ from typing import Any
 
 from struck.compiling import Compiler
 
-jitted = Compiler.of_package(__file__).jitted
+_COMPILER = Compiler.of_packages(__file__)
+jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 
 
 def from_source(name: str, source: str, known: dict[str, Any]) -> Callable[..., Any]:

@@ -110,7 +110,8 @@ def convolve(force: Array, answer: Array, past: Array, into: Array) -> None:
         Room for the answer; its first eight samples are zero: nothing is heard before the force.
     """
     block = force.size
-    past[8 : 8 + block] = answer
+    for t in range(block):
+        past[8 + t] = answer[t]
     whole = block - block % 8
     for first in range(0, whole, 8):
         f0, f1, f2, f3 = force[first], force[first + 1], force[first + 2], force[first + 3]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 
 from struck.synth import blocks
-from struck.synth.compiling import from_source, jitted
+from struck.synth.compiling import from_source, jitted_within
 from struck.synth.kernels import (
     OUTPUTS,
     PUSHES,
@@ -66,19 +66,15 @@ def {name}(reals, wholes):
  link(memory)
  memory.sounds[:] = 0.0
  for body in range(memory.bodies.shape[0]):
-  if steady(memory, body):
-   voice = memory.bodies[body, 5]
-   {run}(memory, body, 0, voice, voice, voice, voice, 1, False, True)
-   direct(memory, body, voice)
+  still = steady(memory, body)
+  if not still and rest(memory, body):
    continue
-  if rest(memory, body):
-   continue
-  ramped = begin(memory, body)
+  ramped = not still and begin(memory, body)
   first = memory.bodies[body, 0]; last = memory.bodies[body, 1]
   voice = memory.bodies[body, 5]
   # A body that few voices push stays as pairs from block to block.
-  paired = {rows} == {group} and few(memory, body, {most})
-  unit = paired and not ramped and lone(memory, body, {samples})
+  paired = still or ({rows} == {group} and few(memory, body, {most}))
+  unit = still or (paired and not ramped and lone(memory, body, {samples}))
   held_as = memory.bodies[body, 6]
   if unit and held_as < 2:
    measure(memory, body, voice)
@@ -106,7 +102,10 @@ def {name}(reals, wholes):
    again = True
    if voice < 0:
     break
-  end(memory, body, ramped)
+  if still:
+   direct(memory, body, v0)
+  else:
+   end(memory, body, ramped)
 """
 
 
@@ -164,7 +163,7 @@ def _arguments(pushes: int, rows: int, *, turned: bool, ramped: bool, unit: bool
     yield from (f"sounds[body, row + {o}]" for o in range(rows))
 
 
-@jitted
+@jitted_within
 def steady(memory: Memory, body: int) -> bool:
     """Tell whether all is as in the last block, and that had one steady push."""
     bodies, voices, voice = memory.bodies, memory.voices, memory.bodies[body, Body.VOICE]
@@ -174,7 +173,7 @@ def steady(memory: Memory, body: int) -> bool:
     return still and voices[voice, Voice.NEXT] < 0
 
 
-@jitted
+@jitted_within
 def rest(memory: Memory, body: int) -> bool:
     """Let a sleeping body sleep on, or wake it."""
     bodies = memory.bodies
@@ -185,7 +184,7 @@ def rest(memory: Memory, body: int) -> bool:
     return False
 
 
-@jitted
+@jitted_within
 def begin(memory: Memory, body: int) -> bool:
     """Prepare all gains of a body; tell whether any of them moves."""
     moves = memory.bodies[body, Body.MOVED] != 0
@@ -200,7 +199,7 @@ def begin(memory: Memory, body: int) -> bool:
     return moves
 
 
-@jitted
+@jitted_within
 def few(memory: Memory, body: int, most: int) -> bool:
     """Tell whether there are pushes, and no more than a kernel takes at once."""
     count, voice = 0, memory.bodies[body, Body.VOICE]
@@ -209,14 +208,14 @@ def few(memory: Memory, body: int, most: int) -> bool:
     return 0 < count <= most
 
 
-@jitted
+@jitted_within
 def lone(memory: Memory, body: int, samples: int) -> bool:
     """Tell whether one voice alone pushes, and kernels of so many samples leave nothing over."""
     voice = memory.bodies[body, Body.VOICE]
     return memory.voices[voice, Voice.NEXT] < 0 and memory.forces.shape[1] % samples == 0
 
 
-@jitted
+@jitted_within
 def end(memory: Memory, body: int, moved: int) -> None:
     """Arrive at all gains of a body, and let it sleep when it has become silent."""
     blocks.end_outputs(memory, body)
@@ -231,7 +230,7 @@ def end(memory: Memory, body: int, moved: int) -> None:
         voice = memory.voices[voice, Voice.NEXT]
 
 
-@jitted
+@jitted_within
 def tail(
     memory: Memory,
     body: int,

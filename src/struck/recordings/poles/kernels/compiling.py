@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from struck.compiling import Compiler
 
-_COMPILER = Compiler.of_package(__file__)
+_COMPILER = Compiler.of_packages(__file__)
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
