@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
 import shlex
@@ -49,9 +50,19 @@ def run_struck(arguments: list[str]) -> int:
         return 0 if end.code is None else int(end.code)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def as_a_person_works(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Work in an empty folder, with one cache for all pages."""
     monkeypatch.chdir(tmp_path)
+    folder = tmp_path_factory.getbasetemp()
+    shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    monkeypatch.setenv("STRUCK_CACHE", str(shared / "documents"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_page(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     namespace: dict[str, object] = {"__name__": "__main__"}
     for block in BLOCK.finditer(text):
@@ -63,6 +74,5 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
-def test_example(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_example(example: Path) -> None:
     runpy.run_path(str(example), run_name="__main__")

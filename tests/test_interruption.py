@@ -128,14 +128,17 @@ def kills_at_random_moments(
 ) -> int:
     """Kill so many times, on as many caches as that takes; return after how many work was done."""
     rng = np.random.default_rng(9)
+    seconds = expected[2]
     kills = resumed = runs = 0
     while kills < wanted:
         runs += 1
         analysis = prepared(body, folder / str(runs))
-        delays = expected[2] * rng.uniform(0.2, 1.0, min(5, wanted - kills))
+        delays = seconds * rng.uniform(0.2, 1.0, min(5, wanted - kills))
         done = killed_and_finished(analysis, delays.tolist(), expected)
         kills, resumed = kills + done[0], resumed + done[1]
-        assert runs <= 2 * wanted
+        if not done[0]:
+            seconds /= 2  # the machine has become faster since that was measured
+        assert runs <= 2 * wanted + 10
     return resumed
 
 
