@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.sound import Sound
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -20,6 +22,7 @@ BLUE, ORANGE = "#20558a", "#d1611c"
 """Of one thing, and of another beside it."""
 RANGE = 90.0
 """Levels that are shown below the strongest, dB."""
+_BANDS = 1200
 _TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 
 
@@ -46,6 +49,16 @@ def lighten(axes: Axes) -> None:
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def strongest(sound: Sound) -> tuple[Array, Array]:
+    """Return narrow bands (B,), Hz, and the strongest power of all channels together in each."""
+    frequencies, values = sound.spectrum()
+    edges = np.geomspace(20.0, sound.sample_rate / 2, _BANDS)
+    starts = np.unique(np.searchsorted(frequencies, edges))
+    starts = starts[starts < len(frequencies)]
+    powers = np.square(values).sum(axis=0)
+    return frequencies[starts], np.asarray(np.maximum.reduceat(powers, starts), np.float64)
 
 
 def decibels(power: Array) -> Array:

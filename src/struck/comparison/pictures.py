@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.charts import BLUE, INK, ORANGE, RANGE, chart, decibels, label_frequencies, lighten
+from struck.charts import (
+    BLUE,
+    INK,
+    ORANGE,
+    RANGE,
+    chart,
+    decibels,
+    label_frequencies,
+    lighten,
+    strongest,
+)
 from struck.comparison.sides import Side
 from struck.sound import Sound
 
@@ -21,7 +31,6 @@ Index = NDArray[np.int64]
 
 COLOURS = (BLUE, ORANGE)
 """Of the first side and of the second."""
-_BANDS = 1200
 _LABELS = ("frequency (cents)", "decay rate (%)", "level (dB)")
 
 
@@ -39,8 +48,10 @@ def spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Inde
     figure = chart(11.0, 4.6)
     axes = figure.subplots()
     for side, sound, colour in zip(sides, sounds, COLOURS, strict=True):
-        frequencies, levels = _levels(sound)
-        axes.plot(frequencies, levels, color=colour, linewidth=0.9, alpha=0.75, label=side.name)
+        frequencies, powers = strongest(sound)
+        axes.plot(
+            frequencies, decibels(powers), color=colour, linewidth=0.9, alpha=0.75, label=side.name
+        )
     for side, modes, colour, height in zip(sides, alone, COLOURS, (5.0, 10.0), strict=True):
         if len(modes):
             lonely = side.partials.frequencies[modes]
@@ -78,17 +89,6 @@ def differences(
     figure.supxlabel("frequency (Hz)", fontsize=10)
     figure.suptitle(f"{sides[1].name} less {sides[0].name}", fontsize=11)
     return figure
-
-
-def _levels(sound: Sound) -> tuple[Array, Array]:
-    """Return the strongest level in each of narrow bands, dB, of all channels together."""
-    frequencies, values = sound.spectrum()
-    powers = np.square(values).sum(axis=0)
-    edges = np.geomspace(20.0, sound.sample_rate / 2, _BANDS)
-    starts = np.unique(np.searchsorted(frequencies, edges))
-    starts = starts[starts < len(frequencies)]
-    strongest = np.maximum.reduceat(powers, starts)
-    return frequencies[starts], decibels(strongest)
 
 
 def _frequency_axis(axes: Axes, sides: Sequence[Side]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from struck.errors import OptionError, RecordingError
 from struck.progress import Progress, silent
 from struck.recordings.fields.survey import SYMMETRIES
-from struck.recordings.manifests.manifest import NAME, Manifest, read_manifest
+from struck.recordings.manifests.manifest import KINDS, NAME, Manifest, read_manifest
 from struck.recordings.takes.force import force_channels
 from struck.recordings.takes.take import Take
 from struck.sound import Sound
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 Recording = str | os.PathLike[str] | Sound | Take
 """What can be fitted: a file, or samples."""
 _ONE = (str, os.PathLike, Sound, Take)
-_MANIFESTS = {".toml", ".csv"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -153,7 +152,7 @@ def _manifest(
         if not (path / NAME).is_file():
             raise RecordingError(f"{path} has no {NAME}: give its recordings one by one")
         path = path / NAME
-    return read_manifest(path) if path.suffix.lower() in _MANIFESTS else None
+    return read_manifest(path) if path.suffix.lower() in KINDS else None
 
 
 def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:

@@ -17,6 +17,7 @@ from struck.charts import (
     decibels,
     label_frequencies,
     lighten,
+    strongest,
 )
 from struck.fitting.report_hits import Played
 from struck.sound import Sound
@@ -29,7 +30,6 @@ Array = NDArray[np.float64]
 
 _LINES = 300
 _COLUMNS = 500
-_BANDS = 1200
 _WIDE = 11.0
 
 
@@ -60,8 +60,8 @@ def spectra(hit: Played, frequencies: Array, lowest: float) -> Figure:
     """Draw the spectra of original and residual, with the frequencies of the modes marked."""
     figure = chart(_WIDE, 4.4)
     axes = figure.subplots()
-    middles, heard = _strongest(hit.original, hit.sample_rate)
-    _, left = _strongest(hit.rest, hit.sample_rate)
+    middles, heard = strongest(_sound(hit.original, hit.sample_rate))
+    _, left = strongest(_sound(hit.rest, hit.sample_rate))
     levels = decibels(np.concatenate([heard, left])).reshape(2, -1)
     axes.plot(middles, levels[0], color=BLUE, linewidth=0.9, label="original")
     axes.plot(middles, levels[1], color=ORANGE, linewidth=0.8, alpha=0.8, label="residual")
@@ -120,7 +120,7 @@ def lowest_shown(frequencies: Array) -> float:
 
 def _powers(samples: Array, sample_rate: int, lowest: float) -> tuple[Array, Array, Array]:
     """Return times (T,), log-spaced frequencies (B,) and powers of all channels (B, T)."""
-    sound = Sound(samples=samples.astype(np.float32), sample_rate=sample_rate)
+    sound = _sound(samples, sample_rate)
     step = max(0.002, sound.duration / _COLUMNS)
     times, linear, amplitudes = sound.spectrogram(window=0.05, step=step)
     frequencies = np.geomspace(min(lowest, linear[-1] / 2), linear[-1], _LINES)
@@ -129,15 +129,8 @@ def _powers(samples: Array, sample_rate: int, lowest: float) -> tuple[Array, Arr
     return times, frequencies, np.exp(rows)
 
 
-def _strongest(samples: Array, sample_rate: int) -> tuple[Array, Array]:
-    """Return the strongest power of all channels in each of narrow bands."""
-    sound = Sound(samples=samples.astype(np.float32), sample_rate=sample_rate)
-    frequencies, values = sound.spectrum()
-    edges = np.geomspace(20.0, sample_rate / 2, _BANDS)
-    starts = np.unique(np.searchsorted(frequencies, edges))
-    starts = starts[starts < len(frequencies)]
-    powers = np.square(values).sum(axis=0)
-    return frequencies[starts], np.asarray(np.maximum.reduceat(powers, starts), np.float64)
+def _sound(samples: Array, sample_rate: int) -> Sound:
+    return Sound(samples=samples.astype(np.float32), sample_rate=sample_rate)
 
 
 def _frequency_axis(axes: Axes, lowest: float, highest: float) -> None:
