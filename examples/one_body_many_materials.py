@@ -4,7 +4,7 @@ import struck
 from struck import Material, Strike
 from struck.solids.profiles import bowl
 
-steel = struck.analyze(bowl(), "steel", accuracy="preview")
+steel = struck.analyze(bowl(), "steel", band=(20, 12_000), accuracy="preview")
 strike = Strike(at="rim", striker="wood", speed=0.5)
 
 for name in ("steel", "glass", "brass", "oak", "nylon"):

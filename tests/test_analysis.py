@@ -14,11 +14,19 @@ from struck.solids import Block, Tube
 
 BAND = (20.0, 12_000.0)
 BAR = Block(size=(0.2, 0.03, 0.01), elements=(12, 2, 1))
+BOX = trimesh.creation.box((125, 93.75, 62.5))  # mm, exact in the single precision of PLY
 
 
 @pytest.fixture(scope="module")
 def bar() -> struck.ModalModel:
     return struck.analyze(BAR, "steel", band=BAND)
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> struck.ModalModel:
+    path = tmp_path_factory.mktemp("box") / "box.ply"
+    BOX.export(path)
+    return struck.analyze(path, "glass", units="mm", accuracy="preview")
 
 
 def test_a_volume_file_gives_the_modes_of_its_elements(
@@ -40,26 +48,19 @@ def test_linear_volume_files_are_made_quadratic(tmp_path: Path, bar: struck.Moda
     assert read.frequencies == pytest.approx(bar.frequencies, rel=1e-9)
 
 
-def test_a_surface_in_memory_equals_its_file(tmp_path: Path) -> None:
-    box = trimesh.creation.box((0.125, 0.09375, 0.0625))  # exact in the single precision of PLY
-    box.export(tmp_path / "box.ply")
-    band = (20.0, 40_000.0)
-    file = struck.analyze(tmp_path / "box.ply", "glass", accuracy="preview", band=band)
-    surface = Mesh(points=box.vertices, faces=box.faces)
-    memory = struck.analyze(surface, "glass", accuracy="preview", band=band)
-    assert file.frequencies == pytest.approx(memory.frequencies, rel=1e-9)
+def test_a_surface_in_memory_equals_its_file(box: struck.ModalModel) -> None:
+    surface = Mesh(points=BOX.vertices / 1000, faces=BOX.faces)
+    memory = struck.analyze(surface, "glass", accuracy="preview")
+    assert box.frequencies == pytest.approx(memory.frequencies, rel=1e-9)
 
 
-def test_units_and_size_scale_frequencies(tmp_path: Path) -> None:
-    trimesh.creation.box((100, 80, 50)).export(tmp_path / "box.off")
-    band = (20.0, 40_000.0)
-    metric = struck.analyze(
-        tmp_path / "box.off", "glass", units="mm", accuracy="preview", band=band
+def test_units_and_size_scale_frequencies(tmp_path: Path, box: struck.ModalModel) -> None:
+    BOX.export(tmp_path / "box.off")
+    double = struck.analyze(
+        tmp_path / "box.off", "glass", size=0.25, accuracy="preview", band=(10.0, 10_000.0)
     )
-    half = struck.analyze(tmp_path / "box.off", "glass", size=0.2, accuracy="preview", band=band)
-    count = len(metric.frequencies)
-    assert half.frequencies[:count] == pytest.approx(metric.frequencies / 2, rel=1e-6)
-    assert half.mass == pytest.approx(8 * metric.mass, rel=1e-9)
+    assert double.frequencies == pytest.approx(box.frequencies / 2, rel=1e-6)
+    assert double.mass == pytest.approx(8 * box.mass, rel=1e-9)
 
 
 def test_a_support_raises_no_rigid_modes_and_lowers_the_first(bar: struck.ModalModel) -> None:
@@ -90,17 +91,10 @@ def test_the_papers_elements_are_stiffer() -> None:
     assert "O'Brien" not in ours.cite()
 
 
-def test_what_is_cited_is_what_was_used(bar: struck.ModalModel) -> None:
-    solid = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
-    stuffed = struck.analyze(
-        Mesh(points=solid.vertices, faces=solid.faces),
-        "glass",
-        accuracy="preview",
-        band=(20, 35_000),
-    )
-    assert "Isosurface stuffing" in stuffed.cite()
+def test_what_is_cited_is_what_was_used(bar: struck.ModalModel, box: struck.ModalModel) -> None:
+    assert "Isosurface stuffing" in box.cite()
     assert "Isosurface stuffing" not in bar.cite()
-    assert "block Lanczos" in stuffed.cite()
+    assert "block Lanczos" in box.cite()
     by_paper = struck.analyze(BAR, "steel", band=BAND, radiation="obrien2002")
     assert "O'Brien" in by_paper.cite()
     assert not by_paper.calibrated

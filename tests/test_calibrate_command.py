@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,10 @@ def plate(material: struck.Material | str) -> struck.ModalModel:
     return struck.analyze(shape, material, band=(20, 6000))
 
 
-@pytest.fixture
-def pot(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a model of guessed material, and beside it recordings of the real one."""
+    folder = tmp_path_factory.mktemp("recorded")
     true = struck.Material(
         name="secret",
         density=7850.0,
@@ -35,9 +37,15 @@ def pot(tmp_path: Path) -> Path:
         samples = np.pad(sound.samples[0] / sound.peak, (20_000, 0))
         noise = 1e-4 * np.random.default_rng(number).standard_normal(len(samples))
         take = np.float32(0.5 * samples + noise)
-        struck.Sound(samples=take, sample_rate=48_000).save(tmp_path / f"tap{number}.wav")
-    struck.save(plate("aluminium"), tmp_path / "pot.struck")
-    return tmp_path
+        struck.Sound(samples=take, sample_rate=48_000).save(folder / f"tap{number}.wav")
+    struck.save(plate("aluminium"), folder / "pot.struck")
+    return folder
+
+
+@pytest.fixture
+def pot(recorded: Path, tmp_path: Path) -> Path:
+    """Return a copy of them."""
+    return shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
 
 
 def test_a_plate_is_found_to_be_what_it_is(pot: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -99,9 +99,10 @@ def test_bad_options_write_nothing(
 
 
 def test_what_nobody_struck_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    crash = np.float32(cymbal(np.random.default_rng(2), 0.5))
+    monkeypatch.setenv("STRUCK_CACHE", str(tmp_path / "cache"))  # the second fit goes on
+    crash = np.float32(cymbal(np.random.default_rng(2), 0.3))
     struck.Sound(samples=crash, sample_rate=44100).save(tmp_path / "crash.wav")
     output = tmp_path / "crash.struck"
     assert run("fit", tmp_path / "crash.wav", "-o", output, "--modes", "16") == 2

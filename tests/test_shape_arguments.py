@@ -109,7 +109,7 @@ def test_a_bar_is_analyzed_rendered_and_mapped(
     assert told["frequencies"][0] == pytest.approx(slender, rel=0.005)
     assert np.max(told["errors"]) < 1e-9
     assert main(["render", "bar.struck", "--strike", "0.02", "--seconds", "0.5"]) == 0
-    assert main(["sound-map", "bar.struck", "--threshold", "6", "-o", "map.png"]) == 0
+    assert main(["sound-map", "bar.struck", "--threshold", "12", "-o", "map.png"]) == 0
     assert (tmp_path / "map.png").stat().st_size > 10_000
 
 

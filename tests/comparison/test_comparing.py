@@ -174,7 +174,9 @@ def test_a_page_without_pairs_is_a_page(bar: ModalModel) -> None:
     assert "caution" in found.page()
 
 
-def test_what_does_not_belong_is_refused(bar: ModalModel, tmp_path: Path) -> None:
+def test_what_does_not_belong_is_refused(
+    bar: ModalModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sound = Sound(samples=np.zeros(100, np.float32), sample_rate=RATE)
     with pytest.raises(OptionError, match="against="):
         compare(bar, modes_of(bar), strike=END, against=END)
@@ -184,5 +186,6 @@ def test_what_does_not_belong_is_refused(bar: ModalModel, tmp_path: Path) -> Non
         compare(bar, bar, strike=Strike(at="end", direction=(1, 0, 0), impulse=0.01))
     with pytest.raises(RecordingError, match="0 fitted modes"):
         compare(bar, SimpleNamespace(frequencies=[], decays=[], gains=[]), strike=END)
+    monkeypatch.setattr(Comparison, "page", lambda _: "pictures take a second")
     with pytest.raises(FileFormatError):
         compare(bar, bar, strike=END).save_page(tmp_path / "nowhere" / "page.html")

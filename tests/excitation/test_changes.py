@@ -37,7 +37,7 @@ def heavier(model: ModalModel) -> ModalModel:
 
 @pytest.mark.parametrize("excitation", PUSHES, ids=["pluck", "patch", "track", "scrape", "log"])
 def test_the_drive_goes_to_that_of_the_new_body(excitation: Excitation) -> None:
-    model = plate(20)
+    model = plate(8)
     other = heavier(model)
     pushing = Started(excitation.begin(model, RATE), RATE)
     expected = excitation.begin(other, RATE)

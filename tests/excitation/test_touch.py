@@ -23,7 +23,7 @@ TOP = (0.05, 0.0, 0.01)
 
 
 def forces(
-    loads: Array, *, rate: float, speed: float = 0.0, blocks: tuple[int, ...] = (128,)
+    loads: Array, *, rate: float, speed: float = 0.0, blocks: tuple[int, ...] = (512,)
 ) -> Array:
     """Return the force of loads told `rate` times a second, made in blocks of these lengths."""
     log = TouchLog(
@@ -138,7 +138,7 @@ def test_rest_may_be_left_out() -> None:
 
 
 def test_the_drive_goes_to_the_new_place_in_a_straight_line() -> None:
-    model = plate()
+    model = plate(20)
     touching = Touching(model, RATE)
     places = [(-0.1, 0.0, 0.01), (0.1, 0.02, 0.01)]
     ends = [

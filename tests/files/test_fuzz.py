@@ -28,6 +28,7 @@ Change = Callable[[bytearray, np.random.Generator], bytearray]
 
 SEEDS = ["obj", "ascii.stl", "stl", "ascii.ply", "ply", "off", "glb", "gltf"]
 SAMPLE, ALL = 25, 625  # of each seed: 200 and 5,000 files
+BEGIN = {"ascii.ply": 11, "off": 30, "glb": 12}  # past files that take seconds to repair
 TEXT = {"obj", "ascii.stl", "ascii.ply", "off", "gltf"}
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 NUMBERS = (
@@ -276,7 +277,8 @@ def check(kind: str, numbers: range, folder: Path) -> None:
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", SEEDS)
 def test_a_sample_of_damaged_files(tmp_path: Path, kind: str) -> None:
-    check(kind, range(SAMPLE), tmp_path)
+    begin = BEGIN.get(kind, 0)
+    check(kind, range(begin, begin + SAMPLE), tmp_path)
 
 
 @pytest.mark.prove

@@ -231,7 +231,7 @@ def test_reader_dies_with_its_program(tetrahedron: Path, death: str) -> None:
 
 @linux
 def test_reader_amid_a_file_dies_without_its_program(tmp_path: Path) -> None:
-    limits = json.dumps({"seconds": 0.5})
+    limits = json.dumps({"seconds": 0.1})
     with subprocess.Popen(
         [sys.executable, "-c", guards._PROGRAM, limits],
         stdin=subprocess.PIPE,

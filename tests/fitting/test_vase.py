@@ -15,21 +15,19 @@ from struck.fitting.outcome import Fitting
 from struck.recordings.takes.take import Take
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 
-IMPACT, SECONDS = 0.3, 1.0
+IMPACT, SECONDS = 0.3, 0.8
 
 
 def takes(vase: Vase, pairs: list[tuple[int, int]], level: float, seed: int) -> list[Take]:
     """Record pairs of height and listener: each in noise, sound arriving as late as its way."""
     chance, places = np.random.default_rng(seed), listeners()
-    gains = vase.gains(HEIGHTS[:, 0], places)
-    sounds = []
-    for height, listener in pairs:
-        way = np.linalg.norm(places[listener]) / AIR.sound_speed
-        times = np.arange(round(SECONDS * RATE)) / RATE - IMPACT - way
-        poles = -vase.decays + 2j * np.pi * vase.frequencies
-        waves = np.exp(np.outer(np.maximum(times, 0), poles)) @ gains[height, listener]
-        sounds.append(np.where(times >= 0, waves.imag, 0.0))
-    sound = np.array(sounds)
+    heights, heard = np.array(pairs).T
+    ways = np.linalg.norm(places[heard], axis=1)[:, None] / AIR.sound_speed
+    times = np.arange(round(SECONDS * RATE)) / RATE - IMPACT
+    poles = -vase.decays + 2j * np.pi * vase.frequencies
+    delayed = vase.gains(HEIGHTS[:, 0], places)[heights, heard] * np.exp(-ways * poles)
+    waves = delayed @ np.exp(np.outer(poles, np.maximum(times, 0)))
+    sound = np.where(times >= ways, waves.imag, 0.0)
     first = round(IMPACT * RATE)
     loud = np.sqrt((sound[:, first : first + RATE // 10] ** 2).mean(axis=1)).mean()
     sound += loud * 10 ** (-level / 20) * chance.standard_normal(sound.shape)

@@ -28,8 +28,8 @@ def play_the_force(
     """Play a record's reals left and their negative right; note which record, fresh or not."""
     arena[0] = integers[0]
     arena[1] += fresh
-    outputs[0] = reals
-    outputs[1] = -reals
+    for place in range(reals.size):  # loops compile in a fraction of the time of whole rows
+        outputs[0, place], outputs[1, place] = reals[place], -reals[place]
 
 
 class Device:

@@ -139,8 +139,8 @@ def ordeal(by_hand: Make, seconds: float, warm: float) -> int:
     return grown
 
 
-def test_ten_seconds_of_anything(by_hand: Make) -> None:
-    assert ordeal(by_hand, 10, 3) < 20 * 2**20
+def test_three_seconds_of_anything(by_hand: Make) -> None:
+    assert ordeal(by_hand, 3, 1.5) < 20 * 2**20
 
 
 @pytest.mark.prove
@@ -167,11 +167,11 @@ def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:
         return player.underflows, jack.late() - before, player.late, robot.strikes
 
 
-def test_a_soak_of_five_seconds(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
-    # A shared machine now and then stops everybody, the server's clock too: two attempts.
-    blocks = 5 * RATE // BLOCK
-    for _ in range(2):
-        underflows, stopped, late, strikes = soak(jack, 5)
+def test_a_soak_of_two_seconds(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
+    # A shared machine now and then stops everybody, the server's clock too: three attempts.
+    blocks = 2 * RATE // BLOCK
+    for _ in range(3):
+        underflows, stopped, late, strikes = soak(jack, 2)
         with capsys.disabled():
             sys.stdout.write(
                 f"{underflows} underflows ({stopped} of the server's clock), {late} late blocks, "
@@ -179,7 +179,7 @@ def test_a_soak_of_five_seconds(jack: Server, capsys: pytest.CaptureFixture[str]
             )
         if not underflows and late <= LATE * blocks:
             break
-    assert strikes > 5 * 200 * 0.5
+    assert strikes > 2 * 200 * 0.5
     assert late <= LATE * blocks
     judge(underflows, blocks)
 

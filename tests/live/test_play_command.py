@@ -24,13 +24,14 @@ def model(tmp_path: Path) -> str:
 
 
 def test_every_named_place_and_many_vertices_have_a_key() -> None:
-    places = places_by_key(ball())
+    model = ball()
+    places = places_by_key(model)
     assert places[" "] is None
     assert (places["1"], places["2"]) == ("top", "side")
     assert len(places) == 1 + 2 + 25
     assert "q" not in places
     for place in places.values():
-        ball().contact(place)
+        model.contact(place)
 
 
 @pytest.mark.parametrize(

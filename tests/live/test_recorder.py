@@ -76,10 +76,14 @@ def test_the_command_records_from_the_device_and_refuses_its_silence(
     plan.write_text(
         "seconds = 0.1\nlead_in = 0.05\npatience = 0.1\ntries = 2\ncontacts = [[1.0]]\n"
     )
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
-    with pytest.raises(RecordingError, match=r"refused 2 times .* channel 1 hears no hit"):
-        struck_record(plan, "--device", "system")
-    told = capsys.readouterr().err
+    for _ in range(5):  # a machine that stands still loses samples, which is refused as such
+        monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
+        with pytest.raises(RecordingError, match="refused 2 times") as refused:
+            struck_record(plan, "--device", "system")
+        told = capsys.readouterr().err
+        if "lost samples" not in str(refused.value):
+            break
+    assert "channel 1 hears no hit" in str(refused.value)
     assert told.count("press Enter") == 2
     assert "strike now" in told
     assert not list((tmp_path / "plan_takes").iterdir())

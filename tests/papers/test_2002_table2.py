@@ -77,7 +77,10 @@ def test_three_bending_modes_with_at_most_4000_unknowns(note: str) -> None:
     assert pairs[:, 0] == pytest.approx(elastic(length)[:3], rel=CONVERGED)
 
 
-@pytest.mark.parametrize("note", CHIMES)
+@pytest.mark.parametrize(
+    "note",
+    ["D3", "D4", *(pytest.param(note, marks=pytest.mark.prove) for note in list(CHIMES)[1:-1])],
+)
 def test_fundamental_agrees_with_the_computed_column(note: str) -> None:
     chime = CHIMES[note]
     highest = 1.5 * chime.computed
@@ -100,10 +103,11 @@ def check_tuned(note: str, accuracy: str) -> None:
 
 @pytest.mark.parametrize("note", list(CHIMES)[::3])
 def test_tuned_within_a_tenth_of_a_hertz(note: str) -> None:
-    check_tuned(note, "standard")
+    check_tuned(note, "preview")
 
 
 @pytest.mark.prove
 @pytest.mark.parametrize("note", CHIMES)
-def test_tuned_within_a_tenth_of_a_hertz_on_a_finer_mesh(note: str) -> None:
-    check_tuned(note, "fine")
+@pytest.mark.parametrize("accuracy", ["standard", "fine"])
+def test_tuned_within_a_tenth_of_a_hertz_on_a_finer_mesh(accuracy: str, note: str) -> None:
+    check_tuned(note, accuracy)

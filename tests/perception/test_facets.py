@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,9 +47,13 @@ def decibels(amplitudes: Array) -> Array:
     return 20 * np.log10(np.maximum(amplitudes, 1e-300))
 
 
-@pytest.mark.parametrize("model", [rough(1), rough(2), clamped_plate(4000.0, spacing=0.02)])
-def test_timbres_and_levels_stay_within_their_bounds(model: ModalModel) -> None:
-    ear, facets = looked_at(model)
+@pytest.mark.parametrize(
+    "model",
+    [lambda: rough(1), lambda: rough(2), lambda: clamped_plate(4000.0, spacing=0.02)],
+    ids=["rough 1", "rough 2", "plate"],
+)
+def test_timbres_and_levels_stay_within_their_bounds(model: Callable[[], ModalModel]) -> None:
+    ear, facets = looked_at(model())
     shares, points = inside(facets, 12, seed=3)
     levels = decibels(ear.behind(ear.parts(points, facets.directions)))
     assert np.all(levels <= facets.loud[:, None] + 1e-6)
@@ -126,9 +131,15 @@ def ball() -> ModalModel:
     )
 
 
-def test_the_bound_holds_on_a_round_body_of_flat_faces() -> None:
-    found, bound = apart(ball(), 5.0, seed=1)
-    assert 1 < found.max() <= bound <= 5
+each_threshold = pytest.mark.parametrize(
+    "threshold", [8.0, pytest.param(5.0, marks=pytest.mark.prove)]
+)
+
+
+@each_threshold
+def test_the_bound_holds_on_a_round_body_of_flat_faces(threshold: float) -> None:
+    found, bound = apart(ball(), threshold, seed=1)
+    assert 1 < found.max() <= bound <= threshold
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +168,8 @@ class Products(Gains):
         return np.concatenate([outputs, 1j * outputs], axis=1)
 
 
-def test_the_bound_holds_for_sums_of_products() -> None:
+@each_threshold
+def test_the_bound_holds_for_sums_of_products(threshold: float) -> None:
     body = ball()
-    found, bound = apart(replace(body, gains=Products(plain=body.gains)), 5.0, seed=2)
-    assert 1 < found.max() <= bound <= 5
+    found, bound = apart(replace(body, gains=Products(plain=body.gains)), threshold, seed=2)
+    assert 1 < found.max() <= bound <= threshold

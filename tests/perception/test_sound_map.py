@@ -44,11 +44,12 @@ def test_the_bound_holds_at_contacts_of_a_body_given_at_vertices(
     assert 1 < found.max() <= bar_map.bound <= 4
 
 
-def test_the_bound_holds_at_contacts_of_a_body_in_closed_form() -> None:
+@pytest.mark.parametrize("threshold", [8.0, pytest.param(5.0, marks=pytest.mark.prove)])
+def test_the_bound_holds_at_contacts_of_a_body_in_closed_form(threshold: float) -> None:
     plate = clamped_plate(2500.0, spacing=0.06)
-    made = sound_map(plate, 5.0, level=60)
+    made = sound_map(plate, threshold, level=60)
     found = apart(plate, made, *random_contacts(plate.geometry, 50, seed=2))
-    assert 1 < found.max() <= made.bound <= 5
+    assert 1 < found.max() <= made.bound <= threshold
 
 
 def test_a_stored_contact_sounds_as_it_does(bar: ModalModel, bar_map: SoundMap) -> None:

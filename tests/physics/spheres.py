@@ -9,16 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import spherical_jn, spherical_yn
 
-Wave = Callable[[int, float], float]
+Array = NDArray[np.float64]
+Wave = Callable[[int, Array], Array]
 
 
 def torsional(n: int, highest: float, *, bore: float = 0.0) -> list[float]:
     """Return the roots omega R / c_s below `highest`; `bore` is the inner over the outer radius."""
 
-    def rows(y: float) -> list[list[float]]:
+    def rows(y: Array) -> list[list[Array]]:
         return [
             [(n - 1) * f(n, k) - k * f(n + 1, k) for f in _waves(bore)] for k in _radii(y, bore)
         ]
@@ -30,7 +32,7 @@ def spheroidal(n: int, poisson_ratio: float, highest: float, *, bore: float = 0.
     """Return the roots omega R / c_s below `highest` for n of at least 1."""
     slowness = np.sqrt((1 - 2 * poisson_ratio) / (2 - 2 * poisson_ratio))
 
-    def rows(omega: float) -> list[list[float]]:
+    def rows(omega: Array) -> list[list[Array]]:
         tractions = []
         for y in _radii(omega, bore):
             pairs = [_tractions(f, n, slowness * y, y) for f in _waves(bore)]
@@ -40,7 +42,7 @@ def spheroidal(n: int, poisson_ratio: float, highest: float, *, bore: float = 0.
     return _roots(rows, highest)
 
 
-def _tractions(f: Wave, n: int, x: float, y: float) -> tuple[tuple[float, float], ...]:
+def _tractions(f: Wave, n: int, x: Array, y: Array) -> tuple[tuple[Array, Array], ...]:
     """Return the normal and the shear traction of a pressure and a shear wave."""
     normal = (
         (n * n - n - y * y / 2) * f(n, x) + 2 * x * f(n + 1, x),
@@ -57,16 +59,19 @@ def _waves(bore: float) -> tuple[Wave, ...]:
     return (spherical_jn, spherical_yn) if bore else (spherical_jn,)
 
 
-def _radii(omega: float, bore: float) -> tuple[float, ...]:
+def _radii(omega: Array, bore: float) -> tuple[Array, ...]:
     return (omega, omega * bore) if bore else (omega,)
 
 
-def _roots(rows: Callable[[float], list[list[float]]], highest: float) -> list[float]:
+def _roots(rows: Callable[[Array], list[list[Array]]], highest: float) -> list[float]:
+    def determinants(omegas: Array) -> Array:
+        matrices = np.moveaxis(np.array(rows(omegas)), -1, 0)
+        return np.linalg.det(matrices / np.linalg.norm(matrices, axis=1, keepdims=True))
+
     def determinant(omega: float) -> float:
-        matrix = np.array(rows(omega))
-        return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=0)))
+        return float(determinants(np.array([omega]))[0])
 
     grid = np.linspace(0.3, highest, 400)
-    values = [determinant(omega) for omega in grid]
-    changes = [i for i in range(len(grid) - 1) if values[i] * values[i + 1] < 0]
+    values = determinants(grid)
+    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
     return [brentq(determinant, grid[i], grid[i + 1], xtol=1e-13, rtol=1e-14) for i in changes]

@@ -106,7 +106,10 @@ def test_supported_plate_as_first_published(order: int) -> None:
     assert squares("supported", 0.3, order)[0] < expected[0] * 0.999
 
 
-@pytest.mark.parametrize("poisson_ratio", [-0.9, -0.3, 0.0, 0.3, 0.495])
+@pytest.mark.parametrize(
+    "poisson_ratio",
+    [-0.9, 0.3, *(pytest.param(nu, marks=pytest.mark.prove) for nu in (-0.3, 0.0, 0.495))],
+)
 @pytest.mark.parametrize("edge", ritz_disk.HOLDS)
 def test_every_mode_against_ritz(edge: str, poisson_ratio: float) -> None:
     limit = 42.0

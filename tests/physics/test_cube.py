@@ -66,11 +66,11 @@ def test_order_of_quadratic_tetrahedra() -> None:
 
 
 def test_order_of_linear_tetrahedra_with_consistent_mass() -> None:
-    assert orders((8, 16), quadratic=False)[-1] >= 1.8
+    assert orders((6, 12), quadratic=False)[-1] >= 1.8
 
 
 def test_order_of_linear_tetrahedra_with_lumped_mass() -> None:
-    assert orders((8, 16), quadratic=False, lumped=True)[-1] >= 1.7
+    assert orders((7, 14), quadratic=False, lumped=True)[-1] >= 1.7
 
 
 @pytest.mark.prove

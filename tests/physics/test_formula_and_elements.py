@@ -18,23 +18,19 @@ FREQUENCY, CRITERION = 0.005, 0.99
 TOGETHER = 2e-3
 
 BODIES = {
-    "free bar": (Bar(length=0.3, width=0.003, thickness=0.0015, ends="free"), 5300.0, "fine"),
+    "free bar": (Bar(length=0.3, width=0.003, thickness=0.0015, ends="free"), 5300.0),
     "cantilever": (
         Bar(length=0.3, width=0.003, thickness=0.0015, ends=("clamped", "free")),
         4600.0,
-        "fine",
     ),
-    "clamped circular plate": (
-        CircularPlate(radius=0.1, thickness=0.001, edge="clamped"),
-        1900.0,
-        "fine",
-    ),
+    "clamped circular plate": (CircularPlate(radius=0.1, thickness=0.001, edge="clamped"), 1900.0),
     "free square plate": (
         RectangularPlate(length=0.2, width=0.2, thickness=0.001, edges="free"),
         800.0,
-        "fine",
     ),
 }
+# The circular plate agrees so well at fine alone.
+SAMPLE = ["free bar", "cantilever", "free square plate"]
 
 
 def groups(frequencies: Array) -> list[NDArray[np.int64]]:
@@ -55,9 +51,19 @@ def criterion(one: Array, space: Array) -> float:
     return float(np.square(basis.T @ one).sum())
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", SAMPLE)
 def test_formula_and_elements_agree(name: str) -> None:
-    shape, highest, accuracy = BODIES[name]
+    check(name, "standard")
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("name", BODIES)
+def test_formula_and_elements_agree_at_fine(name: str) -> None:
+    check(name, "fine")
+
+
+def check(name: str, accuracy: str) -> None:
+    shape, highest = BODIES[name]
     assert isinstance(shape, Shape)
     elements = struck.analyze(
         shape, "steel", method="fem", band=(5, 1.1 * highest), accuracy=accuracy

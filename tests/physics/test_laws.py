@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -26,8 +27,8 @@ Array = NDArray[np.float64]
 MATERIAL = custom(density=2700.0, youngs=70e9, poisson=0.33)
 SPEED = np.sqrt(MATERIAL.youngs_modulus / MATERIAL.density)
 LAWS = 1e-9
-SAMPLE = [0, 1, 2]
-HUNDRED = range(3, 103)
+SAMPLE = [0, 14]  # one full, one hollow
+HUNDRED = range(1, 103)
 
 
 def body(seed: int) -> VolumeMesh:
@@ -51,9 +52,15 @@ def frequencies(mesh: VolumeMesh, material: Material = MATERIAL, factor: float =
     return vibration_modes(mesh, material, factor * band_of(mesh), solver=solver).frequencies
 
 
-def same(found: Array, expected: Array) -> None:
-    assert len(expected) >= 3
-    assert found == pytest.approx(expected, rel=LAWS)
+@lru_cache(maxsize=len(SAMPLE))
+def known(seed: int) -> Array:
+    """Return a body's own frequencies in its band, Hz; once for all laws."""
+    return frequencies(body(seed))
+
+
+def same(found: Array, seed: int) -> None:
+    assert len(known(seed)) >= 3
+    assert found == pytest.approx(known(seed), rel=LAWS)
 
 
 def check_rotation_and_translation(seed: int) -> None:
@@ -64,13 +71,13 @@ def check_rotation_and_translation(seed: int) -> None:
     there = vibration_modes(
         replace(mesh, nodes=moved), MATERIAL, band_of(mesh), solver=Solver(dense_limit=0)
     )
-    same(there.frequencies, frequencies(mesh))
+    same(there.frequencies, seed)
 
 
 def check_scaling(seed: int) -> None:
     mesh = body(seed)
     factor = float(np.random.default_rng(seed).uniform(0.05, 20))
-    same(frequencies(replace(mesh, nodes=factor * mesh.nodes)) * factor, frequencies(mesh))
+    same(frequencies(replace(mesh, nodes=factor * mesh.nodes)) * factor, seed)
 
 
 def check_material(seed: int) -> None:
@@ -83,7 +90,7 @@ def check_material(seed: int) -> None:
         density=denser * MATERIAL.density,
     )
     factor = float(np.sqrt(stiffer / denser))
-    same(frequencies(mesh, other, factor) / factor, frequencies(mesh))
+    same(frequencies(mesh, other, factor) / factor, seed)
 
 
 def check_rigid_motions(seed: int) -> None:
@@ -95,7 +102,7 @@ def check_rigid_motions(seed: int) -> None:
     assert np.linalg.matrix_rank(motions) == 6
     assert np.abs(stiffness @ motions).max() <= 1e-12 * (abs(stiffness) @ np.abs(motions)).max()
     # None between a thousandth and a fifth of the lowest elastic frequency, by Sturm count.
-    lowest = 2 * np.pi * frequencies(mesh)[0]
+    lowest = 2 * np.pi * known(seed)[0]
     for share in (1e-3, 0.2):
         shifted = system.shifted((share * lowest) ** 2)
         assert [factorise(shifted, name).negative for name in ("rslab", "superlu")] == [6, 6]

@@ -73,9 +73,11 @@ def test_l_shape_has_the_modes_of_its_squares(l_shape: Vibration) -> None:
         assert np.count_nonzero(np.abs(found / whole - 1) < 1e-12) == times
 
 
-def test_another_basis_gives_the_same(l_shape: Vibration) -> None:
+@pytest.mark.parametrize("count", [9, pytest.param(20, marks=pytest.mark.prove)])
+def test_another_basis_gives_the_same(l_shape: Vibration, count: int) -> None:
     """Fewer Fourier-Bessel functions with fundamental solutions instead of many alone."""
-    found = eigenvalues(l_shape)
+    found = eigenvalues(l_shape)[:count]
+    assert len(found) == count
     corners = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
     first, second, *_ = _candidates(plan_of(corners), float(np.sqrt(found[-1])))
     assert len(second.sources) > 50 > second.counts.sum()
@@ -119,21 +121,20 @@ def test_each_mode_of_the_l_shape_lies_between_bounds(l_shape: Vibration) -> Non
     assert lower[-1] > 102.0  # so these are all
 
 
-@pytest.fixture(scope="module")
-def drums() -> tuple[Vibration, Vibration]:
-    one, other = (up_to(corners, 29.6) for corners in DRUMS)
-    return one, other
-
-
-def test_one_cannot_hear_the_shape_of_a_drum(drums: tuple[Vibration, Vibration]) -> None:
+@pytest.mark.parametrize(
+    ("highest", "count"), [(7.5, 5), pytest.param(29.6, 25, marks=pytest.mark.prove)]
+)
+def test_one_cannot_hear_the_shape_of_a_drum(highest: float, count: int) -> None:
+    drums = [up_to(corners, highest) for corners in DRUMS]
     one, other = (eigenvalues(drum) for drum in drums)
     assert one == pytest.approx(other, rel=1e-11)
-    assert one == pytest.approx(DRISCOLL, rel=2e-11)
-    exact = 5 * np.pi**2 / 4
-    assert one[[8, 20]] == pytest.approx([exact, 2 * exact], rel=1e-12)
+    assert one == pytest.approx(DRISCOLL[:count], rel=2e-11)
+    exact = 5 * np.pi**2 / 4 * np.array([1, 2])
+    exact = exact[exact < highest]
+    assert one[[8, 20][: len(exact)]] == pytest.approx(exact, rel=1e-12)
     for drum in drums:
         assert drum.errors.max() < 1e-8
-        assert drum.details["proved complete up to (Hz)"] > np.sqrt(29.6) / (2 * np.pi)
+        assert drum.details["proved complete up to (Hz)"] > np.sqrt(highest) / (2 * np.pi)
 
 
 def squares(highest: float) -> list[float]:
@@ -173,8 +174,8 @@ HEIGHT = np.sqrt(0.75)
     [
         (((0, 0), (1, 0), (1, 1), (0, 1)), 400.0, squares),
         (((0, 0), (3, 0), (3, 2**0.5), (0, 2**0.5)), 100.0, oblong),
-        (((0, 0), (1, 0), (0, 1)), 700.0, half_square),
-        (((0, 0), (1, 0), (0.5, HEIGHT)), 900.0, equilateral),
+        pytest.param(((0, 0), (1, 0), (0, 1)), 700.0, half_square, marks=pytest.mark.prove),
+        pytest.param(((0, 0), (1, 0), (0.5, HEIGHT)), 900.0, equilateral, marks=pytest.mark.prove),
         (((0, 0), (0.5, 0), (0.5, HEIGHT)), 1800.0, half_equilateral),
     ],
     ids=["square", "rectangle", "half square", "equilateral", "half equilateral"],

@@ -138,8 +138,8 @@ def morley(edges: Edges, cells: int, count: int) -> Array:
     "edges",
     [
         ("clamped", "free", "supported", "free"),
-        ("clamped", "supported", "free", "clamped"),
-        ("supported", "free", "clamped", "clamped"),
+        pytest.param(("clamped", "supported", "free", "clamped"), marks=pytest.mark.prove),
+        pytest.param(("supported", "free", "clamped", "clamped"), marks=pytest.mark.prove),
     ],
 )
 def test_mixed_edges_against_morleys_elements(edges: tuple[str, str, str, str]) -> None:

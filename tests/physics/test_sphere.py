@@ -91,6 +91,11 @@ def check_hollow_sphere(accuracy: str, subdivisions: int, wall: float, within: f
 WALLS = [(0.008, 0.0005), (0.002, 0.005)]
 
 
+def test_thin_hollow_sphere_at_preview_is_as_good_as_promised_at_standard() -> None:
+    check_hollow_sphere("preview", 5, *WALLS[1])
+
+
+@pytest.mark.prove
 @pytest.mark.parametrize(("wall", "within"), WALLS)
 def test_hollow_sphere_of_few_triangles_at_standard(wall: float, within: float) -> None:
     check_hollow_sphere("standard", 5, wall, within)

@@ -112,7 +112,7 @@ def test_turning_a_body_changes_nothing() -> None:
 
 
 def test_moving_a_body_changes_nothing() -> None:
-    mesh = ball()
+    mesh = ball(subdivisions=3)
     centre = np.array([1.0, -2.0, 3.0])
     moved = Mesh(points=mesh.points + centre, faces=mesh.faces)
     there = power(moved, legendre(mesh, 2), 1000, centre)
@@ -180,7 +180,7 @@ def test_wall_of_a_closed_cavity_is_silent() -> None:
 
 
 def test_wall_of_a_cavity_aside_is_silent() -> None:
-    outer, bubble = ball(0.1), ball(0.03, subdivisions=2)
+    outer, bubble = ball(0.1, subdivisions=3), ball(0.03, subdivisions=2)
     aside = bubble.points + np.array([0.05, 0.0, 0.0])  # half of its wall looks away from CENTRE
     body = joined(outer, Mesh(points=aside, faces=bubble.faces[:, ::-1]))
     shapes = np.concatenate([legendre(outer, 2), 10 * legendre(bubble, 0)])
@@ -188,7 +188,9 @@ def test_wall_of_a_cavity_aside_is_silent() -> None:
     np.testing.assert_allclose(power(body, shapes, 1000), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("height", [0, 1e-17, 1e-15, 1e-13])
+@pytest.mark.parametrize(
+    "height", [0, 1e-15, *(pytest.param(h, marks=pytest.mark.prove) for h in (1e-17, 1e-13))]
+)
 def test_faces_without_area_change_nothing(height: float) -> None:
     mesh = box((0.12, 0.05, 0.03), (24, 12, 8))
     first, second, third = mesh.faces[0]
@@ -254,9 +256,12 @@ def test_mode_that_does_not_move_along_the_normals_is_silent() -> None:
     assert power(mesh, np.zeros_like(turning), 1000)[0] == 0
 
 
-def test_many_modes_of_a_fine_mesh_take_little_time() -> None:
-    mesh = box((0.3, 0.03, 0.01), (370, 15, 5))
-    assert len(mesh.points) > 14_500
+@pytest.mark.parametrize(
+    ("cells", "least"), [(185, 7_500), pytest.param(370, 14_500, marks=pytest.mark.prove)]
+)
+def test_many_modes_of_a_fine_mesh_take_little_time(cells: int, least: int) -> None:
+    mesh = box((0.3, 0.03, 0.01), (cells, 15, 5))
+    assert len(mesh.points) > least
     shapes = np.random.default_rng(0).normal(size=(len(mesh.points), 3, 200)).astype(np.float32)
     flat = shapes.reshape(-1, 200)
     start = process_time()

@@ -49,5 +49,5 @@ BODIES: dict[str, tuple[Shape, Material, float]] = {
     ),
     "disk": (CircularPlate(radius=0.12, thickness=0.002, edge="clamped"), STEEL, 5000.0),
     "plate": (RectangularPlate(length=0.3, width=0.2, thickness=0.002), STEEL, 3000.0),
-    "L": (PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0), FILM, 900.0),
+    "L": (PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0), FILM, 600.0),
 }

@@ -59,7 +59,9 @@ def test_frequencies_and_shapes_with_any_ends(ends: tuple[str, str], thickness: 
     assert shapes == pytest.approx(others * np.where(signs, signs, 1), abs=1e-7)
 
 
-@pytest.mark.parametrize("ends", [("free", "free"), ("clamped", "free")])
+@pytest.mark.parametrize(
+    "ends", [("clamped", "free"), pytest.param(("free", "free"), marks=pytest.mark.prove)]
+)
 def test_none_of_400_modes_is_missed_or_doubled(ends: tuple[str, str]) -> None:
     bar = Bar(length=1.0, width=0.05, thickness=0.2, ends=ends)
     expected, _ = polynomials(bar, 460).modes(ends)

@@ -68,7 +68,10 @@ def test_values_are_the_same_for_one_place_and_many(edge: str) -> None:
     )
 
 
-@edges
+@pytest.mark.parametrize(
+    "edge",
+    ["free", *(pytest.param(e, marks=pytest.mark.prove) for e in EDGES if e != "free")],
+)
 def test_forms_of_very_high_order_are_stable(edge: str) -> None:
     thin = CircularPlate(radius=1.0, thickness=0.0005, edge=edge)
     forms = thin.vibration(STEEL, 9000.0).forms
@@ -155,5 +158,7 @@ def test_four_hundred_modes_are_quick(edge: str) -> None:
         start = time.process_time()
         vibration.forms.values(places)
         evaluating.append(time.process_time() - start)
+        if computing[-1] < 0.1 and evaluating[-1] < 0.5:
+            break
     assert min(computing) < 0.1
     assert min(evaluating) < 0.5

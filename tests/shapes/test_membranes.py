@@ -254,5 +254,7 @@ def test_four_hundred_modes_are_quick(body: Shape) -> None:
         start = time.process_time()
         vibration.forms.values(places)
         evaluating.append(time.process_time() - start)
+        if computing[-1] < 0.1 and evaluating[-1] < 0.5:
+            break
     assert min(computing) < 0.1
     assert min(evaluating) < 0.5

@@ -80,18 +80,21 @@ def test_forms_are_orthonormal(edges: str | tuple[str, str, str, str]) -> None:
     np.testing.assert_allclose(gram, np.eye(len(gram)), atol=1e-9)
 
 
-def test_four_hundred_modes_by_weyl() -> None:
+@pytest.mark.parametrize(
+    ("highest", "least"), [(20_000.0, 130), pytest.param(51_000.0, 350, marks=pytest.mark.prove)]
+)
+def test_hundreds_of_modes_by_weyl(highest: float, least: int) -> None:
     """The count of modes follows Weyl's law with its term for the edges."""
     body = plate(edges="supported")
-    vibration = body.vibration(STEEL, 51_000.0)
+    vibration = body.vibration(STEEL, highest)
     stiffness = STEEL.youngs_modulus * 0.002**2 / (12 * (1 - 0.09) * STEEL.density)
-    wave = np.sqrt(2 * np.pi * 51_000.0 / np.sqrt(stiffness))
+    wave = np.sqrt(2 * np.pi * highest / np.sqrt(stiffness))
     exact = sum(
         (m * np.pi / 0.3) ** 2 + (n * np.pi / 0.2) ** 2 <= wave**2
         for m in range(1, 200)
         for n in range(1, 200)
     )
-    assert len(vibration.frequencies) == exact > 350
+    assert len(vibration.frequencies) == exact > least
 
 
 @pytest.mark.parametrize(

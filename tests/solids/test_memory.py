@@ -52,10 +52,17 @@ def taken_and_foretold(*case: object) -> tuple[int, int, int]:
 @pytest.mark.parametrize(
     ("elements", "band", "backend"),
     [
-        ((10, 10, 10), 9e3, "rslab"),
-        ((10, 10, 10), 22e3, "rslab"),
-        ((40, 20, 2), 9e3, "rslab"),
-        ((9, 9, 9), 9e3, "superlu"),
+        ((8, 8, 8), 22e3, "rslab"),
+        ((7, 7, 7), 12e3, "superlu"),
+        *(
+            pytest.param(*case, marks=pytest.mark.prove)
+            for case in (
+                ((10, 10, 10), 9e3, "rslab"),
+                ((10, 10, 10), 22e3, "rslab"),
+                ((40, 20, 2), 9e3, "rslab"),
+                ((9, 9, 9), 9e3, "superlu"),
+            )
+        ),
     ],
 )
 def test_forecasts_are_what_is_taken_within_a_factor(

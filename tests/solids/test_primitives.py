@@ -220,10 +220,10 @@ def test_smooth_wall_of_a_sphere_has_the_volume_of_the_sphere() -> None:
         ("chime", (8, 20, 1)),
         ("rod", (8, 4, 1)),
         ("gong", (16, 10, 1)),
-        ("bowl", (16, 12, 1)),
-        ("bell", (16, 16, 1)),
+        pytest.param("bowl", (16, 12, 1), marks=pytest.mark.prove),
+        pytest.param("bell", (16, 16, 1), marks=pytest.mark.prove),
         ("wine glass", (16, 16, 1)),
-        ("hollow sphere", (16, 16, 1)),
+        pytest.param("hollow sphere", (16, 16, 1), marks=pytest.mark.prove),
         ("pawn", (12, 8, 1)),
     ],
 )
@@ -286,9 +286,9 @@ def test_places_are_where_their_names_say() -> None:
     assert gong["top"] == pytest.approx([0, 0, 0.001])
     assert gong["bottom"] == pytest.approx([0, 0, -0.001])
     assert gong["rim"] == pytest.approx([0.198, 0, 0.001])
-    assert bowl().places["bottom"] == pytest.approx([0, 0, -0.0015])
-    assert bell().places["top"][2] > bell().places["rim"][2]
-    assert wine_glass().places["rim"][2] == pytest.approx(0.2, abs=0.003)
+    assert SOLIDS["bowl"].places["bottom"] == pytest.approx([0, 0, -0.0015])
+    assert SOLIDS["bell"].places["top"][2] > SOLIDS["bell"].places["rim"][2]
+    assert SOLIDS["wine glass"].places["rim"][2] == pytest.approx(0.2, abs=0.003)
     assert SOLIDS["washer"].places["top"][2] == 0.01
     assert 0.04 < np.hypot(*SOLIDS["washer"].places["top"][:2]) < 0.1
 
@@ -492,7 +492,7 @@ def test_a_chime_rings_as_converged_elasticity() -> None:
 def test_rod_twists_at_the_closed_form() -> None:
     # Torsion of a round rod has no dispersion: f = c_s / (2 length), exactly.
     exact = SHEAR_SPEED / (2 * 0.2)
-    rod = Tube(length=0.2, radius=0.01, wall=0.01, elements=(8, 10, 1))
+    rod = Tube(length=0.2, radius=0.01, wall=0.01, elements=(8, 8, 1))
     found = frequencies(rod.volume_mesh(), **ALUMINIUM, near=exact)
     assert np.abs(found / exact - 1).min() < 2e-4
 
@@ -513,7 +513,7 @@ def torsion_of_hollow_sphere(order: int, inner: float, outer: float) -> float:
 
 def test_hollow_sphere_twists_at_the_closed_form() -> None:
     exact = torsion_of_hollow_sphere(2, 0.042, 0.05)
-    sphere = replace(SOLIDS["hollow sphere"], elements=(16, 14, 1))
+    sphere = replace(SOLIDS["hollow sphere"], elements=(12, 12, 1))
     found = frequencies(sphere.volume_mesh(), **ALUMINIUM, near=exact)
     close = np.abs(found / exact - 1) < 1e-3
     assert np.count_nonzero(close) == 5, "2 n + 1 modes, one frequency"

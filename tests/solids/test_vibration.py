@@ -22,7 +22,7 @@ from tests.physics.bodies import UNIT, grid
 
 Array = NDArray[np.float64]
 HIGHEST = 1.0
-BODY = grid("tet4", (3, 4, 5), (0.8, 1.0, 1.3)).promoted()
+BODY = grid("tet4", (2, 3, 4), (0.8, 1.0, 1.3)).promoted()
 
 
 def full(system: System) -> tuple[Array, Array]:
@@ -117,7 +117,7 @@ def test_a_hinge_is_refused() -> None:
 def test_inverted_elements_are_refused() -> None:
     wrong = BODY.elements.copy()
     wrong[0, [0, 1]] = wrong[0, [1, 0]]
-    with pytest.raises(MeshError, match="1 of 360 elements are turned inside out"):
+    with pytest.raises(MeshError, match="1 of 144 elements are turned inside out"):
         vibration_modes(replace(BODY, elements=wrong), UNIT, HIGHEST)
 
 

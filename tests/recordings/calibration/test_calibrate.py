@@ -72,7 +72,7 @@ def fitted_to(samples: Array) -> Modes:
     )
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.prove), 1])
 def test_material_of_a_recorded_plate(plate: ModalModel, seed: int) -> None:
     """40 dB, a fifth of the modes missing and a fifth extra, nothing known but the shape."""
     chance = np.random.default_rng(seed)
@@ -95,10 +95,11 @@ def test_material_of_a_recorded_plate(plate: ModalModel, seed: int) -> None:
     assert found.losses.law.decays(1000.0) == pytest.approx(np.pi + 1, rel=5e-3)
 
 
-def test_confidence_covers_the_truth() -> None:
-    """Errors over standard errors, of 12 fits with errors of 1 cent."""
+@pytest.mark.parametrize("fits", [6, pytest.param(12, marks=pytest.mark.prove)])
+def test_confidence_covers_the_truth(fits: int) -> None:
+    """Errors over standard errors, of fits with errors of 1 cent."""
     ratios = []
-    for seed in range(12):
+    for seed in range(fits):
         chance = np.random.default_rng(seed)
         true = unknown(chance)
         fitted = as_fitted(ringing_plate(SIZE, true, 3000.0), chance, cents=1.0)
@@ -216,11 +217,12 @@ LAWS: dict[str, Damping] = {
 }
 
 
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.prove)])
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_of_damping_are_told_apart(name: str) -> None:
+def test_laws_of_damping_are_told_apart(name: str, seeds: int) -> None:
     """From 40 modes with errors of 5 %, two of them wrong by a factor of three."""
     ratios = []
-    for seed in range(4):
+    for seed in range(seeds):
         chance = np.random.default_rng(seed)
         frequencies = np.exp(chance.uniform(np.log(150), np.log(8000), 40))
         decays = LAWS[name].decays(frequencies) * np.exp(chance.normal(0, 0.05, 40))

@@ -68,7 +68,9 @@ def right(fitted: Modes, pairing: Pairing) -> np.ndarray:
     return fitted.truth[pairing.fitted] == pairing.computed
 
 
-@pytest.mark.parametrize(("cents", "share"), [(0.01, 1.0), (1.0, 0.97), (5.0, 0.9)])
+@pytest.mark.parametrize(
+    ("cents", "share"), [pytest.param(0.01, 1.0, marks=pytest.mark.prove), (1.0, 0.97), (5.0, 0.9)]
+)
 def test_a_fifth_missing_and_a_fifth_extra(plate: ModalModel, cents: float, share: float) -> None:
     """Of the modes that are there, so many are paired, and of the pairs as many are right."""
     found, correct, real, factors = 0, 0, 0, []
@@ -98,11 +100,12 @@ def test_modes_that_change_places_with_poissons_ratio(plate: ModalModel) -> None
     assert len(pairing) > 25
 
 
-def test_confidence_is_how_often_pairs_are_right(plate: ModalModel) -> None:
+@pytest.mark.parametrize("fits", [3, pytest.param(5, marks=pytest.mark.prove)])
+def test_confidence_is_how_often_pairs_are_right(plate: ModalModel, fits: int) -> None:
     """With errors of 15 cents many modes lie as close as these; which of such is heard is open."""
     told, correct = [], []
     true = ringing_plate(SIZE, STEEL)
-    for seed in range(5):
+    for seed in range(fits):
         fitted = as_fitted(true, np.random.default_rng(seed), cents=15)
         pairing = paired(fitted, plate)
         truth = fitted.truth[pairing.fitted]

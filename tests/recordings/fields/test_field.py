@@ -19,6 +19,7 @@ from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, Vase, error, l
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NOWHERE = np.zeros((1, 3))
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.prove) for seed in (1, 2))]
 
 
 def heard(field: TimbreField | TimbreTable, contacts: Array, places: Array) -> Complex:
@@ -45,7 +46,7 @@ def nearest(gains: Complex, heights: Array, at: Array, places: Array) -> Complex
     return gains[contact][:, pick] * spread[:, None]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_vase_from_57_recordings_at_20_db(seed: int) -> None:
     chance = default_rng([1, seed])
     vase = Vase.drawn(chance)
@@ -60,7 +61,7 @@ def test_a_vase_from_57_recordings_at_20_db(seed: int) -> None:
     assert field.directional
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_vase_from_57_recordings_with_gains_30_db_over_noise(seed: int) -> None:
     chance = default_rng([2, seed])
     vase = Vase.drawn(chance)
@@ -86,7 +87,7 @@ def partial(vase: Vase, gains: Complex) -> tuple[Plan, TimbreField]:
     return plan, TimbreField.of(survey, radius=RADIUS)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_vase_from_22_recordings_at_20_db(seed: int) -> None:
     chance = default_rng([3, seed])
     vase = Vase.drawn(chance)

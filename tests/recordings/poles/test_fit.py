@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -99,13 +101,17 @@ def test_a_budget_keeps_what_explains_most() -> None:
     assert 3 < fit.verdict.signal_to_residual < loudest
 
 
-@pytest.mark.parametrize("rate", [8000, 192_000])
-def test_low_and_high_rates_are_fitted(rate: int) -> None:
-    times = np.arange(rate) / rate
+@pytest.mark.parametrize(
+    ("rate", "seconds"),
+    [(8000, 1.0), (192_000, 0.4), pytest.param(192_000, 1.0, marks=pytest.mark.prove)],
+)
+def test_low_and_high_rates_are_fitted(rate: int, seconds: float) -> None:
+    times = np.arange(round(seconds * rate)) / rate
     kept = 0.45 * rate > FREQUENCIES
     waves = np.exp(np.outer(-DECAYS[kept] + 2j * np.pi * FREQUENCIES[kept], times)).imag.sum(axis=0)
-    noise = 1e-3 * np.random.default_rng(7).standard_normal(rate * 3 // 2)
-    fit = fit_poles(take(np.pad(waves, (rate // 2, 0)) + noise, rate), budget=None)
+    sound = np.pad(waves, (len(times) // 2, 0))
+    noise = 1e-3 * np.random.default_rng(7).standard_normal(len(sound))
+    fit = fit_poles(take(sound + noise, rate), budget=None)
     assert fit.frequencies == pytest.approx(FREQUENCIES[kept], abs=0.05)
     assert fit.decays == pytest.approx(DECAYS[kept], rel=0.05)
 
@@ -134,27 +140,29 @@ def test_progress_is_told_and_grows() -> None:
         assert 0 <= min(shares) <= max(shares) <= 1
 
 
-UNSTRUCK = {
-    "sine": (sine(0.7), "steady tone"),
-    "chord": (chord(0.7), "steady tone"),
-    "speech": (
-        speech(np.random.default_rng(1), 0.8),
-        "noise-like, as of a cymbal, or moves in pitch",
-    ),
-    "cymbal": (
-        cymbal(np.random.default_rng(2), 0.5),
-        "noise-like, as of a cymbal, or moves in pitch",
-    ),
-    "burst": (
-        burst(np.random.default_rng(3), 0.4),
-        "noise-like, as of a cymbal, or moves in pitch",
-    ),
+STEADY, MOVING = "steady tone", "noise-like, as of a cymbal, or moves in pitch"
+UNSTRUCK: dict[str, tuple[Callable[[], Array], str]] = {
+    "sine": (lambda: sine(0.7), STEADY),
+    "chord": (lambda: chord(0.7), STEADY),
+    "speech": (lambda: speech(np.random.default_rng(1), 0.5), MOVING),
+    "cymbal": (lambda: cymbal(np.random.default_rng(2), 0.5), MOVING),
+    "burst": (lambda: burst(np.random.default_rng(3), 0.4), MOVING),
 }
 
 
-@pytest.mark.parametrize("name", UNSTRUCK)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "sine",
+        "chord",
+        "speech",
+        pytest.param("cymbal", marks=pytest.mark.prove),
+        pytest.param("burst", marks=pytest.mark.prove),
+    ],
+)
 def test_what_nobody_struck_is_called_so(name: str) -> None:
-    samples, reason = UNSTRUCK[name]
+    sounding, reason = UNSTRUCK[name]
+    samples = sounding()
     quiet = 1e-5 * np.random.default_rng(4).standard_normal(len(samples))
     fit = fit_poles(take(samples + quiet), budget=32)
     assert not fit.verdict.modal

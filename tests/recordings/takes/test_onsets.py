@@ -77,15 +77,17 @@ def noise(seconds: float, rms: float) -> Array:
     return rms * np.random.default_rng(3).standard_normal(round(seconds * RATE))
 
 
-@pytest.mark.parametrize("rate", [8000, 192_000])
-def test_hits_are_found_at_any_rate(rate: int) -> None:
-    times = np.arange(rate) / rate
+@pytest.mark.parametrize(
+    ("rate", "seconds"),
+    [(8000, 1.0), (192_000, 0.4), pytest.param(192_000, 1.0, marks=pytest.mark.prove)],
+)
+def test_hits_are_found_at_any_rate(rate: int, seconds: float) -> None:
+    times = np.arange(round(seconds * rate)) / rate
     rung = sum(np.sin(2 * np.pi * tone * times) for tone in (300, 900, 2100)) * np.exp(-9 * times)
-    sound = np.pad(rung, (rate // 2, 0)) + 1e-3 * np.random.default_rng(0).standard_normal(
-        rate * 3 // 2
-    )
+    sound = np.pad(rung, (len(times) // 2, 0))
+    sound += 1e-3 * np.random.default_rng(0).standard_normal(len(sound))
     (hit,) = find_hits(Take(samples=sound, sample_rate=rate))
-    assert abs(hit.onset / rate - 0.5) < 0.001
+    assert abs(hit.onset / rate - 0.5 * seconds) < 0.001
 
 
 def test_noise_and_swelling_tones_hold_no_hit() -> None:
