@@ -84,6 +84,9 @@ DROPPED = 0.05
 LATE = 0.05
 """The share of blocks for which a shared machine may leave no time."""
 
+GIVEN = 0.9
+"""The share of a processor's time without which late blocks are other programs' doing."""
+
 
 def resident() -> int:
     """Return the memory of this process, bytes; 0 where the system does not tell so easily."""
@@ -169,16 +172,22 @@ def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:
 
 def test_a_soak_of_two_seconds(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
     # A shared machine now and then stops everybody, the server's clock too: three attempts.
-    blocks = 2 * RATE // BLOCK
+    blocks = round(2 * RATE / BLOCK)
     for _ in range(3):
+        worked, begun = time.process_time(), time.perf_counter()
         underflows, stopped, late, strikes = soak(jack, 2)
+        given = (time.process_time() - worked) / (time.perf_counter() - begun)
         with capsys.disabled():
             sys.stdout.write(
                 f"{underflows} underflows ({stopped} of the server's clock), {late} late blocks, "
-                f"{strikes} strikes\n"
+                f"{strikes} strikes, {given:.0%} of a processor\n"
             )
         if not underflows and late <= LATE * blocks:
             break
+    if late > LATE * blocks and given < GIVEN:  # the busy thread alone would have taken it whole
+        pytest.skip(
+            f"{late} of {blocks} blocks late: other programs took {1 - given:.0%} of the time"
+        )
     assert strikes > 2 * 200 * 0.5
     assert late <= LATE * blocks
     judge(underflows, blocks)
