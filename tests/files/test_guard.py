@@ -93,8 +93,11 @@ def saved(path: Path, content: bytes | str) -> Path:
 
 
 def is_alive(process: int) -> bool:
+    """Tell whether any thread of it is left: the first may end before the others."""
+    folder = Path(f"/proc/{process}")
     try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        ended = (folder / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
+        return not ended or len(list((folder / "task").iterdir())) > 1
     except FileNotFoundError:
         return False
 
