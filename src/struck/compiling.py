@@ -29,26 +29,31 @@ class Compiler:
     ----------
     fingerprint : str
         Of all its files, and of those of the packages that it compiles with them.
+    keeps_parts : bool
+        Whether functions that only compiled code calls are also kept by themselves: that takes
+        longer, but whatever else is made of them is then sooner done.
     """
 
     fingerprint: str
+    keeps_parts: bool = False
 
     @classmethod
-    def of_packages(cls, *files: str) -> Compiler:
+    def of_packages(cls, *files: str, keeps_parts: bool = False) -> Compiler:
         """Take the packages that these files stand in."""
         digest = hashlib.sha256()
         for file in files:
             for path in sorted(Path(file).parent.glob("*.py")):
                 digest.update(path.read_bytes())
-        return cls(digest.hexdigest()[:12])
+        return cls(digest.hexdigest()[:12], keeps_parts)
 
     def jitted(self, function: Function) -> Function:
         """Compile a function when it is first called; it needs no Python then, nor its lock."""
-        return self._compiled(function)
+        return self._compiled(function, cache=True)
 
     def jitted_within(self, function: Function) -> Function:
         """Compile a function that only compiled code calls: sooner done without a way in."""
-        return self._compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        without = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        return self._compiled(function, cache=self.keeps_parts, **without)
 
     def callback(self, signature: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba has no types
         """Compile a function, now, for those who call it by its `address`."""
@@ -60,7 +65,7 @@ class Compiler:
 
     def _compiled(self, function: Function, **options: bool) -> Function:
         njit: Any = numba.njit
-        settings = {"fastmath": _SUMS, "nogil": True, "error_model": "numpy", "cache": True}
+        settings = {"fastmath": _SUMS, "nogil": True, "error_model": "numpy"}
         return njit(**settings, **options)(self._named(function))
 
     def _named(self, function: Function) -> Function:

@@ -7,7 +7,7 @@ from typing import Any
 
 from struck.compiling import Compiler
 
-_COMPILER = Compiler.of_packages(__file__)
+_COMPILER = Compiler.of_packages(__file__, keeps_parts=True)  # for each number of outputs
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 
 
