@@ -24,7 +24,7 @@ demo: $(ENVIRONMENT)/all.stamp  ## Compute the gallery: sounds, pictures and a p
 	$(BIN)/struck demo --out gallery
 
 test: $(ENVIRONMENT)/test.stamp  ## A sample of every promise
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup
+	$(BIN)/python -m pytest --numprocesses 2
 
 prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name for a part
 	$(BIN)/python -m pytest -m prove $(if $(ONLY),-k "$(ONLY)")

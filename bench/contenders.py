@@ -17,10 +17,10 @@ from peers import BLOCK, RATE, Call, Measure
 from struck.excitation.pushing import Push
 from struck.synth.bank import Poles
 from struck.synth.kernels import kernel, samples_of
-from struck.synth.process import Process, process
+from struck.synth.process import make_block
 from struck.synth.resonators import Resonators
 from struck.synth.stepped import Stepped
-from struck.synth.store import Index, rows_for
+from struck.synth.store import Index
 
 Array = NDArray[np.float64]
 TURN = 2e-3
@@ -162,20 +162,20 @@ def compiled(modes: int, block: int = BLOCK) -> Contender:
     force, drive = np.random.default_rng(3).standard_normal(block), np.ones(modes)
     engine.next_block({(0, 0): (force, drive)}, {0: np.ones((1, modes), np.complex128)})
     engine.next_block({(0, 0): (force, drive)}, {})  # from here on nothing moves
-    make, blocks = process(rows_for(1), turned=False), 16
+    blocks = 16
     return Contender(
         name=ENGINE,
         modes=modes,
         block=block,
         operations=operations(1, 1, turned=False),
-        measure=repeated(lambda: _several(make, *engine.numbers, blocks), blocks),
+        measure=repeated(lambda: _several(*engine.numbers, blocks), blocks),
     )
 
 
 @njit
-def _several(make: Process, reals: Array, wholes: Index, blocks: int) -> None:
+def _several(reals: Array, wholes: Index, blocks: int) -> None:
     for _ in range(blocks):
-        make(reals, wholes)
+        make_block(reals, wholes)
 
 
 def whole(

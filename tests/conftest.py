@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 
 import hypothesis
+import pytest
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 # Before NumPy is imported: two workers with a thread pool each would fight for the same cores.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -15,3 +18,28 @@ os.environ["STRUCK_CACHE"] = "off"
 
 hypothesis.settings.register_profile("struck", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("struck")
+
+# Each of these takes loops that take long to compile: one worker does, the other need not. And two
+# sound servers at once get into each other's way: JACK then refuses clients of either.
+_TOGETHER = {
+    "sound": ("tests/ears/", "tests/excitation/", "tests/live/", "tests/synth/", "tests/test_mix"),
+    "fit": (
+        "tests/comparison/",
+        "tests/demo/",
+        "tests/fitting/",
+        "tests/recordings/",
+        "tests/test_calibrate_command",
+        "tests/test_compare_command",
+        "tests/test_fit_command",
+    ),
+}
+
+
+class _Scheduling(LoadScopeScheduling):
+    def _split_scope(self, nodeid: str) -> str:
+        alike = (name for name, places in _TOGETHER.items() if nodeid.startswith(places))
+        return next(alike, nodeid)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
+    return _Scheduling(config, log)

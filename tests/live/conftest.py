@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import pytest
 
 from tests.live.servers import Server, dummy_server, missing
-
-
-def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    # Two servers at once get into each other's way: JACK then refuses clients of either.
-    for item in items:
-        if "jack" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("jack"))
 
 
 @pytest.fixture(scope="session")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import typeof
 from numpy.typing import NDArray
 
 from struck.live.compiling import jitted, jitted_within
 from struck.live.ears import LiveEars, listen, seen, take
 from struck.live.record import SINCE, apply, hold, parted_compiled
 from struck.synth.addresses import address_of, call, integers_at, reals_at, singles_at
-from struck.synth.process import process
+from struck.synth.dispatch import NUMBERS
+from struck.synth.process import make_block
 from struck.synth.stepped import Stepped
-from struck.synth.store import rows_for, view
+from struck.synth.store import view
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -35,19 +35,14 @@ def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Arra
     whole[_REALS : _REALS + 2] = reals.ctypes.data, reals.size
     whole[_WHOLES : _WHOLES + 2] = wholes.ctypes.data, wholes.size
     whole[_POINTS] = 1
-    whole[_PROCESS] = _address(bank)
+    whole[_PROCESS] = address_of(make_block, NUMBERS)
+    bank.compile(turned=True)
     places[VOLUME] = volume
     if ears is not None:
         for place, numbers in zip((_SINGLES, _WAYS, _SIZES), ears.memory, strict=True):
             whole[place : place + 2] = numbers.ctypes.data, numbers.size
         whole[_PATHS], whole[_TAPS] = ears.paths, ears.taps
     return places
-
-
-def _address(bank: Stepped) -> int:
-    """Return where the machine code that makes a block of these modes begins."""
-    made = process(rows_for(1), turned=True)  # kept for as long as Python runs
-    return address_of(made, tuple(typeof(numbers) for numbers in bank.numbers))
 
 
 @jitted

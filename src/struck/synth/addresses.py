@@ -16,12 +16,14 @@ from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+Typed = tuple[Any, Callable[..., Any]]
+"""The signature of an intrinsic, and what generates its code."""
 # Called, an intrinsic takes no context: not what its definition says.
 intrinsic: Any = _intrinsic
 
 
 @intrinsic
-def pointer_to(_context: object, address: types.Type) -> tuple[Any, Callable[..., Any]]:
+def pointer_to(_context: object, address: types.Type) -> Typed:
     """Return an address held as an integer as an untyped pointer."""
     if not isinstance(address, types.Integer):
         raise TypingError(f"an address is an integer, not {address}")
@@ -72,21 +74,37 @@ def address_of(function: Any, arguments: tuple[types.Type, ...]) -> int:  # noqa
 
     What is called by its address is not compiled anew with all that calls it; it must outlive them.
     """
-    function.compile(arguments)
-    made = function.overloads[arguments]
+    made = _made(function, arguments)
     return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
-@intrinsic
-def call(_context: object, address: types.Type, arguments: Any) -> tuple[Any, Callable[..., Any]]:  # noqa: ANN401 - numba has no types
-    """call(address, arguments): call a compiled function that returns nothing, with a tuple."""
+def result_of(function: Any, arguments: tuple[types.Type, ...]) -> types.Type:  # noqa: ANN401 - numba has no types
+    """Return the type of what a compiled function returns for arguments of these types."""
+    return _made(function, arguments).signature.return_type
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401 - numba has no types
-        kinds = signature.args[1].types
-        pointed = context.call_conv.get_function_type(types.none, kinds).as_pointer()
-        pointer = builder.inttoptr(values[0], pointed)
-        parts = cgutils.unpack_tuple(builder, values[1])
-        context.call_conv.call_function(builder, pointer, types.none, kinds, parts)
-        return context.get_dummy_value()
 
-    return types.none(address, arguments), generate
+def _made(function: Any, arguments: tuple[types.Type, ...]) -> Any:  # noqa: ANN401 - numba has no types
+    function.compile(arguments)
+    return function.overloads[arguments]
+
+
+def _calling(result: types.Type) -> Any:  # noqa: ANN401 - numba has no types
+    @intrinsic
+    def call(_context: object, address: types.Type, arguments: types.BaseTuple) -> Typed:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401 - numba has no types
+            kinds = signature.args[1].types
+            pointed = context.call_conv.get_function_type(result, kinds).as_pointer()
+            pointer = builder.inttoptr(values[0], pointed)
+            parts = cgutils.unpack_tuple(builder, values[1])
+            _, value = context.call_conv.call_function(builder, pointer, result, kinds, parts)
+            return context.get_dummy_value() if result == types.none else value
+
+        return result(address, arguments), generate
+
+    return call
+
+
+call = _calling(types.none)
+"""call(address, arguments): call a compiled function that returns nothing, with a tuple."""
+call_for_integer = _calling(types.int64)
+"""The same of one that returns an int64."""

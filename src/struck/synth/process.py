@@ -1,166 +1,119 @@
-"""One block of a whole scene, compiled for its outputs."""
+"""One block of a whole scene, body by body."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import cache
-
 from struck.synth import blocks
-from struck.synth.compiling import from_source, jitted_within
-from struck.synth.kernels import (
-    OUTPUTS,
-    PUSHES,
-    Kernel,
-    kernel,
-    name_of,
-    samples_of,
+from struck.synth.compiling import jitted, jitted_within
+from struck.synth.dispatch import run
+from struck.synth.store import (
+    Array,
+    Body,
+    Drive,
+    HeldAs,
+    Index,
+    Memory,
+    Mode,
+    Output,
+    Run,
+    Voice,
+    view,
 )
-from struck.synth.store import Array, Body, Drive, HeldAs, Index, Memory, Mode, Output, Voice, view
-
-Process = Callable[[Array, Index], None]
-_MOST = PUSHES[-1]
 
 
-@cache
-def process(rows: int, *, turned: bool, voices: int = _MOST) -> Process:
-    """Return the function that makes one block of all bodies' sounds in their memory.
+@jitted
+def make_block(reals: Array, wholes: Index) -> None:
+    """Make one block of all bodies' sounds in their memory.
 
     It takes the real and the whole numbers of `struck.synth.store`, as two arrays cost less to hand
-    to compiled code than their many parts.
-
-    Parameters
-    ----------
-    rows : int
-        Outputs of each body, as `rows_for` tells.
-    turned : bool
-        Whether outputs are complex.
-    voices : int
-        How many there are; for fewer there are fewer kernels to compile.
+    to compiled code than their many parts. `Memory.run` must be set, as `runner` tells.
     """
-    group, most = min(rows, OUTPUTS[-1]), next((n for n in PUSHES if n >= voices), _MOST)
-    run = _run(group, most, turned=turned)
-    name = f"process_{rows}_{most}{'_turned' if turned else ''}"
-    samples = samples_of(1, group, turned=turned, ramped=False)
-    source = _PROCESS.format(
-        name=name, run=run.__name__, rows=rows, group=group, most=most, samples=samples
-    )
-    steps = (
-        begin,
-        end,
-        few,
-        lone,
-        rest,
-        steady,
-        tail,
-        run,
-        *(getattr(blocks, each) for each in _STEPS),
-    )
-    known = {each.__name__: each for each in steps} | {"view": view}
-    return from_source(name, source, known)
+    memory = view(reals, wholes)
+    blocks.link(memory)
+    memory.sounds[:] = 0.0
+    for body in range(memory.bodies.shape[0]):
+        if steady(memory, body):
+            go_on(memory, body)
+        elif not rest(memory, body):
+            ramped = begin(memory, body)
+            push(memory, body, ramped)
+            end(memory, body, ramped)
 
 
-_STEPS = ("link", "direct", "settle", "measure", "unpack", "clear", "pack", "leap")
-_PROCESS = """
-def {name}(reals, wholes):
- memory = view(reals, wholes)
- link(memory)
- memory.sounds[:] = 0.0
- for body in range(memory.bodies.shape[0]):
-  still = steady(memory, body)
-  if not still and rest(memory, body):
-   continue
-  ramped = not still and begin(memory, body)
-  first = memory.bodies[body, 0]; last = memory.bodies[body, 1]
-  voice = memory.bodies[body, 5]
-  # A body that few voices push stays as pairs from block to block.
-  paired = still or ({rows} == {group} and few(memory, body, {most}))
-  unit = still or (paired and not ramped and lone(memory, body, {samples}))
-  held_as = memory.bodies[body, 6]
-  if unit and held_as < 2:
-   measure(memory, body, voice)
-  elif not paired or (held_as == 2 and not unit):
-   settle(memory, body)
-  again = False
-  while True:
-   count = 0; v0 = v1 = v2 = v3 = memory.voices.shape[0] - 1
-   while voice >= 0 and count < {most}:
-    v0, v1, v2, v3 = voice, v0, v1, v2
-    voice = memory.voices[voice, 3]; count += 1
-   for row in range(0, {rows}, {group}):
-    if again:
-     clear(memory, first, last)
-    elif not memory.bodies[body, 6]:
-     unpack(memory, first, last)
-    done = {run}(memory, body, row, v0, v1, v2, v3, count, ramped, unit)
-    tail(memory, body, row, {group}, (v0, v1, v2, v3), count, done)
-   if paired:
-    memory.bodies[body, 6] = 2 if unit else 1
-   elif count == 0 and not again:
-    leap(memory, first, last)
-   else:
-    pack(memory, first, last, 1.0 if again else 0.0)
-   again = True
-   if voice < 0:
-    break
-  if still:
-   direct(memory, body, v0)
-  else:
-   end(memory, body, ramped)
-"""
+@jitted_within
+def go_on(memory: Memory, body: int) -> None:
+    """Let the one voice of a body push it as in the last block."""
+    voice = memory.bodies[body, Body.VOICE]
+    ramped, unit = False, True
+    run(memory, body, 0, (voice, voice, voice, voice), 1, ramped, unit)
+    blocks.direct(memory, body, voice)
 
 
-def _run(rows: int, most: int, *, turned: bool) -> Kernel:
-    """Return the function that lets the right kernel make whole frames, and tells where it ends."""
-    name = f"run_{rows}_{most}{'_turned' if turned else ''}"
-    known = {
-        name_of(pushes, rows, turned=turned, ramped=ramped): kernel(
-            pushes, rows, turned=turned, ramped=ramped
-        )
-        for pushes in _up_to(most)
-        for ramped in (False, True)
-    }
-    alone = {"turned": turned, "ramped": False, "unit": True}
-    known[name_of(1, rows, **alone)] = kernel(1, rows, **alone)
-    return from_source(name, "\n".join(_run_source(name, rows, most, turned=turned)), known)
+@jitted_within
+def push(memory: Memory, body: int, ramped: bool) -> None:  # noqa: FBT001 - compiled: positional
+    """Let all voices of a body push it, as many at a time as kernels take.
+
+    A body that few voices push stays as pairs from block to block.
+    """
+    paired = memory.outputs.shape[1] == memory.run[Run.OUTPUTS] and few(memory, body)
+    unit = paired and not ramped and lone(memory, body)
+    prepare(memory, body, paired, unit)
+    voice = memory.bodies[body, Body.VOICE]
+    again = False
+    while not again or voice >= 0:
+        count, silent = 0, memory.voices.shape[0] - 1
+        voices = (silent, silent, silent, silent)
+        while voice >= 0 and count < memory.run[Run.PUSHES]:
+            voices = (voice, voices[0], voices[1], voices[2])
+            voice = memory.voices[voice, Voice.NEXT]
+            count += 1
+        push_together(memory, body, voices, count, ramped, unit, again)
+        if not paired:
+            put_back(memory, body, count, again)
+        again = True
+    if paired:
+        memory.bodies[body, Body.HELD_AS] = HeldAs.UNIT_PAIRS if unit else HeldAs.PAIRS
 
 
-def _run_source(name: str, rows: int, most: int, *, turned: bool) -> Iterator[str]:
-    yield f"def {name}(memory, body, row, v0, v1, v2, v3, count, ramped, unit):"
-    yield " modes = memory.modes; out = memory.outputs; drives = memory.drives"
-    yield " sounds = memory.sounds; forces = memory.forces; block = forces.shape[1]"
-    yield " first = memory.bodies[body, 0]; last = memory.bodies[body, 1]; count_of = last - first"
-    forms = [(1, False, True)]
-    forms += [(pushes, ramped, False) for pushes in _up_to(most) for ramped in (True, False)]
-    for pushes, ramped, unit in forms:
-        options = {"turned": turned, "ramped": ramped, "unit": unit}
-        samples = samples_of(pushes, rows, turned=turned, ramped=ramped)
-        rows_of = ", ".join(_arguments(pushes, rows, **options))
-        yield f" if count <= {pushes} and ramped == {ramped} and unit == {unit}:"
-        yield f"  {name_of(pushes, rows, **options)}(block // {samples}, {rows_of})"
-        yield f"  return block // {samples} * {samples}"
-    yield " return 0"
+@jitted_within
+def prepare(memory: Memory, body: int, paired: bool, unit: bool) -> None:  # noqa: FBT001 - compiled: positional
+    """See that a body's state is held as it is to be taken."""
+    held_as = memory.bodies[body, Body.HELD_AS]
+    if unit and held_as != HeldAs.UNIT_PAIRS:
+        blocks.measure(memory, body, memory.bodies[body, Body.VOICE])
+    elif not paired or (held_as == HeldAs.UNIT_PAIRS and not unit):
+        blocks.settle(memory, body)
 
 
-def _up_to(most: int) -> Iterator[int]:
-    return (pushes for pushes in PUSHES if pushes <= most)
+@jitted_within
+def push_together(
+    memory: Memory,
+    body: int,
+    voices: tuple[int, int, int, int],
+    count: int,
+    ramped: bool,  # noqa: FBT001 - compiled: positional
+    unit: bool,  # noqa: FBT001
+    again: bool,  # noqa: FBT001
+) -> None:
+    """Let some voices push at once, group by group of outputs; `again` after others, from rest."""
+    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    together = memory.run[Run.OUTPUTS]
+    for row in range(0, memory.outputs.shape[1], together):
+        if again:
+            blocks.clear(memory, first, last)
+        elif memory.bodies[body, Body.HELD_AS] == HeldAs.STATE:
+            blocks.unpack(memory, first, last)
+        made = run(memory, body, row, voices, count, ramped, unit)
+        tail(memory, body, row, together, voices, count, made)
 
 
-def _arguments(pushes: int, rows: int, *, turned: bool, ramped: bool, unit: bool) -> Iterator[str]:
-    """Yield what a kernel takes, in its order."""
-    for each in (Mode.FEEDBACK, Mode.LOSS, Mode.LATEST, Mode.PREVIOUS):
-        yield f"modes[{each.value}, first:last]"
-    layers = [(Drive.GAIN, Output.WEIGHT, Output.TURNED)]
-    if ramped:
-        layers.append((Drive.SLOPE, Output.WEIGHT_SLOPE, Output.TURNED_SLOPE))
-    if unit:
-        layers = [(Drive.GAIN, Output.UNIT_WEIGHT, Output.UNIT_TURNED)]
-    for drive, weight, turn in layers:
-        driven = () if unit else range(pushes)
-        yield from (f"drives[{drive.value}, v{p}, :count_of]" for p in driven)
-        for layer in (weight, turn) if turned else (weight,):
-            yield from (f"out[{layer.value}, row + {o}, first:last]" for o in range(rows))
-    yield from (f"forces[v{p}]" for p in range(pushes))
-    yield from (f"sounds[body, row + {o}]" for o in range(rows))
+@jitted_within
+def put_back(memory: Memory, body: int, count: int, again: bool) -> None:  # noqa: FBT001 - compiled: positional
+    """Turn pairs into states, on top of those of voices before."""
+    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    if count == 0 and not again:
+        blocks.leap(memory, first, last)
+    else:
+        blocks.pack(memory, first, last, 1.0 if again else 0.0)
 
 
 @jitted_within
@@ -200,19 +153,22 @@ def begin(memory: Memory, body: int) -> bool:
 
 
 @jitted_within
-def few(memory: Memory, body: int, most: int) -> bool:
+def few(memory: Memory, body: int) -> bool:
     """Tell whether there are pushes, and no more than a kernel takes at once."""
     count, voice = 0, memory.bodies[body, Body.VOICE]
     while voice >= 0:
         count, voice = count + 1, memory.voices[voice, Voice.NEXT]
-    return 0 < count <= most
+    return 0 < count <= memory.run[Run.PUSHES]
 
 
 @jitted_within
-def lone(memory: Memory, body: int, samples: int) -> bool:
-    """Tell whether one voice alone pushes, and kernels of so many samples leave nothing over."""
+def lone(memory: Memory, body: int) -> bool:
+    """Tell whether one voice alone pushes, and its kernel leaves nothing over."""
     voice = memory.bodies[body, Body.VOICE]
-    return memory.voices[voice, Voice.NEXT] < 0 and memory.forces.shape[1] % samples == 0
+    return (
+        memory.voices[voice, Voice.NEXT] < 0
+        and memory.forces.shape[1] % memory.run[Run.SAMPLES] == 0
+    )
 
 
 @jitted_within

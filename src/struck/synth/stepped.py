@@ -9,8 +9,20 @@ from numpy.typing import NDArray
 
 from struck.synth.bank import Array, Complex, Key, Poles
 from struck.synth.blocks import refresh, settle, stand, wake
-from struck.synth.process import Process, process
-from struck.synth.store import Body, Drive, Level, Mode, Output, Voice, laid_out, rows_for, seen
+from struck.synth.dispatch import runner
+from struck.synth.process import make_block
+from struck.synth.store import (
+    Body,
+    Drive,
+    Level,
+    Mode,
+    Output,
+    Run,
+    Voice,
+    laid_out,
+    rows_for,
+    seen,
+)
 
 # Of its loudest, the share below which a body may fall asleep: -120 dB.
 QUIET = 1e-6
@@ -48,7 +60,6 @@ class Stepped:
         self.memory = seen(self._reals, self._wholes)
         self.memory.levels[Level.RATE], self.memory.levels[Level.QUIET] = sample_rate, quiet
         self.turned, self._first = False, True
-        self._make: Process | None = None
         self._forces = list(self.memory.forces)
         self._slots: dict[Key, int] = {}
         self._drives: dict[Key, Array] = {}
@@ -84,10 +95,15 @@ class Stepped:
         for key, (force, drive) in pushes.items():
             self._take_push(key, force, drive)
         self._first = False
-        if self._make is None:
-            self._make = process(self._rows, turned=self.turned, voices=self._voices)
-        self._make(self._reals, self._wholes)
+        if not self.memory.run[Run.ADDRESS]:
+            self.compile()
+        make_block(self._reals, self._wholes)
         return self.memory.sounds[:, : self._points]
+
+    def compile(self, *, turned: bool = False) -> None:
+        """Choose and compile kernels, for complex outputs if told; `next_block` does if need be."""
+        self.turned |= turned
+        self.memory.run[:] = runner(self._rows, turned=self.turned, voices=self._voices)
 
     def _range(self, body: int) -> slice:
         first = int(self.memory.bodies[body, Body.FIRST])
@@ -114,7 +130,8 @@ class Stepped:
             stand(memory, body)
         memory.bodies[body, Body.MOVED] = 1
         if not self.turned and gains.imag.any():
-            self.turned, self._make = True, None
+            self.turned = True
+            self.memory.run[Run.ADDRESS] = 0
 
     def _free_slots(self, pushes: Mapping[Key, tuple[Array, Array]]) -> None:
         for key in self._slots.keys() - pushes.keys():

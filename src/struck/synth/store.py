@@ -98,6 +98,15 @@ class Voice(IntEnum):
     NEXT = 3
 
 
+class Run(IntEnum):
+    """Entries of `Memory.run`."""
+
+    ADDRESS = 0
+    OUTPUTS = 1
+    PUSHES = 2
+    SAMPLES = 3
+
+
 class Level(IntEnum):
     """Entries at the front of `Memory.levels`."""
 
@@ -131,6 +140,9 @@ class Memory(NamedTuple):
         as c in STATE, or as pairs in LATEST and PREVIOUS.
     voices : array (voices + 1, columns), int64
         Body, whether it pushes in this block, whether its drive moves, the body's next voice.
+    run : array (4,), int64
+        Where the machine code of `process.run` begins, the outputs and pushes that it takes at
+        once, and of how many samples a block is to be a multiple for one steady push.
     """
 
     modes: Array
@@ -142,12 +154,13 @@ class Memory(NamedTuple):
     levels: Array
     bodies: Index
     voices: Index
+    run: Index
 
 
 # Numbers at the front of the whole ones.
 _BODIES, _MODES, _ROWS, _VOICES, _WIDTH, _BLOCK, _HEADER = range(7)
 _PER_MODE, _PER_OUTPUT, _PER_DRIVE = len(Mode), len(Output), len(Drive)
-_PER_BODY, _PER_VOICE, LEVELS = len(Body), len(Voice), len(Level)
+_PER_BODY, _PER_VOICE, _RUN, LEVELS = len(Body), len(Voice), len(Run), len(Level)
 
 
 def rows_for(points: int) -> int:
@@ -178,7 +191,7 @@ def laid_out(
         block,
     )
     bodies, modes, rows, slots, width, _ = sizes
-    wholes = np.zeros(_HEADER + bodies * _PER_BODY + slots * _PER_VOICE, np.int64)
+    wholes = np.zeros(_HEADER + bodies * _PER_BODY + slots * _PER_VOICE + _RUN, np.int64)
     wholes[:_HEADER] = sizes
     table = wholes[_HEADER : _HEADER + bodies * _PER_BODY].reshape(bodies, _PER_BODY)
     ends = np.cumsum(padded)
@@ -216,6 +229,7 @@ def seen(reals: Array, wholes: Index) -> Memory:
         part(reals, f, (LEVELS + bodies,)),
         part(wholes, _HEADER, (bodies, _PER_BODY)),
         part(wholes, table, (slots, _PER_VOICE)),
+        part(wholes, table + slots * _PER_VOICE, (_RUN,)),
     )
 
 

@@ -7,14 +7,15 @@ AVX-512, two with AVX, four with NEON or SSE. They exist inside compiled functio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
-from numba.extending import intrinsic as _intrinsic
 from numba.extending import register_model
+
+from struck.synth.addresses import Typed, intrinsic
 
 WIDTH = 16
 """Numbers in a vector."""
@@ -38,11 +39,6 @@ _VECTOR = _Vector()
 class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:  # noqa: ANN401 - numba has no types
         super().__init__(manager, kind, _FLOATS)
-
-
-Typed = tuple[Any, Callable[..., Any]]
-# Called, an intrinsic takes no context and gives a vector: not what its definition says.
-intrinsic: Any = _intrinsic
 
 
 @intrinsic
