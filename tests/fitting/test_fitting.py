@@ -31,6 +31,7 @@ from tests.fitting.strings import (
     sound,
     take,
 )
+from tests.recordings.scenes import over_noise
 from tests.recordings.sounds import chord, cymbal, sine
 
 CONTACTS = np.linspace(0, 1, 9)
@@ -337,6 +338,12 @@ def test_what_is_not_modal_is_fitted_when_somebody_insists(name: str) -> None:
     made = fitting(Take(samples=samples, sample_rate=44100), modes=16, force=True)
     assert not made.fitted.verdict.modal
     assert 0 < len(made.model.frequencies) <= 16
+
+
+def test_modes_that_are_all_too_weak_to_measure_are_refused() -> None:
+    samples = over_noise(np.linspace(700, 3000, 8), np.full(8, 18.5), np.random.default_rng(0))
+    with pytest.raises(RecordingError, match="no mode is clear of the noise"):
+        fitting(Take(samples=samples, sample_rate=44100), modes=None, onsets=[[0.5]])
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,15 @@ def recorded(
     return Scene(samples=(samples + rms * noise) / peak, truth=truth)
 
 
+def over_noise(frequencies: Array, energies: Array, chance: Generator) -> Array:
+    """Return a take (1, n) of modes that decay by 6 1/s, of these energies over its noise, dB."""
+    decays = np.full(len(frequencies), 6.0)
+    noise = 0.01 * chance.standard_normal((1, LEAD + RATE))
+    gains = 0.01 * np.sqrt(4 * decays * 10 ** (energies / 10) / RATE)
+    sound = ringing(frequencies, decays, gains[None].astype(complex), RATE)
+    return noise + np.pad(sound, ((0, 0), (LEAD, 0)))
+
+
 def ringing(frequencies: Array, decays: Array, gains: Complex, length: int) -> Array:
     """Return the sum of Im[g exp(-d t + 2 pi i f t)], (channels, length)."""
     sound = np.zeros((len(gains), length))
@@ -182,7 +191,8 @@ class Score:
     """How a fit compares with the truth; errors are medians over the modes found.
 
     found, detected: shares of all and of the detectable modes; false: modes that are none; merged:
-    modes that stand for two which nobody could tell apart; cents, decay (relative), gain (dB).
+    those of them that stand for two which nobody could tell apart; cents, decay (relative), gain
+    (dB).
     """
 
     found: float
@@ -209,8 +219,8 @@ def score(
 ) -> Score:
     """Compare fitted poles (-d + 2 pi i f) and gains (channels, M) with the truth.
 
-    A fitted mode that is none of the true ones, yet within 0.5 Hz or 10 cents of one that is not
-    `resolvable`, is not false but merged; without that argument none is.
+    A false mode within 0.5 Hz or 10 cents of one that is not `resolvable` is merged; without that
+    argument none is.
     """
     if not poles.size:
         return Score(
@@ -228,7 +238,7 @@ def score(
     return Score(
         found=float(hit.mean()),
         detected=float(hit[truth.detectable()].mean()),
-        false=len(over) - merged,
+        false=len(over),
         merged=merged,
         cents=float(np.median(1200 * np.abs(np.log2(fitted[columns] / truth.frequencies[rows])))),
         decay=float(np.median(np.abs(-poles.real[columns] / truth.decays[rows] - 1))),

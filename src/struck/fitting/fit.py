@@ -64,7 +64,7 @@ def fit(
         "shared", or "corbett2007" for the paper's own.
     modes : int or None
         Not more than these, those that explain most of the sound, the blow included; None for all
-        that stand out of the noise of what rings freely after it.
+        of what rings freely after it that are clear of the noise, by 19 dB of energy.
     onsets : sequence of sequences of float, optional
         Times of the hits in each recording, s; found unless given.
     room : float, path or Sound, optional

@@ -131,6 +131,11 @@ def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
     names = recorded.takes[0].name
     if len(recorded.takes) > 1:
         names = f"{names} and {len(recorded.takes) - 1} more"
+    if fitted.verdict.modal:
+        raise RecordingError(
+            f"{names}: no mode is clear of the noise, all lie below 19 dB of energy: record louder "
+            "or nearer, or fit for playing, with modes=64"
+        )
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
     raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{advice}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from struck.errors import OptionError, RecordingError
 from struck.recordings.poles.fit import Fitted, fit_poles
 from struck.recordings.takes.take import Take
-from tests.recordings.scenes import LEAD, RATE, recorded, repeated, scene, score
+from tests.recordings.scenes import LEAD, RATE, over_noise, recorded, repeated, scene, score
 from tests.recordings.sounds import burst, chord, cymbal, sine, speech
 
 Array = NDArray[np.float64]
@@ -45,6 +46,21 @@ def test_hits_on_the_tails_of_others_have_gains_of_their_own() -> None:
     nearest = np.abs(truth.frequencies[:, None] - fit.frequencies).argmin(axis=1)
     errors = np.abs(gains[:, nearest] - truth.gains) / np.abs(truth.gains)
     assert np.median(errors) < 0.03
+
+
+def test_a_measurement_names_the_modes_that_may_be_two_and_leaves_them_out() -> None:
+    frequencies = np.linspace(500.0, 6000.0, 12)
+    energies = np.where(np.arange(12) % 3, 45.0, 17.0)
+    heard = take(over_noise(frequencies, energies, np.random.default_rng(905)))
+    measured, played = fit_poles(heard, budget=None), fit_poles(heard, budget=64)
+    weak = frequencies[energies < 20]
+    assert measured.frequencies == pytest.approx(frequencies[energies > 20], abs=0.05)
+    (note,) = (each for each in measured.notes if "too weak" in each)
+    named = [float(each) for each in re.findall(r"\d+\.\d", note)]
+    assert named
+    assert all(np.abs(weak - each).min() < 1 for each in named)
+    assert len(measured.heard.poles) == len(measured.frequencies) + len(named)
+    assert not any("too weak" in each for each in played.notes)
 
 
 def test_takes_of_several_lengths_share_their_poles() -> None:

@@ -50,7 +50,7 @@ def fit_poles(
         "shared": all poles of all channels and hits in one fit; "corbett2007": the paper's own, a
         fit of each and a merge.
     budget : int or None
-        Not more modes than these, those that explain most; None for all that stand out.
+        Not more modes than these, those that explain most; None for all that are clear of noise.
     onsets : sequence of sequences of float, optional
         Times of the hits in each take, s; found unless given.
     attack : bool, optional
@@ -92,7 +92,9 @@ def fit_poles(
         ringing = kept(method, lambda: by_corbett2007(segments, budget))
         verdict = judged(segments, ringing)
     notes = list(notes_on(takes, hits))
-    fitted = fitted_of(segments, _numbered(rows, takes), ringing, verdict, notes)
+    measured = method == "shared" and budget is None
+    rows = _numbered(rows, takes)
+    fitted = fitted_of(segments, rows, ringing, verdict, notes, measured=measured)
     return fitted if method == "shared" else _without_errors(fitted)
 
 

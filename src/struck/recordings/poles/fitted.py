@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.recordings.poles.ambient import ambient
+from struck.recordings.poles.prune import energies
 from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.poles.verdict import Verdict
 from struck.recordings.takes.cutting import Row
@@ -17,6 +18,10 @@ from struck.recordings.takes.segment import Segment
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_CLEAR = 40.0
+"""Energy of a mode that is measured over that of the noise in a bin: 19 dB in one channel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,27 +95,41 @@ class Fitted:
 
 
 def fitted_of(
-    segments: list[Segment], rows: list[Row], heard: Ringing, verdict: Verdict, notes: list[str]
+    segments: list[Segment],
+    rows: list[Row],
+    heard: Ringing,
+    verdict: Verdict,
+    notes: list[str],
+    *,
+    measured: bool = False,
 ) -> Fitted:
-    """Return a fit with its errors, tones of the surroundings and earlier hits taken off."""
+    """Return a fit with its errors, tones of the surroundings and earlier hits taken off.
+
+    Where modes are to be `measured`, those that are hardly there are left out, too.
+    """
     surrounding = ambient(segments, heard)
     errors = standard_errors(segments, heard)
+    weak = _weak(segments, heard) & ~surrounding & measured
     if surrounding.any():
         tones = ", ".join(f"{each:.1f}" for each in heard.frequencies[surrounding])
         notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
-    endless = np.count_nonzero((errors.decays > heard.decays) & ~surrounding)
+    if weak.any():
+        lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
+        notes = [*notes, f"too weak to be measured, left out of the model: {lost} Hz"]
+    kept = ~(surrounding | weak)
+    endless = np.count_nonzero((errors.decays > heard.decays) & kept)
     if endless:
         notes = [*notes, f"{endless} modes ring for longer than the takes can tell: record longer"]
-    own = heard.of(~surrounding)
+    own = heard.of(kept)
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
     return Fitted(
         frequencies=own.frequencies,
         decays=own.decays,
         gains=_without_earlier(own.gains[order], own.poles, ordered),
-        frequency_errors=errors.frequencies[~surrounding],
-        decay_errors=errors.decays[~surrounding],
-        gain_errors=errors.gains[order][:, ~surrounding],
+        frequency_errors=errors.frequencies[kept],
+        decay_errors=errors.decays[kept],
+        gain_errors=errors.gains[order][:, kept],
         rows=tuple(ordered),
         segments=tuple(segments),
         heard=heard,
@@ -118,6 +137,16 @@ def fitted_of(
         verdict=verdict,
         notes=tuple(notes),
     )
+
+
+def _weak(segments: list[Segment], heard: Ringing) -> Mask:
+    """Return the modes of which hardly more is known than that something is there.
+
+    At an energy E over noise a decay rate is known to sqrt(2 / E) of itself at best: 22 %. Whether
+    it is one mode or two nobody can tell.
+    """
+    alone, share = energies(segments, heard)
+    return alone < _CLEAR * share
 
 
 def _without_earlier(gains: Complex, poles: Complex, rows: list[Row]) -> Complex:
