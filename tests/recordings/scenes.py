@@ -17,6 +17,8 @@ LEAD = RATE // 2
 """Samples of ambient noise before the hit."""
 DETECTABLE = 16.0
 """Energy of a mode over the noise from which a matched filter detects it, dB."""
+CLEAR = 19.0
+"""The same from which it is measured."""
 _RANGE = (120.0, 14000.0)
 _SPLIT = (0.3, 5.0)
 _HUM = (50.0, 100.0, 240.0, 480.0, 1440.0)
@@ -35,10 +37,10 @@ class Truth:
     def poles(self) -> Complex:
         return -self.decays + 2j * np.pi * self.frequencies
 
-    def detectable(self) -> NDArray[np.bool_]:
-        """Return which modes have enough energy over white noise of the same level."""
+    def detectable(self, least: float = DETECTABLE) -> NDArray[np.bool_]:
+        """Return which modes have enough energy over white noise of the same level, dB."""
         energies = np.abs(self.gains) ** 2 / (4 * self.decays) * RATE
-        return 10 * np.log10((energies / self.noise[:, None] ** 2).sum(axis=0)) > DETECTABLE
+        return 10 * np.log10((energies / self.noise[:, None] ** 2).sum(axis=0)) > least
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

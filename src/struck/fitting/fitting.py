@@ -27,7 +27,7 @@ from struck.recordings.fields.single_point import SinglePoint
 from struck.recordings.fields.survey import Survey
 from struck.recordings.fields.table import TimbreTable
 from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.fitted import Fitted
+from struck.recordings.poles.fitted import CLEAR, Fitted
 from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.take import Take
 from struck.stages import Stages, fingerprint, holding
@@ -133,8 +133,8 @@ def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
         names = f"{names} and {len(recorded.takes) - 1} more"
     if fitted.verdict.modal:
         raise RecordingError(
-            f"{names}: no mode is clear of the noise, all lie below 19 dB of energy: record louder "
-            "or nearer, or fit for playing, with modes=64"
+            f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "
+            "energy: record louder or nearer, or fit for playing, with modes=64"
         )
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
     raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{advice}")

@@ -9,10 +9,9 @@ from struck.live.compiling import jitted, jitted_within
 from struck.live.ears import LiveEars, listen, seen, take
 from struck.live.record import SINCE, apply, hold, parted_compiled
 from struck.synth.addresses import address_of, call, integers_at, reals_at, singles_at
-from struck.synth.dispatch import NUMBERS
 from struck.synth.process import make_block
 from struck.synth.stepped import Stepped
-from struck.synth.store import view
+from struck.synth.store import NUMBERS, view
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

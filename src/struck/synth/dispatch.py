@@ -10,10 +10,8 @@ from numba import types
 from struck.synth.addresses import address_of, call_for_integer, result_of
 from struck.synth.compiling import from_source, jitted_within
 from struck.synth.kernels import OUTPUTS, PUSHES, Kernel, kernel, name_of, samples_of
-from struck.synth.store import Drive, Memory, Mode, Output, Run, view
+from struck.synth.store import NUMBERS, Drive, Memory, Mode, Output, Run, view
 
-NUMBERS = (types.float64[::1], types.int64[::1])
-"""Types of the real and the whole numbers of `struck.synth.store`."""
 _MOST = PUSHES[-1]
 
 
@@ -44,7 +42,7 @@ def run(
     voices: tuple[int, int, int, int],
     count: int,
     ramped: bool,  # noqa: FBT001 - compiled: positional
-    unit: bool,  # noqa: FBT001
+    unit: bool,  # noqa: FBT001 - compiled: positional
 ) -> int:
     """Let so many voices push a body's outputs from a row on; return how many samples are made.
 

@@ -91,8 +91,8 @@ def push_together(
     voices: tuple[int, int, int, int],
     count: int,
     ramped: bool,  # noqa: FBT001 - compiled: positional
-    unit: bool,  # noqa: FBT001
-    again: bool,  # noqa: FBT001
+    unit: bool,  # noqa: FBT001 - compiled: positional
+    again: bool,  # noqa: FBT001 - compiled: positional
 ) -> None:
     """Let some voices push at once, group by group of outputs; `again` after others, from rest."""
     first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]

@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from struck.synth.addresses import part
@@ -141,8 +142,8 @@ class Memory(NamedTuple):
     voices : array (voices + 1, columns), int64
         Body, whether it pushes in this block, whether its drive moves, the body's next voice.
     run : array (4,), int64
-        Where the machine code of `process.run` begins, the outputs and pushes that it takes at
-        once, and of how many samples a block is to be a multiple for one steady push.
+        Where the machine code begins that `dispatch.run` calls, the outputs and pushes that it
+        takes at once, and of how many samples a block is to be a multiple for one steady push.
     """
 
     modes: Array
@@ -253,3 +254,5 @@ def _aligned(count: int) -> Array:
 _lines = jitted(_lines)
 view = jitted(seen)
 """`seen`, for functions without Python."""
+NUMBERS = (types.float64[::1], types.int64[::1])
+"""Types of the real and the whole numbers."""

@@ -21,7 +21,9 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _CLEAR = 40.0
-"""Energy of a mode that is measured over that of the noise in a bin: 19 dB in one channel."""
+"""Energy of a mode that is measured, over that of the noise in a bin."""
+CLEAR = 10 * np.log10(2 * _CLEAR)
+"""The same over the noise's energy in a sample, dB."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +111,7 @@ def fitted_of(
     """
     surrounding = ambient(segments, heard)
     errors = standard_errors(segments, heard)
-    weak = _weak(segments, heard) & ~surrounding & measured
+    weak = _weak(segments, heard) & ~surrounding if measured else np.zeros_like(surrounding)
     if surrounding.any():
         tones = ", ".join(f"{each:.1f}" for each in heard.frequencies[surrounding])
         notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
