@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from struck import Material
 from struck.bird import bird
 from struck.solids import VolumeMesh
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import Body
 
 MISSING = "CalculiX is not here (no ccx on PATH): on Debian, apt-get install calculix-ccx"
 COUNT = 50

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from peers import BLOCK, RATE, Call, Measure
 
 from struck.excitation.pushing import Push
-from struck.synth.bank import Poles
-from struck.synth.kernels import kernel, samples_of
+from struck.synth.memory import Index
+from struck.synth.poles import Poles
 from struck.synth.process import make_block
 from struck.synth.resonators import Resonators
+from struck.synth.sample_loop import kernel, samples_of
 from struck.synth.stepped import Stepped
-from struck.synth.store import Index
 
 Array = NDArray[np.float64]
 TURN = 2e-3

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import best_gains
 from struck.recordings.corbett2007.method import fit_corbett2007
 from struck.recordings.poles.fit import fit_poles
-from struck.recordings.takes.ringing import best_gains
 from struck.recordings.takes.take import Take
 
 Array = NDArray[np.float64]

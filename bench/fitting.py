@@ -34,10 +34,10 @@ from numpy.typing import NDArray
 from recordings.scenes import LEAD, RATE, Scene, Score, Truth, body, paired, recorded, scene, score
 from recordings.scenes import pairs as pair_scene
 
+from struck.model.exponentials import Ringing
+from struck.recordings.noise import Noise
 from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.refine import refine, with_best_gains
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing
+from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.takes.segment import Segment
 from struck.recordings.takes.take import Take
 

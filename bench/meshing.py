@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from struck import Mesh
 from struck.bird import bird
-from struck.files.meshes import load_body
-from struck.solids import meshing
-from struck.solids.distance import Body
+from struck.files.surfaces import load_body
+from struck.solids.filling import filling
+from struck.solids.surface.distance import Body
 from struck.solids.tetrahedra import stuffed
 
 Array = NDArray[np.float64]
@@ -106,11 +106,11 @@ def as_tetrahedra(job: Job, spacing: float) -> Run:
 
 def checked(job: Job, nodes: float) -> Run:
     """Go the whole way from the outer face, beginning with about so many quadratic nodes."""
-    goal = replace(meshing.ACCURACIES["fine"], nodes=int(nodes), most=300_000)
-    meshing.ACCURACIES = {"bench": goal}
+    goal = replace(filling.ACCURACIES["fine"], nodes=int(nodes), most=300_000)
+    filling.ACCURACIES = {"bench": goal}
 
     def work() -> tuple[Array, Index]:
-        mesh = meshing.filled(Body(mesh=job.outer, wall=job.wall), "bench").mesh
+        mesh = filling.filled(Body(mesh=job.outer, wall=job.wall), "bench").mesh
         numbers, local = np.unique(mesh.corners, return_inverse=True)
         return mesh.nodes[numbers], local.reshape(-1, 4)
 

@@ -19,12 +19,12 @@ from scipy.sparse.linalg import eigsh
 from skfem import Basis, ElementTriP2, MeshTri, condense
 from skfem.models.poisson import laplace, mass
 
-from struck.material import Material
+from struck.model.material import Material
 from struck.modes import Modes
 from struck.shapes import CircularMembrane, CircularPlate, PolygonMembrane, RectangularMembrane
 from struck.shapes.shape import Shape
 from struck.solids import Tube
-from struck.solids.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

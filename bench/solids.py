@@ -34,12 +34,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from struck import Material
 from struck.bird import bird
-from struck.solids import Block, VolumeMesh, meshing
-from struck.solids.assembly import System, assemble
-from struck.solids.distance import Body
-from struck.solids.eigen import Mass, block_lanczos, rigid_motions
-from struck.solids.factor import factorise
-from struck.solids.vibration import vibration_modes
+from struck.solids import Block, VolumeMesh
+from struck.solids.fem.assembly import System, assemble
+from struck.solids.fem.factorisation import factorise
+from struck.solids.fem.lanczos import Mass, block_lanczos, rigid_motions
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling import filling
+from struck.solids.surface.distance import Body
 
 Array = NDArray[np.float64]
 WALL, BAND, COUNT = 0.0063, 47e3, 50
@@ -128,16 +129,16 @@ def stages(case: Case, path: Path) -> tuple[str, dict[str, Cost]]:
     watch, surface = Stopwatch(), bird()
     Body.depths = watch.within("distance", Body.depths)
     watch("mesh")
-    meshing.ACCURACIES = {"bench": meshing.Accuracy(nodes=case.asked, most=200_000, error=1.0)}
-    filling = meshing.filled(Body(mesh=surface, wall=WALL), "bench")
-    modes = vibration_modes(filling.mesh, MATERIAL, BAND, progress=watch)
+    filling.ACCURACIES = {"bench": filling.Accuracy(nodes=case.asked, most=200_000, error=1.0)}
+    mesh = filling.filled(Body(mesh=surface, wall=WALL), "bench")
+    modes = vibration_modes(mesh.mesh, MATERIAL, BAND, progress=watch)
     watch("")
-    np.savez(path, nodes=filling.mesh.nodes, elements=filling.mesh.elements)
+    np.savez(path, nodes=mesh.mesh.nodes, elements=mesh.mesh.elements)
     story = (
         f"Bird {surface.extent:.3g} m long, {len(surface.faces)} triangles, wall "
-        f"{1e3 * WALL:g} mm; lattice {1e3 * filling.spacing:.4g} mm, "
-        f"{len(filling.mesh.nodes)} nodes, {len(filling.mesh.elements)} {filling.mesh.kind}, "
-        f"volume {100 * filling.volume_error:+.3f} %; {len(modes.frequencies)} modes from "
+        f"{1e3 * WALL:g} mm; lattice {1e3 * mesh.spacing:.4g} mm, "
+        f"{len(mesh.mesh.nodes)} nodes, {len(mesh.mesh.elements)} {mesh.mesh.kind}, "
+        f"volume {100 * mesh.volume_error:+.3f} %; {len(modes.frequencies)} modes from "
         f"{modes.frequencies[0]:.0f} to {modes.frequencies[-1]:.0f} Hz"
     )
     return story, {stage: cost for stage, cost in watch.stages.items() if stage}

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from struck import ModalModel, analyze, sound_map
 from struck.perception.heard import Heard
-from struck.perception.map_picture import sound_map_picture
 from struck.perception.sonic_distance import band_excess, erb_distance
-from struck.pictures import save
+from struck.report.charts import save
+from struck.report.sound_map_picture import sound_map_picture
 from struck.shapes import RectangularPlate
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from struck.ears.head import Head
+from struck.ears.heads import SphereHead
 from struck.ears.measured_head import MeasuredHead
 from struck.ears.sphere import woodworth_delay
-from struck.ears.sphere_head import SphereHead
 
 RATE, DISTANCE = 48_000, 1.4
 AZIMUTHS = np.arange(181)

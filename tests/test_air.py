@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.air import AIR
+from struck.model.air import AIR
 
 
 def test_air_is_a_gas() -> None:

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from struck import atomic
 from struck.errors import FileFormatError
+from struck.files import atomic
 from tests.folders import closed_to_writing
 
 STEPS = {
@@ -82,7 +82,7 @@ def test_failure_leaves_the_old_file_and_nothing_else(
 def test_real_interruption_leaves_one_whole_file(tmp_path: Path, delay: float) -> None:
     program = """
         import sys
-        from struck.atomic import write_bytes
+        from struck.files.atomic import write_bytes
         count = 0
         while True:
             count += 1

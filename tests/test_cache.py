@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck import atomic
-from struck.cache import Cache, CacheWarning, opened, user_folder
 from struck.errors import FileFormatError, OptionError
-from struck.files import model_file
-from struck.material import Material
-from struck.model import ModalModel
+from struck.files import atomic, model_file
+from struck.files.cache import Cache, CacheWarning, opened, user_folder
+from struck.model.material import Material
+from struck.model.model import ModalModel
 from tests.folders import closed_to_writing
 
 HOME = Path.home()
@@ -340,7 +339,7 @@ def test_a_closed_folder_is_said_once(closed_folder: Path) -> None:
 def test_a_part_of_a_killed_process_goes_with_the_next_entry(cache: Cache) -> None:
     program = """
         import sys
-        from struck.cache import Cache
+        from struck.files.cache import Cache
         cache = Cache(sys.argv[1])
         while True:
             cache.put("a" * 64, bytes(30_000_000))
@@ -379,7 +378,7 @@ def test_parts_of_the_living_and_of_other_computers_stay_for_a_day(tmp_path: Pat
 
 SHARING = """
     import hashlib, random, sys
-    from struck.cache import Cache
+    from struck.files.cache import Cache
     folder, seed = sys.argv[1], int(sys.argv[2])
     cache, rng = Cache(folder, most_bytes=400_000), random.Random(seed)
     found, wrong = 0, 0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from struck.cache import Cache, CacheWarning
 from struck.cli import main
-from struck.command import warnings_in_one_line
+from struck.cli.command import warnings_in_one_line
+from struck.files.cache import Cache, CacheWarning
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.closed import is_closed, require_closed
 from struck.errors import MeshError
-from struck.mesh import Mesh
-from struck.pieces import bodies, pieces, submesh
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import bodies, pieces, submesh
+from struck.solids.surface.closedness import is_closed, require_closed
 
 
 def mesh(body: trimesh.Trimesh) -> Mesh:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import struck
-from struck.command import Result
-from struck.compare_command import declare_compare
+from struck.cli.command import Result
+from struck.cli.compare import declare_compare
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.progress import TerminalProgress
 from struck.shapes import Bar

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from struck.compiling import Compiler
+from struck.model.compiling import Compiler
 
 
 @pytest.mark.parametrize("changed", ["one", "other"])

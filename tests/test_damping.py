@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from struck.damping import Damping, InternalFriction, Measured, Rayleigh, ringing
 from struck.errors import MaterialError
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh, ringing
 
 LAWS = [
     InternalFriction(loss_tangent=0.01, external=3.0),

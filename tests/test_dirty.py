@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.files.meshes import load_body
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
-from struck.solids.vibration import vibration_modes
+from struck.files.surfaces import load_body
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import Body
 from tests.dirty_bodies import CLEAN, VERSIONS
 
 EVERY = [(name, number) for name in CLEAN for number in range(5)]

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from struck.errors import OptionError
+from struck.excitation.force_track import ForceTrack
 from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
-from struck.excitation.track import ForceTrack
-from struck.gains import Gains
-from struck.rendering import Action, render
+from struck.model.gains import Gains
+from struck.rendering import render
+from struck.scene.body import Action
 from tests.test_rendering import BLOCK, FREQUENCIES, TOP, block
 
 SCRAPE = Scrape(path=[TOP, (-0.05, 0.01, 0.05)], speed=0.2, load=1.0, radius=1e-3)
@@ -152,7 +153,7 @@ class Given:
 
     def begin(self, model: object, sample_rate: float, *, start: int = 0) -> object:
         del model, sample_rate
-        from struck.excitation.burst import Burst
+        from struck.excitation.excitation import Burst
         from struck.excitation.pulses import Samples
 
         return Burst(Samples(first=0, force=self._force), self._drive, start=start)

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from struck import hearing
 from struck.errors import OptionError
+from struck.perception import auditory_scale
 
 # ISO 226:2003, table 1 and the contours that its formula gives (as carried in aarae's iso226.m).
 ROWS = np.array([20, 25, 31.5, 40, 50, 63, 80, 100, 125, 160, 200, 250, 315, 400, 500, 630, 800,
@@ -36,69 +36,77 @@ EVERYWHERE = np.geomspace(20, 20000, 400)
 
 @pytest.mark.parametrize("phon", CONTOURS)
 def test_equal_loudness_is_that_of_iso_226(phon: int) -> None:
-    assert hearing.equal_loudness(ROWS, phon) == pytest.approx(CONTOURS[phon], abs=0.05)
+    assert auditory_scale.equal_loudness(ROWS, phon) == pytest.approx(CONTOURS[phon], abs=0.05)
 
 
 def test_threshold_is_that_of_iso_226() -> None:
-    assert hearing.threshold_in_quiet(ROWS, "iso226") == pytest.approx(THRESHOLD, abs=1e-9)
+    assert auditory_scale.threshold_in_quiet(ROWS, "iso226") == pytest.approx(THRESHOLD, abs=1e-9)
 
 
 def test_threshold_is_that_of_terhardt() -> None:
     tones = [50, 100, 200, 500, 1000, 2000, 3300, 4000, 5000, 8000, 10000, 15000]
     published = [39.9761, 22.9529, 13.1706, 6.2788, 3.3691, -0.2513, -4.9809, -3.3875, 0.4817,
                  4.7856, 10.5769, 51.0421]  # fmt: skip
-    assert hearing.threshold_in_quiet(tones) == pytest.approx(published, abs=1e-3)
+    assert auditory_scale.threshold_in_quiet(tones) == pytest.approx(published, abs=1e-3)
     lowest = minimize_scalar(
-        lambda tone: hearing.threshold_in_quiet(tone).item(), bounds=(3000, 3700), method="bounded"
+        lambda tone: auditory_scale.threshold_in_quiet(tone).item(),
+        bounds=(3000, 3700),
+        method="bounded",
     )
     assert lowest.x == pytest.approx(3324.13, abs=0.05)
 
 
 def test_the_two_thresholds_agree_where_both_were_measured() -> None:
     middle = ROWS[(ROWS >= 100) & (ROWS <= 4000)]
-    apart = hearing.threshold_in_quiet(middle) - hearing.threshold_in_quiet(middle, "iso226")
+    apart = auditory_scale.threshold_in_quiet(middle) - auditory_scale.threshold_in_quiet(
+        middle, "iso226"
+    )
     assert np.abs(apart).max() < 4.5
 
 
 def test_beyond_its_table_the_standard_goes_on_in_parallel_to_the_formula() -> None:
     high = np.array([12500.0, 16000.0, 20000.0])
-    rise = np.diff(hearing.threshold_in_quiet(high))
-    assert np.diff(hearing.threshold_in_quiet(high, "iso226")) == pytest.approx(rise)
-    assert np.diff(hearing.equal_loudness(high)) == pytest.approx(rise)
+    rise = np.diff(auditory_scale.threshold_in_quiet(high))
+    assert np.diff(auditory_scale.threshold_in_quiet(high, "iso226")) == pytest.approx(rise)
+    assert np.diff(auditory_scale.equal_loudness(high)) == pytest.approx(rise)
 
 
 def test_bandwidths_are_those_of_glasberg_and_moore() -> None:
     tones = [100, 500, 1000, 2000, 4000, 8000]
     published = [35.494, 78.669, 132.639, 240.578, 456.456, 888.212]
-    assert hearing.erb(tones) == pytest.approx(published, abs=1e-3)
+    assert auditory_scale.erb(tones) == pytest.approx(published, abs=1e-3)
 
 
 def test_bark_is_that_of_zwicker_and_terhardt() -> None:
     tones = [100, 500, 1000, 2000, 4000, 8000]
     published = [0.9867, 4.7365, 8.5105, 13.1041, 17.2589, 21.2753]
-    assert hearing.bark(tones) == pytest.approx(published, abs=1e-3)
+    assert auditory_scale.bark(tones) == pytest.approx(published, abs=1e-3)
 
 
 def test_erb_number_counts_bandwidths() -> None:
-    assert hearing.frequency_of(hearing.erb_number(EVERYWHERE)) == pytest.approx(EVERYWHERE)
-    numbers = np.diff(hearing.erb_number([999.5, 1000.5]))
-    assert numbers == pytest.approx(1 / hearing.erb(1000), rel=0.005)  # 21.4 is a rounded figure
+    assert auditory_scale.frequency_of(auditory_scale.erb_number(EVERYWHERE)) == pytest.approx(
+        EVERYWHERE
+    )
+    numbers = np.diff(auditory_scale.erb_number([999.5, 1000.5]))
+    assert numbers == pytest.approx(
+        1 / auditory_scale.erb(1000), rel=0.005
+    )  # 21.4 is a rounded figure
 
 
 def test_filters_are_as_wide_as_their_bandwidth() -> None:
     for centre in (100.0, 1000.0, 8000.0):
         low, high = (
-            quad(lambda tone, c=centre: hearing.spreading([tone], [c]).item(), *ends)[0]
+            quad(lambda tone, c=centre: auditory_scale.spreading([tone], [c]).item(), *ends)[0]
             for ends in ((1e-3, centre), (centre, 3 * centre))
         )
-        assert low + high == pytest.approx(hearing.erb(centre), rel=1e-3)
+        assert low + high == pytest.approx(auditory_scale.erb(centre), rel=1e-3)
 
 
 def test_sensitivity_is_greatest_where_the_contour_is_lowest() -> None:
-    weights = hearing.sensitivity(EVERYWHERE)
+    weights = auditory_scale.sensitivity(EVERYWHERE)
     assert np.all((weights >= 0) & (weights <= 1))
-    assert hearing.sensitivity([3150]) == pytest.approx(1)
-    assert hearing.sensitivity([1000, 100]) == pytest.approx(
+    assert auditory_scale.sensitivity([3150]) == pytest.approx(1)
+    assert auditory_scale.sensitivity([1000, 100]) == pytest.approx(
         10 ** ((35.61 - np.array([40.01, 64.37])) / 20), rel=2e-3
     )
 
@@ -108,35 +116,37 @@ def test_a_decay_leaves_the_mean_over_the_integration_time() -> None:
         mean = (
             quad(lambda t, d=decay: np.exp(-2 * d * t), 0, 0.2, points=[1 / (decay + 5)])[0] / 0.2
         )
-        assert hearing.integrated(decay) == pytest.approx(mean, rel=1e-6)
+        assert auditory_scale.integrated(decay) == pytest.approx(mean, rel=1e-6)
 
 
 def test_a_loud_tone_masks_a_neighbour_but_none_far_off() -> None:
     tones, levels = np.array([1000.0, 1060.0, 4000.0]), np.array([80.0, 60.0, 60.0])
-    needed = hearing.decibels(hearing.masked_thresholds(tones, 10 ** (levels / 10)))
+    needed = auditory_scale.decibels(auditory_scale.masked_thresholds(tones, 10 ** (levels / 10)))
     assert needed[1] > 60  # half a bandwidth off: the filter there passes 80 - 3 dB
-    assert needed[2] < hearing.threshold_in_quiet(4000) + 0.1
+    assert needed[2] < auditory_scale.threshold_in_quiet(4000) + 0.1
     assert needed[0] < 80
 
 
 def test_a_tone_alone_is_heard_from_the_threshold_in_quiet_on() -> None:
     for level in (0.0, 90.0):
-        needed = hearing.masked_thresholds([500.0], [10 ** (level / 10)])
-        assert hearing.decibels(needed) == pytest.approx(hearing.threshold_in_quiet([500.0]))
+        needed = auditory_scale.masked_thresholds([500.0], [10 ** (level / 10)])
+        assert auditory_scale.decibels(needed) == pytest.approx(
+            auditory_scale.threshold_in_quiet([500.0])
+        )
 
 
 def test_an_equal_tone_at_the_same_place_masks_by_the_just_noticeable_share() -> None:
-    needed = hearing.masked_thresholds([1000.0, 1000.0], [1e8, 1e8])
+    needed = auditory_scale.masked_thresholds([1000.0, 1000.0], [1e8, 1e8])
     assert 10 * np.log10(1 + needed[0] / 1e8) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        (lambda: hearing.threshold_in_quiet(1000, "iso389"), "iso389"),
-        (lambda: hearing.threshold_in_quiet([1000, -3]), "-3"),
-        (lambda: hearing.equal_loudness(1000, 100), "20 to 80"),
-        (lambda: hearing.spreading([np.nan], [1000]), "exceed 0 Hz"),
+        (lambda: auditory_scale.threshold_in_quiet(1000, "iso389"), "iso389"),
+        (lambda: auditory_scale.threshold_in_quiet([1000, -3]), "-3"),
+        (lambda: auditory_scale.equal_loudness(1000, 100), "20 to 80"),
+        (lambda: auditory_scale.spreading([np.nan], [1000]), "exceed 0 Hz"),
     ],
 )
 def test_bad_arguments_are_refused(wrong: object, says: str) -> None:

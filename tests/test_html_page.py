@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 from matplotlib.figure import Figure
 
-from struck.html_page import STYLE, document, picture, table
+from struck.model.html import STYLE, document, picture, table
 
 
 class Reader(HTMLParser):

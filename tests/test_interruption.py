@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.cache import Cache
 from struck.cli import main
 from struck.files import model_file
+from struck.files.cache import Cache
 
 SHELL = "import sys; from struck.cli import main; sys.exit(main())"
 COMMAND = ["analyze", "egg.stl", "--material", "steel", "--accuracy", "preview"]

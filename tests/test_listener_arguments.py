@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from struck.cli.options import add_listener, add_room, listener, room
 from struck.ears.listeners import Binaural, Mono, Stereo
 from struck.errors import FileFormatError, OptionError
-from struck.listener_arguments import add_listener, add_room, listener, room
 
 
 def parsed(*words: str) -> argparse.Namespace:

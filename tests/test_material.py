@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from struck.damping import InternalFriction, Rayleigh
 from struck.errors import MaterialError
-from struck.material import Material, materials
+from struck.model.damping import InternalFriction, Rayleigh
+from struck.model.material import Material, materials
 
 NAMES = sorted(materials())
 FIELDS = {

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.air import AIR
 from struck.ears.listeners import Binaural, Mono, Stereo
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
@@ -16,7 +15,8 @@ from struck.errors import ContactError, OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
-from struck.gains import ShapeGains
+from struck.model.air import AIR
+from struck.model.gains import ShapeGains
 from struck.rendering import render
 from struck.scene.body import Body
 from tests.test_rendering import BLOCK, TOP

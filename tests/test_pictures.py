@@ -13,15 +13,15 @@ from matplotlib.collections import QuadMesh, TriMesh
 from matplotlib.figure import Figure
 from PIL import Image
 
-from struck import painting, pictures
-from struck.damping import InternalFriction, Measured
 from struck.errors import FileFormatError, OptionError
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.painting import Painter
+from struck.files.sound import Sound
+from struck.model.damping import InternalFriction, Measured
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 from struck.recordings.fields.single_point import SinglePoint
-from struck.sound import Sound
+from struck.report import charts, surface_picture
+from struck.report.surface_picture import Painter
 
 CLAY = Material(name="clay", density=2000.0, youngs_modulus=10e9, poisson_ratio=0.2)
 RATE = 16000
@@ -86,7 +86,7 @@ def faces(figure: Figure, panel: int = 0) -> TriMesh:
 
 
 def test_spectrum_has_its_peaks_where_the_sound_has_them() -> None:
-    figure = pictures.spectrum(CHORD)
+    figure = charts.spectrum(CHORD)
     axes = figure.axes[0]
     frequencies, levels = axes.lines[0].get_data()
     for tone, level in ((440.0, 0.0), (1000.0, -20.0), (3000.0, -40.0)):
@@ -104,7 +104,7 @@ def test_spectrum_has_its_peaks_where_the_sound_has_them() -> None:
 
 def test_spectrogram_shows_when_and_where() -> None:
     late = np.where(TIMES > 0.5, np.sin(2 * np.pi * 1000 * TIMES), 0)
-    figure = pictures.spectrogram(Sound(samples=late, sample_rate=RATE))
+    figure = charts.spectrogram(Sound(samples=late, sample_rate=RATE))
     axes = figure.axes[0]
     image = axes.findobj(QuadMesh)[0]
     levels = image.get_array()
@@ -118,14 +118,14 @@ def test_spectrogram_shows_when_and_where() -> None:
     assert texts(figure).count("relative level") == 1
 
 
-@pytest.mark.parametrize("draw", [pictures.spectrum, pictures.spectrogram])
+@pytest.mark.parametrize("draw", [charts.spectrum, charts.spectrogram])
 def test_silence_and_single_samples_can_be_drawn(draw: object) -> None:
     for samples in (np.zeros(1000), np.zeros(1), np.ones((2, 1))):
         assert pixels(draw(Sound(samples=samples, sample_rate=8000))).size
 
 
 def test_a_mode_is_coloured_by_its_displacement_along_the_normal() -> None:
-    figure = pictures.mode_shapes(BODY)
+    figure = charts.mode_shapes(BODY)
     figure.canvas.draw()
     up, along = (faces(figure, panel).get_facecolors() for panel in (0, 1))
     warmth = [colours[:, 0] - colours[:, 2] for colours in (up, along)]
@@ -139,20 +139,20 @@ def test_a_mode_is_coloured_by_its_displacement_along_the_normal() -> None:
 
 def test_titles_give_frequencies_and_ringing_times() -> None:
     damped = BODY.damped(Measured(frequencies=(100.0,), rates=(np.log(1000) / 2.5,)))
-    written = texts(pictures.mode_shapes(damped))
+    written = texts(charts.mode_shapes(damped))
     assert "1:  440.0 Hz" in written
     assert "2:  880.0 Hz" in written
     assert written.count("T60 2.5 s") == 2
     undamped = BODY.damped(InternalFriction(loss_tangent=0.0))
-    assert "undamped" in texts(pictures.mode_shapes(undamped))
+    assert "undamped" in texts(charts.mode_shapes(undamped))
 
 
 def test_chosen_modes_are_drawn() -> None:
-    assert "1: " not in texts(pictures.mode_shapes(BODY, which=[1]))
-    assert "2: " not in texts(pictures.mode_shapes(BODY, which=1))
+    assert "1: " not in texts(charts.mode_shapes(BODY, which=[1]))
+    assert "2: " not in texts(charts.mode_shapes(BODY, which=1))
     for which in ([2], [-1], 0, []):
         with pytest.raises(OptionError, match="give modes of 0 to 1, or how many"):
-            pictures.mode_shapes(BODY, which=which)
+            charts.mode_shapes(BODY, which=which)
 
 
 def test_only_triangles_that_face_the_eye_are_drawn_the_farthest_first() -> None:
@@ -161,10 +161,10 @@ def test_only_triangles_that_face_the_eye_are_drawn_the_farthest_first() -> None
     axes = Figure().subplots()
     painter.paint(axes)
     (drawn,) = axes.findobj(TriMesh)
-    toward = painting._corners(painter.surface, np.zeros(painter.surface.faces.shape))
+    toward = surface_picture._corners(painter.surface, np.zeros(painter.surface.faces.shape))
     facing = np.count_nonzero((toward[:, :, :3].mean(axis=1) @ painter.view[2]) > 0)
     assert len(drawn.get_facecolors()) / 3 == pytest.approx(facing, rel=0.02)
-    flat, _ = painting._seen(toward, painter.view, coloured=False)
+    flat, _ = surface_picture._seen(toward, painter.view, coloured=False)
     radii = np.linalg.norm(flat.mean(axis=1), axis=1)
     assert radii[:50].min() > 0.9
     assert radii[-50:].max() < 0.3
@@ -184,25 +184,25 @@ def test_fine_surfaces_are_drawn_with_fewer_faces_and_say_so() -> None:
     ball = trimesh.creation.icosphere(subdivisions=6)
     fine = model(ball, ball.vertices * [0.0, 0.0, 1.0])
     painter = Painter.of(fine.geometry)
-    assert len(painter.surface.faces) <= painting.MOST_FACES < len(ball.faces)
+    assert len(painter.surface.faces) <= surface_picture.MOST_FACES < len(ball.faces)
     heights = painter.sources @ ball.vertices
     np.testing.assert_allclose(heights, painter.surface.points, atol=1e-3)
-    figure = pictures.mode_shapes(fine, 1)
+    figure = charts.mode_shapes(fine, 1)
     assert f"{len(painter.surface.faces):,} of {len(ball.faces):,} faces" in texts(figure)
-    assert "faces" not in texts(pictures.mode_shapes(BODY, 1))
+    assert "faces" not in texts(charts.mode_shapes(BODY, 1))
 
 
 def test_overview_tells_body_modes_and_sound() -> None:
-    written = texts(pictures.overview(BODY, CHORD))
+    written = texts(charts.overview(BODY, CHORD))
     for part in ("clay, 0.25 kg", "200 \N{MULTIPLICATION SIGN} 100", "1:  440.0 Hz", "level (dB"):
         assert part in written
-    silent = texts(pictures.overview(BODY, title="My box"))
+    silent = texts(charts.overview(BODY, title="My box"))
     for part in ("My box", "2 modes", "time to fall by 60 dB (s)"):
         assert part in silent
 
 
 def test_pictures_have_ink_in_them() -> None:
-    image = pixels(pictures.overview(BODY, CHORD))
+    image = pixels(charts.overview(BODY, CHORD))
     red, green, blue = np.moveaxis(image, 2, 0)
     assert (red - blue > 60).sum() > 200
     assert (blue - red > 60).sum() > 200
@@ -213,16 +213,16 @@ def test_pictures_have_ink_in_them() -> None:
     ("name", "start"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")]
 )
 def test_figures_are_saved_by_their_ending(tmp_path: Path, name: str, start: bytes) -> None:
-    pictures.save(pictures.spectrum(CHORD), tmp_path / name)
+    charts.save(charts.spectrum(CHORD), tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(start)
 
 
 def test_figures_that_cannot_be_saved_say_why(tmp_path: Path) -> None:
-    figure = pictures.spectrum(CHORD)
+    figure = charts.spectrum(CHORD)
     with pytest.raises(FileFormatError, match=r"'\.bmp': pictures end in \.png, \.pdf, \.svg"):
-        pictures.save(figure, tmp_path / "a.bmp")
+        charts.save(figure, tmp_path / "a.bmp")
     with pytest.raises(FileFormatError, match="does not exist"):
-        pictures.save(figure, tmp_path / "none" / "a.png")
+        charts.save(figure, tmp_path / "none" / "a.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -238,7 +238,7 @@ def recorded(*decays: float) -> ModalModel:
 
 
 def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
-    figure = pictures.overview(recorded(1.0, 2.0, 40.0), CHORD, title="A mug")
+    figure = charts.overview(recorded(1.0, 2.0, 40.0), CHORD, title="A mug")
     ringing, levels = figure.axes
     frequencies, times = ringing.lines[0].get_data()
     assert frequencies.tolist() == [440.0, 880.0, 1320.0]
@@ -246,17 +246,17 @@ def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
     assert [text.get_text() for text in levels.texts] == ["440", "1000", "3000"]
     for part in ("A mug", "3 modes", "time to fall by 60 dB (s)", "level (dB"):
         assert part in texts(figure)
-    silent = pictures.overview(recorded(1.0))
+    silent = charts.overview(recorded(1.0))
     assert len(silent.axes) == 1
     assert "1 mode" in texts(silent)
     with pytest.raises(OptionError, match="0 modes"):
-        pictures.overview(recorded())
+        charts.overview(recorded())
 
 
 def test_models_without_shapes_or_modes_are_refused() -> None:
     with pytest.raises(OptionError, match="no mode shapes on a surface"):
-        pictures.mode_shapes(replace(BODY, gains=object()))
+        charts.mode_shapes(replace(BODY, gains=object()))
     none = np.zeros(0)
     empty = replace(BODY, frequencies=none, natural_frequencies=none, decays=none)
     with pytest.raises(OptionError, match="0 modes"):
-        pictures.overview(empty)
+        charts.overview(empty)

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck.command import Result
+from struck.cli.command import Result
+from struck.cli.record import Terminal, declare_record
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.live import binding
 from struck.progress import TerminalProgress
-from struck.record_command import Terminal, declare_record
-from struck.recordings.manifests.manifest import read_manifest
+from struck.recordings.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 
 

@@ -10,13 +10,14 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.signal import oaconvolve
 
-from struck.damping import Rayleigh
+from struck.driven import LONGEST_RING, SHORTEST_RING
 from struck.errors import ContactError, OptionError
 from struck.excitation.strike import Strike
-from struck.material import Material
-from struck.model import ModalModel
-from struck.rendering import LONGEST_RING, SHORTEST_RING, render
-from struck.sound import Sound
+from struck.files.sound import Sound
+from struck.model.damping import Rayleigh
+from struck.model.material import Material
+from struck.model.model import ModalModel
+from struck.rendering import render
 
 GLASS = Material(
     name="test glass",

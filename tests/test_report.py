@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from struck.gains import Gains
-from struck.model import ModalModel
-from struck.recordings.fields.field import TimbreField
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
+from struck.model.survey import Survey, from_spherical
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.survey import Survey, from_spherical
-from struck.recordings.fields.table import TimbreTable
-from struck.report import summary
+from struck.report.model_page import summary
 
 HEIGHTS = np.array([[0.2], [0.5], [0.9]])
 FREQUENCIES = np.array([200.0, 300.0])

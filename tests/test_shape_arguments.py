@@ -11,7 +11,7 @@ import pytest
 
 from struck.cli import main
 from struck.errors import OptionError
-from struck.material import Material
+from struck.model.material import Material
 from struck.shape_arguments import add_shape, shape_named
 from struck.shapes import (
     AnnularMembrane,

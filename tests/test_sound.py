@@ -12,9 +12,9 @@ import pytest
 import soundfile
 from scipy import signal
 
-from struck import wav
 from struck.errors import FileFormatError, OptionError
-from struck.sound import Sound
+from struck.files import wav
+from struck.files.sound import Sound
 
 RATE = 16000
 TIMES = np.arange(RATE) / RATE

@@ -16,22 +16,22 @@ import pytest
 import trimesh
 
 import struck
-from struck.cache import Cache, CacheWarning
-from struck.damping import InternalFriction
+from struck.analysis.cached_steps import ELEMENTS, FILLING, MODES, SURFACE, Stages, fingerprint
 from struck.errors import FileFormatError, MeshError
 from struck.files import model_file
-from struck.files.meshes import load_mesh
+from struck.files.cache import Cache, CacheWarning
 from struck.files.packing import from_bytes, to_bytes
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.files.surfaces import load_mesh
+from struck.model.damping import InternalFriction
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.provenance import Provenance
 from struck.modes import Modes
-from struck.provenance import Provenance
 from struck.solids import Block, Tube
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
-from struck.solids.vibration import Solver
-from struck.solids.volume import VolumeMesh
-from struck.stages import ELEMENTS, FILLING, MODES, SURFACE, Stages, fingerprint
+from struck.solids.filling.filling import filled
+from struck.solids.search import Solver
+from struck.solids.surface.distance import Body
+from struck.solids.volume_mesh import VolumeMesh
 
 STEEL = Material.named("steel")
 BLOCK = Block(size=(0.1, 0.12, 0.15))
@@ -193,7 +193,7 @@ def test_files_that_may_hold_more_have_no_fingerprint(tmp_path: Path, name: str)
 def test_fingerprints_are_the_same_in_every_process() -> None:
     program = """
         from struck.solids import Tube
-        from struck.stages import fingerprint
+        from struck.analysis.cached_steps import fingerprint
         print(fingerprint({"b": Tube(length=1.0, radius=0.1, wall=0.01), "a": ("x", None, 0.1)}))
     """
     value = {"b": Tube(length=1.0, radius=0.1, wall=0.01), "a": ("x", None, 0.1)}
@@ -274,7 +274,7 @@ def test_an_interruption_while_keeping_leaves_all_or_nothing(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"struck.atomic.{step}", interrupt)
+    monkeypatch.setattr(f"struck.files.atomic.{step}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         Stages(cache=cache).kept(MODES, some_modes, band=1.0)
     monkeypatch.undo()

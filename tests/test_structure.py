@@ -18,7 +18,7 @@ import struck
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 
-LINES_A_FILE = 300
+LINES_A_FILE = 400
 LINES_A_FUNCTION = 40
 PUBLIC_NAMES = 40
 # What may exceed its budget and why, by "struck/module.py" or "struck/module.py:function".

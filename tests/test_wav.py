@@ -12,8 +12,8 @@ import soundfile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from struck import wav
 from struck.errors import FileFormatError, OptionError
+from struck.files import wav
 
 SUBTYPES = {"float32": "FLOAT", "int24": "PCM_24", "int16": "PCM_16"}
 STEPS = {"float32": 0.0, "int24": 2.0**-23, "int16": 2.0**-15}

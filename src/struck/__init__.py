@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from struck import errors
-    from struck._api import load, play, save, show, tune
-    from struck.analysis import analyze
-    from struck.comparison.comparing import compare
-    from struck.damping import Damping, InternalFriction, Measured, Rayleigh
+    from struck.analysis.analysis import analyze
+    from struck.api import load, play, save, show, tune
     from struck.ears.listeners import Binaural, Mono, Stereo
     from struck.ears.reverberation import Reverberation
     from struck.ears.room import Room
+    from struck.excitation.force_track import ForceTrack
     from struck.excitation.hold import Hold
     from struck.excitation.pluck import Pluck
     from struck.excitation.release import Release
@@ -32,17 +31,18 @@ if TYPE_CHECKING:
     from struck.excitation.roughness import Roughness
     from struck.excitation.scrape import Scrape
     from struck.excitation.strike import Strike
-    from struck.excitation.track import ForceTrack
+    from struck.files.sound import Sound
     from struck.fitting.fit import fit
-    from struck.material import Material, materials
-    from struck.mesh import Mesh
-    from struck.model import ModalModel
+    from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
+    from struck.model.material import Material, materials
+    from struck.model.mesh import Mesh
+    from struck.model.model import ModalModel
     from struck.perception.audibility import audible
     from struck.perception.sonic_distance import sonic_distance
     from struck.perception.sound_map import SoundMap, sound_map
     from struck.rendering import render
+    from struck.report.comparison import compare
     from struck.scene.body import Body
-    from struck.sound import Sound
 
 __all__ = [
     "Binaural",
@@ -86,14 +86,14 @@ __all__ = [
 
 # Where each public name lives: a name is imported when it is first used (PEP 562).
 _HOMES = {
-    "struck._api": ("load", "play", "save", "show", "tune"),
-    "struck.analysis": ("analyze",),
+    "struck.api": ("load", "play", "save", "show", "tune"),
+    "struck.analysis.analysis": ("analyze",),
     "struck.perception.audibility": ("audible",),
     "struck.perception.sonic_distance": ("sonic_distance",),
     "struck.perception.sound_map": ("SoundMap", "sound_map"),
     "struck.rendering": ("render",),
-    "struck.comparison.comparing": ("compare",),
-    "struck.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
+    "struck.report.comparison": ("compare",),
+    "struck.model.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
     "struck.ears.listeners": ("Binaural", "Mono", "Stereo"),
     "struck.ears.reverberation": ("Reverberation",),
     "struck.ears.room": ("Room",),
@@ -104,13 +104,13 @@ _HOMES = {
     "struck.excitation.roughness": ("Roughness",),
     "struck.excitation.scrape": ("Scrape",),
     "struck.excitation.strike": ("Strike",),
-    "struck.excitation.track": ("ForceTrack",),
+    "struck.excitation.force_track": ("ForceTrack",),
     "struck.fitting.fit": ("fit",),
-    "struck.material": ("Material", "materials"),
-    "struck.mesh": ("Mesh",),
-    "struck.model": ("ModalModel",),
+    "struck.model.material": ("Material", "materials"),
+    "struck.model.mesh": ("Mesh",),
+    "struck.model.model": ("ModalModel",),
     "struck.scene.body": ("Body",),
-    "struck.sound": ("Sound",),
+    "struck.files.sound": ("Sound",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 # Modules that are reached as attributes without an import of their own.

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from struck.damping import InternalFriction
 from struck.errors import MaterialError, OptionError
-from struck.material import Material
+from struck.model.damping import InternalFriction
+from struck.model.material import Material
 
 if TYPE_CHECKING:
-    from struck.discretisation import Solid
+    from struck.analysis.discretisation import Solid
 
 
 def numbers(count: int) -> Callable[[str], tuple[float, ...]]:

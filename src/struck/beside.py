@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from struck.excitation.pulses import sampled
 from struck.excitation.strike import Strike
-from struck.model import ModalModel
-from struck.residual import Residual
+from struck.model.model import ModalModel
+from struck.model.residual import Residual
 from struck.scene.body import Action
 
 Array = NDArray[np.float64]

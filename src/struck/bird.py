@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.atomic import write_bytes
-from struck.mesh import Mesh
+from struck.files.atomic import write_bytes
+from struck.model.mesh import Mesh
 from struck.solids.tetrahedra import stuffed
 
 Array = NDArray[np.float64]

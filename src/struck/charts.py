@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.sound import Sound
+from struck.files.sound import Sound
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pulses import LEAD
 from struck.excitation.pushing import Excitation, Pushing
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

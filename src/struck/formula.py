@@ -6,8 +6,8 @@ from dataclasses import replace
 from importlib.metadata import version
 
 from struck.errors import OptionError
-from struck.material import Material
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.model import ModalModel
 from struck.places import places_of
 from struck.radiation import by_name
 from struck.shapes.shape import Shape

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import OptionError
 from struck.forms import TransverseShapes
-from struck.mesh import Mesh
-from struck.provenance import Provenance
+from struck.model.mesh import Mesh
+from struck.model.provenance import Provenance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 _LEVEL = 1e-3

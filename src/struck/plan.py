@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.driven import LONGEST_RING, SHORTEST_RING
-from struck.dry import dry_sound
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.room import Room
 from struck.errors import OptionError
-from struck.mixing import mixed
-from struck.model import ModalModel
+from struck.files.sound import Sound
+from struck.model.model import ModalModel
 from struck.scene.body import Action, Body, centre_of, place_beside
-from struck.sound import Sound
+from struck.scene.one_body import dry_sound
+from struck.scene.render import mixed
 
 __all__ = ["LONGEST_RING", "LONGEST_SOUND", "SHORTEST_RING", "Action", "render"]
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 import struck
 from struck import ModalModel, Rayleigh, Sound, Strike
-from struck.comparison.comparing import Comparison, compare
-from struck.comparison.page import HEADINGS
 from struck.errors import ContactError, FileFormatError, OptionError, RecordingError
+from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
-from struck.recordings.takes.noise import Noise
 from struck.recordings.takes.segment import Segment
+from struck.report.comparison import Comparison, compare
+from struck.report.comparison_page import HEADINGS
 from struck.shapes import Bar
 
 Array = NDArray[np.float64]

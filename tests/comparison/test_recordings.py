@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 import struck
 from struck import InternalFriction, ModalModel, Rayleigh, Sound, Strike
-from struck.comparison.comparing import compare
 from struck.comparison.heard import Heard
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.recordings.fields.sampled_field import SampledField
+from struck.model.sampled_field import SampledField
 from struck.recordings.fields.single_point import SinglePoint
 from struck.recordings.takes.take import Take
+from struck.report.comparison import compare
 from struck.shapes import Bar
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.air import AIR
 from struck.ears.hearing import Hearing
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.ears.room import Room
 from struck.ears.sources import Emitter
 from struck.ears.trajectory import Course3, Trajectory
 from struck.errors import ContactError, OptionError
+from struck.model.air import AIR
 
 Array = NDArray[np.float64]
 RATE = 48000

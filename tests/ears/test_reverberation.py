@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from struck.air import AIR
 from struck.ears.reverberation import Reverberation, band_shares
 from struck.ears.room import Images, Room
 from struck.errors import OptionError
+from struck.model.air import AIR
 
 RATE = 48_000.0
 

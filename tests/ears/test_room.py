@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from struck.air import AIR
 from struck.ears.optional import pyroomacoustics
 from struck.ears.room import BANDS, WALLS, Room, wall_materials
 from struck.errors import MissingDependencyError, OptionError
+from struck.model.air import AIR
 
 RATE = 48_000.0
 C = AIR.sound_speed

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from struck.ears.sphere import (
-    arrival_delay,
-    distance_gain,
-    kuhn_delay,
-    pressure,
-    woodworth_delay,
-)
+from struck.ears.sphere import arrival_delay, distance_gain, kuhn_delay, pressure, woodworth_delay
 from struck.errors import OptionError
 
 RADIUS, SPEED = 0.0875, 343.0

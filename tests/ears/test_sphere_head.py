@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from struck.ears.head import Filters, Head
+from struck.ears.heads import SimpleHead, SphereHead, WoodworthHead
 from struck.ears.sphere import pressure, woodworth_delay
-from struck.ears.sphere_head import SimpleHead, SphereHead, WoodworthHead
 from struck.errors import OptionError
 
 RADIUS, SPEED = 0.0875, 343.21

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 
 STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
 SIZE = np.array([0.4, 0.3, 0.02])

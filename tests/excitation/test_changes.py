@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from struck.excitation.force_track import ForceTrack
 from struck.excitation.pluck import Pluck
 from struck.excitation.pushing import Excitation
 from struck.excitation.scrape import Scrape
 from struck.excitation.touch_log import TouchLog
-from struck.excitation.track import ForceTrack
 from struck.live.pushes import Started
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from tests.excitation.bodies import STEEL, plate
 
 RATE = 48000.0

@@ -16,7 +16,7 @@ from struck.excitation.hertz import (
     joint_mass,
     strikers,
 )
-from struck.material import Material
+from struck.model.material import Material
 
 STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
 INERTIA = np.array([[2.0, 0.1, 0.2], [0.1, 3.0, -0.3], [0.2, -0.3, 4.0]])

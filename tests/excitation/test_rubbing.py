@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.signal import welch
 
 from struck.errors import OptionError
-from struck.excitation.asperities import Rubbed, pressure_mean
+from struck.excitation.friction import Rubbed, pressure_mean
 from struck.excitation.roll import Roll
 from struck.excitation.roughness import Roughness
 from struck.excitation.scrape import Scrape

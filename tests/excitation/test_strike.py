@@ -10,7 +10,7 @@ import pytest
 from struck.errors import OptionError
 from struck.excitation.hertz import Striker
 from struck.excitation.strike import Blow, Strike
-from struck.material import Material
+from struck.model.material import Material
 
 STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
 HIT = SimpleNamespace(

@@ -11,25 +11,25 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.analyze_command import described
-from struck.command import Result
-from struck.damping import InternalFriction
+from struck.cli.analyze import described
+from struck.cli.command import Result
+from struck.cli.export import declare_export
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
-from struck.export_command import declare_export
 from struck.files import any_model, model_file
 from struck.files.sofa_field import load_sofa_field, save_sofa
-from struck.files.sofa_responses import load_sofa_responses
-from struck.gains import Gains
-from struck.model import ModalModel
+from struck.files.sofa_fields import load_sofa_responses
+from struck.model.damping import InternalFriction
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.residual import Residual
+from struck.model.sampled_field import SampledField
+from struck.model.survey import from_spherical
+from struck.model.timbre_field import TimbreField
 from struck.progress import TerminalProgress
-from struck.provenance import Provenance
-from struck.recordings.fields.field import TimbreField
 from struck.recordings.fields.outgoing import ORDER, real_harmonics
 from struck.recordings.fields.recorded_places import recorded_contacts, recorded_listeners
-from struck.recordings.fields.sampled_field import SampledField
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.survey import from_spherical
-from struck.residual import Residual
 from tests.live.hand import ball
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.closed import require_closed
 from struck.errors import MeshError
 from struck.files import guard as guards
 from struck.files.guard import read_contents
-from struck.files.meshes import load_mesh
 from struck.files.parts import Part
-from struck.mesh import Mesh
+from struck.files.surfaces import load_mesh
+from struck.model.mesh import Mesh
+from struck.solids.surface.closedness import require_closed
 
 Change = Callable[[bytearray, np.random.Generator], bytearray]
 

@@ -29,8 +29,8 @@ from struck.files.contents import Contents
 from struck.files.frames import Frame, read_frame, write_frame
 from struck.files.guard import Guard, read_contents
 from struck.files.limits import Limits
-from struck.files.meshes import load_mesh
 from struck.files.parts import Part
+from struck.files.surfaces import load_mesh
 
 MIB = 2**20
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from struck.errors import FileFormatError, MeshError, OptionError
-from struck.files.meshes import load_body, load_mesh, load_surface
+from struck.files.surfaces import load_body, load_mesh, load_surface
 
 FORMATS = ["obj", "stl", "ply", "off", "glb", "gltf"]
 

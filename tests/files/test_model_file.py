@@ -18,16 +18,16 @@ import safetensors.numpy
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from struck.air import Air
-from struck.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.errors import FileFormatError
 from struck.files import model_file
 from struck.files.container import pack
-from struck.gains import Gains, ShapeGains
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.provenance import Provenance
+from struck.model.air import Air
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
+from struck.model.gains import Gains, ShapeGains
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
 from struck.radiation import RadiatedPower, by_name
 
 DAMPINGS: dict[str, Damping] = {

@@ -23,15 +23,15 @@ from struck.errors import ContactError, FileFormatError
 from struck.files import model_file
 from struck.files.container import pack, unpack
 from struck.files.gains_file import KINDS
-from struck.gains import Gains, ShapeGains
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.provenance import Provenance
+from struck.model.gains import Gains, ShapeGains
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.survey import Survey, from_spherical
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
 from struck.radiation import by_name
-from struck.recordings.fields.field import TimbreField
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.survey import Survey, from_spherical
-from struck.recordings.fields.table import TimbreTable
 from tests.files.test_model_file import SCHEMA, complaints
 from tests.recordings.fields.vases import HEIGHTS, RADIUS, Vase, listeners, noisy
 

@@ -11,14 +11,14 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.air import AIR
 from struck.errors import ContactError, FileFormatError, MissingDependencyError, OptionError
-from struck.files import sofa_container
+from struck.files import sofa
 from struck.files.sofa_field import load_sofa_field, save_sofa
-from struck.files.sofa_responses import load_sofa_responses, save_sofa_responses
-from struck.model import ModalModel
-from struck.recordings.fields.sampled_field import SampledField
-from struck.recordings.fields.survey import from_spherical
+from struck.files.sofa_fields import load_sofa_responses, save_sofa_responses
+from struck.model.air import AIR
+from struck.model.model import ModalModel
+from struck.model.sampled_field import SampledField
+from struck.model.survey import from_spherical
 from tests.live.hand import ball
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 
@@ -313,6 +313,6 @@ def test_without_h5py_the_way_out_is_told(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
     with pytest.raises(MissingDependencyError, match=r"struck\[sofa\]"):
-        sofa_container._library()
+        sofa._library()
     with pytest.raises(MissingDependencyError, match=r"struck\[sofa\]"):
         save_sofa(vase, tmp_path / "vase.sofa")

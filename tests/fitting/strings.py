@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.files.sound import Sound
 from struck.recordings.takes.take import Take
-from struck.sound import Sound
 
 Array = NDArray[np.float64]
 

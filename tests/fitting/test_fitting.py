@@ -11,13 +11,13 @@ import pytest
 import struck
 from struck import Strike
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.fitting.fitting import fit_recordings
 from struck.fitting.outcome import Fitting
-from struck.gains import Gains
-from struck.model import ModalModel
-from struck.recordings.fields.field import TimbreField
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.table import TimbreTable
+from struck.recordings.fit import fit_recordings
 from struck.recordings.takes.take import Take
 from tests.fitting.strings import (
     DECAYS,

@@ -14,15 +14,16 @@ import soundfile
 from numpy.typing import NDArray
 
 from struck.errors import RecordingError
-from struck.fitting import report as page_module
-from struck.fitting import report_pictures, report_places, report_players, report_tables
-from struck.fitting.fitting import fit_recordings
+from struck.fitting import report_pictures, report_places, report_tables
 from struck.fitting.outcome import Fitting
-from struck.fitting.report import report
-from struck.fitting.report_hits import Energies, Played, chosen_hits, hits_of, played, setting_in
-from struck.recordings.fields.survey import Survey
+from struck.model.survey import Survey
+from struck.recordings.fit import fit_recordings
 from struck.recordings.poles.verdict import Verdict
 from struck.recordings.takes.take import Take
+from struck.report import fit_page as page_module
+from struck.report import players
+from struck.report.fit_page import report
+from struck.report.fit_pictures import Energies, Played, chosen_hits, hits_of, played, setting_in
 
 Array = NDArray[np.float64]
 
@@ -257,8 +258,8 @@ def test_the_model_with_residual_comes_nearer() -> None:
 
 def test_long_sounds_are_shortened_to_their_share(fitting: Fitting) -> None:
     hit = loudest_of(fitting)
-    assert "its first" not in report_players.player("hit", hit, 1e7)
-    told = report_players.player("hit", hit, 30_000)
+    assert "its first" not in players.player("hit", hit, 1e7)
+    told = players.player("hit", hit, 30_000)
     assert f"its first {10_000 * 3 / 4 / 2 / RATE:.1f} s" in told  # three sounds of 16 bits
     assert len(told) < 32_000
     assert np.abs(Reader(told).sounds()[0][-1]).max() <= STEP

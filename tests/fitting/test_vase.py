@@ -9,9 +9,9 @@ import pytest
 
 import struck
 from struck import Mono, Strike
-from struck.air import AIR
-from struck.fitting.fitting import fit_recordings
 from struck.fitting.outcome import Fitting
+from struck.model.air import AIR
+from struck.recordings.fit import fit_recordings
 from struck.recordings.takes.take import Take
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 

@@ -17,8 +17,8 @@ from struck.live import running
 from struck.live.callback import Shared
 from struck.live.feeder import Feeder
 from struck.live.player import Player
-from struck.material import Material
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.model import ModalModel
 
 RATE, BLOCK, CEILING = 48000.0, 128, 0.89
 STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)

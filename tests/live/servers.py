@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from struck.live.portaudio import PortAudio
+from struck.live.device import PortAudio
 
 RATE, BLOCK = 48000, 128
 _PATIENCE = 10  # s, until a server is up

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from struck.live import callback, limiter
 from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
-from struck.live.portaudio import COMPLETE, CONTINUE, OUTPUT_OVERFLOW, OUTPUT_UNDERFLOW
+from struck.live.device import COMPLETE, CONTINUE, OUTPUT_OVERFLOW, OUTPUT_UNDERFLOW
 from struck.live.ring import Ring
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from struck.errors import DeviceError, OptionError
-from struck.excitation.track import ForceTrack
+from struck.excitation.force_track import ForceTrack
 from struck.live import microphone
+from struck.live.device import COMPLETE, CONTINUE, PortAudio
 from struck.live.devices import Device
-from struck.live.portaudio import COMPLETE, CONTINUE, PortAudio
 from tests.live.servers import RATE
 
 

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import struck
-from struck.excitation.asperities import rung
+from struck.excitation.friction import rung
 from struck.excitation.roll import Roll
 from struck.excitation.scrape import Scrape
 from struck.live import limiter
 from struck.live.soak import Robot, busy_thread, repeated
-from struck.material import Material
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.model import ModalModel
 from tests.live.hand import BLOCK, CEILING, RATE, HandPlayer, Make, ball, by_hand
 from tests.live.servers import Server, judge
 from tests.live.watchdog import stalls

@@ -22,8 +22,8 @@ from struck.excitation.roll import Roll
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.live.limiter import DELAY, limiter
-from struck.material import Material
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.model import ModalModel
 from struck.synth.resonators import Resonators
 from tests.live.hand import BLOCK, CEILING, RATE, HandPlayer, Make, ball, by_hand
 

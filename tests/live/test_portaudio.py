@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from struck.errors import DeviceError, MissingDependencyError
 from struck.live import binding, callback, limiter
 from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
+from struck.live.device import PortAudio
 from struck.live.devices import Device, choose
 from struck.live.feeder import Feeder
-from struck.live.portaudio import PortAudio
 from struck.live.ring import Ring
 from struck.live.stream import Stream
 from tests.live.servers import BLOCK, RATE, Server, judge

@@ -12,10 +12,10 @@ import pytest
 
 from struck.errors import DeviceError, RecordingError
 from struck.live import recorder
-from struck.live.portaudio import COMPLETE, CONTINUE, INPUT_OVERFLOW
+from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW
 from struck.live.recorder import DeviceRecorder
 from struck.recordings.capture.capture import Take
-from struck.recordings.capture.capture_plan import Point
+from struck.recordings.capture_plan import Point
 from tests.live.servers import RATE
 from tests.test_record_command import struck_record
 

@@ -16,7 +16,7 @@ from struck.excitation.touch import Touching
 from struck.live.player import Player
 from struck.live.troubles import Troubles
 from struck.live.wishes import MOST_WISHES, Wishes
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from tests.live.hand import RATE, STEEL, Hand, Make, ball, by_hand
 
 __all__ = ["by_hand"]

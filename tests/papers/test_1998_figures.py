@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.damping import InternalFriction
 from struck.excitation.release import Release
-from struck.gains import ShapeGains
-from struck.material import Material
+from struck.model.damping import InternalFriction
+from struck.model.gains import ShapeGains
+from struck.model.material import Material
 from struck.shapes import RectangularMembrane, String
 from struck.shapes.impact import impact_amplitudes, impact_impulse, initial_amplitudes
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from struck.damping import Rayleigh, ringing
-from struck.material import Material
+from struck.model.damping import Rayleigh, ringing
+from struck.model.material import Material
 
 
 class Row(NamedTuple):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import struck
 from struck.modes import Modes
 from struck.solids import Tube
-from struck.solids.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes
 from tests.physics.bodies import CHIME
 from tests.physics.reference import CHIME_RADIUS, CHIME_WALL, CHIMES, D3_FAMILIES
 from tests.physics.ritz_tube import tube_frequencies

@@ -10,11 +10,11 @@ from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from struck.damping import InternalFriction
 from struck.forms import TransverseShapes
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.damping import InternalFriction
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 from struck.modes import Modes
 from struck.shapes.skins import rectangle, slab
 

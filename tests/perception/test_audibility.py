@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from struck.errors import OptionError
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.perception.audibility import audible, audible_modes
 from struck.perception.heard import Heard
 from struck.perception.sonic_distance import band_excess, erb_distance, sonic_distance

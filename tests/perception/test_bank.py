@@ -10,12 +10,12 @@ import pytest
 import soundfile
 
 from struck.errors import FileFormatError, OptionError
+from struck.files.sound import Sound
 from struck.geometry import Surface
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.perception.bank import write_bank
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 from struck.perception.sound_map import SoundMap, sound_map
-from struck.sound import Sound
+from struck.perception.wav_bank import write_bank
 from tests.perception.bodies import hinged_bar
 
 RATE = 8000

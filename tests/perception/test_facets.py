@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.gains import Gains
-from struck.model import ModalModel
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
 from struck.perception.facets import Ear, Facets
 from struck.perception.heard import Heard
 from struck.perception.sonic_distance import erb_distance

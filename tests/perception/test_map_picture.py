@@ -9,8 +9,8 @@ import pytest
 from matplotlib.collections import TriMesh
 from PIL import Image
 
-from struck.perception.map_picture import sound_map_picture
 from struck.perception.sound_map import SoundMap, sound_map
+from struck.report.sound_map_picture import sound_map_picture
 from tests.perception.bodies import hinged_bar
 
 

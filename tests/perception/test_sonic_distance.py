@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from struck.errors import ContactError, OptionError
-from struck.hearing import threshold_in_quiet
-from struck.model import ModalModel
+from struck.model.model import ModalModel
+from struck.perception.auditory_scale import threshold_in_quiet
 from struck.perception.sonic_distance import METHODS, sonic_distance
 from tests.perception.bodies import LEFT, RIGHT, chord, hinged_bar, random_contacts
 

@@ -9,7 +9,7 @@ import pytest
 
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.geometry import Surface
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.perception import covering
 from struck.perception.heard import Heard
 from struck.perception.sonic_distance import band_excess, erb_distance

@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from struck import Material, Mesh
-from struck.analysis import Source
+from struck.analysis.analysis import Source
 from struck.solids import Block, Tube
 from tests.physics import spheres
 from tests.physics.bodies import ALUMINIUM, CHIME, UNIT, ball, box, grid

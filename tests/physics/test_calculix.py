@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from bench import calculix
 from struck import Material
 from struck.bird import bird
-from struck.solids import VolumeMesh, volume
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
-from struck.solids.vibration import vibration_modes
+from struck.solids import VolumeMesh, volume_mesh
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import Body
 
 CERAMIC = Material.named("ceramic")
 _NODES = 35_000
@@ -41,11 +41,11 @@ def theirs(mesh: VolumeMesh, tmp_path_factory: pytest.TempPathFactory) -> NDArra
 
 @pytest.fixture
 def four_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    tet = volume.ELEMENTS["tet10"]
+    tet = volume_mesh.ELEMENTS["tet10"]
     four = tet.straight_rule
     assert len(four.weights) == 4
     coarse = replace(tet, stiffness_rule=four, mass_rule=four)
-    monkeypatch.setattr(volume, "ELEMENTS", {**volume.ELEMENTS, "tet10": coarse})
+    monkeypatch.setattr(volume_mesh, "ELEMENTS", {**volume_mesh.ELEMENTS, "tet10": coarse})
 
 
 def difference(mesh: VolumeMesh, theirs: NDArray[np.float64]) -> float:

@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.solids import Block
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
-from struck.solids.vibration import Solver, lowest_frequency, vibration_modes
-from struck.solids.volume import VolumeMesh
+from struck.solids.fem.vibration import lowest_frequency, vibration_modes
+from struck.solids.filling.filling import filled
+from struck.solids.search import Solver
+from struck.solids.surface.distance import Body
+from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import UNIT, box, grid
 from tests.physics.reference import CUBE
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.gains import ShapeGains
+from struck.model.gains import ShapeGains
 from struck.shapes import Bar, CircularPlate, RectangularPlate
 from struck.shapes.shape import Shape
 

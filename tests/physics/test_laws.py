@@ -13,14 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from struck import Material
 from struck.solids import Block, Tube, VolumeMesh
-from struck.solids.assembly import assemble
 from struck.solids.curving import curved
-from struck.solids.distance import Body
-from struck.solids.eigen import rigid_motions
-from struck.solids.factor import factorise
+from struck.solids.fem.assembly import assemble
+from struck.solids.fem.factorisation import factorise
+from struck.solids.fem.lanczos import rigid_motions
+from struck.solids.fem.vibration import vibration_modes
 from struck.solids.linear import linear_tetrahedra
+from struck.solids.search import Solver
+from struck.solids.surface.distance import Body
 from struck.solids.tetrahedra import cells_in
-from struck.solids.vibration import Solver, vibration_modes
 from tests.physics.bodies import bumpy, custom
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ import pytest
 import struck
 from struck import Material
 from struck.solids import Block, Tube, VolumeMesh
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import Body
 from tests.physics.bodies import ball
 
 STEEL, GLASS = Material.named("steel"), Material.named("glass")

@@ -11,8 +11,8 @@ from scipy import sparse
 
 from struck import Material
 from struck.solids import VolumeMesh
-from struck.solids.assembly import System, assemble
-from struck.solids.factor import factorise
+from struck.solids.fem.assembly import System, assemble
+from struck.solids.fem.factorisation import factorise
 from tests.physics.bodies import distorted, grid, on_the_surface
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from struck import Material
 from struck.solids import Block, Revolution
-from struck.solids.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes
 from tests.physics import reference
 
 Array = NDArray[np.float64]

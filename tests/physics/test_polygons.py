@@ -18,7 +18,7 @@ from skfem.helpers import dot, grad
 from struck import Material
 from struck.shapes import PolygonMembrane
 from struck.shapes.particular_solutions import Trial
-from struck.shapes.plan import plan_of
+from struck.shapes.polygon import plan_of
 from struck.shapes.polygon_modes import _all, _candidates
 from struck.shapes.shape import Vibration
 

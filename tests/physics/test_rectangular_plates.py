@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import eigsh
 from skfem.helpers import dd, ddot, eye, trace
 
-from struck.material import Material
+from struck.model.material import Material
 from struck.shapes import RectangularPlate
 from tests.physics import reference
 

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.solids.distance import Body
-from struck.solids.meshing import filled
-from struck.solids.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import Body
 from tests.physics import reference, spheres
 from tests.physics.bodies import ALUMINIUM, ball
 

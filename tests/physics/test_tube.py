@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.solids import Tube
-from struck.solids.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes
 from tests.physics.bodies import CHIME
 from tests.physics.reference import CHIME_RADIUS, CHIME_WALL
 from tests.physics.ritz_tube import tube_frequencies

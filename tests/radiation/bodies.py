@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], Array]  # from points (V, 3) to velocities (V, 3)

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 from struck.radiation import by_name
 from tests.radiation import bodies
 from tests.radiation.bodies import Motion, bending, bowl_mode, ovalling, swinging, upward

@@ -8,7 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from struck.errors import MeshError, OptionError
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 from struck.radiation import by_name
 
 CENTRE = np.zeros(3)

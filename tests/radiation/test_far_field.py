@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, h1vp
 
-from struck.air import AIR
-from struck.mesh import Mesh
+from struck.model.air import AIR
+from struck.model.mesh import Mesh
 from struck.radiation import by_name
 from struck.radiation.skin import Skin
 from struck.radiation.spherical import sphere_efficiency

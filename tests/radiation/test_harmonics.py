@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.special import eval_legendre
 
-from struck.mesh import Mesh
-from struck.radiation.harmonics import COUNT, SurfaceHarmonics, laplacian
+from struck.model.mesh import Mesh
+from struck.radiation.on_surface import COUNT, SurfaceHarmonics, laplacian
 from struck.radiation.skin import normal_velocities
 from tests.radiation.bodies import ball, bowl, box, radial
 

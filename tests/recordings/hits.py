@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from struck import wav
+from struck.files import wav
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from struck.model.exponentials import best_gains, samples
 from struck.recordings.corbett2007.method import fit_corbett2007
-from struck.recordings.poles.fit import Fitted, fit_poles
+from struck.recordings.poles.fit import fit_poles
+from struck.recordings.poles.fitted import Fitted
 from struck.recordings.takes.force import force_channels
-from struck.recordings.takes.ringing import best_gains, samples
 from struck.recordings.takes.take import Take
 
 Array = NDArray[np.float64]

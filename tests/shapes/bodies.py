@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from struck.damping import InternalFriction
-from struck.material import Material
+from struck.model.damping import InternalFriction
+from struck.model.material import Material
 from struck.shapes import (
     AnnularMembrane,
     Bar,

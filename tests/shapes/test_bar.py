@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from struck import Material
-from struck.closed import require_closed
 from struck.errors import OptionError
 from struck.forms import TransverseShapes
 from struck.shapes.bar import Bar
-from struck.shapes.beam_ends import ENDS
+from struck.shapes.beam import ENDS
 from struck.shapes.sections import GivenSection, RectangularSection, RoundSection, Section
+from struck.solids.surface.closedness import require_closed
 from tests.shapes.legendre_beams import Timoshenko
 
 Array = NDArray[np.float64]

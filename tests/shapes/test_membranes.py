@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from struck import Material
 from struck.errors import OptionError
 from struck.forms import Forms
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 from struck.shapes.annular_membrane import AnnularMembrane
 from struck.shapes.circular_membrane import CircularMembrane
 from struck.shapes.rectangular_membrane import RectangularMembrane

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import struck
 from struck.errors import ContactError, MaterialError, OptionError
-from struck.gains import ShapeGains
+from struck.model.gains import ShapeGains
 from struck.shapes import Bar, CircularMembrane, CircularPlate, RectangularPlate, String
 from tests.shapes.bodies import BODIES, FILM, STEEL, WOOD
 

@@ -19,9 +19,9 @@ from struck.shapes.bessel_kernels import pair, series, series_slope
 from struck.shapes.bessel_tables import irregular, regular
 from struck.shapes.fourier_bessel import PolygonForms
 from struck.shapes.particular_solutions import Found
-from struck.shapes.plan import plan_of
 from struck.shapes.plan_elements import Triangulation
 from struck.shapes.plan_nodes import all_over, around
+from struck.shapes.polygon import plan_of
 from struck.shapes.polygon_modes import _merged, _proved
 from struck.shapes.shape import Vibration
 from tests.shapes.test_membranes import closed

@@ -12,7 +12,7 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.material import Material
+from struck.model.material import Material
 from struck.shapes import RectangularPlate
 from struck.shapes.ritz_forms import edge_polynomials
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from struck import Material
-from struck.closed import require_closed
 from struck.errors import OptionError
 from struck.shapes.string import String
+from struck.solids.surface.closedness import require_closed
 from tests.shapes.legendre_beams import stiff_string
 
 STEEL = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)

@@ -11,7 +11,7 @@ from skfem.models.elasticity import linear_elasticity
 
 from struck.errors import MeshError
 from struck.solids import VolumeMesh
-from struck.solids.assembly import assemble
+from struck.solids.fem.assembly import assemble
 from struck.solids.linear import linear_tetrahedra
 from tests.physics.bodies import UNIT, distorted, grid
 

@@ -10,7 +10,7 @@ import pytest
 from struck.solids.curving import curved, flatness, shapes
 from struck.solids.cutting import Cells
 from struck.solids.tetrahedra import cells_in
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import distorted, grid
 
 RADIUS, TUBE = 0.05, 0.018

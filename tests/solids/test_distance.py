@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck import Mesh
-from struck.solids.distance import Sheet
+from struck.solids.surface.distance import Sheet
 from tests.physics.known import flat_sheet, turned
 
 WALL = 0.1

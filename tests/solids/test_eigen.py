@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from struck.errors import SolverError
-from struck.solids.eigen import Mass, block_lanczos, dense, rigid_motions
+from struck.solids.fem.lanczos import Mass, block_lanczos, dense, rigid_motions
 
 Array = NDArray[np.float64]
 NODES = 300

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.errors import OptionError, SolverError
-from struck.solids.factor import Factoriser, factorise, thread_count
+from struck.solids.fem.factorisation import Factoriser, factorise, thread_count
 
 Array = NDArray[np.float64]
 BACKENDS = ["rslab", "superlu"]

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from struck import Mesh
 from struck.solids import VolumeMesh
 from struck.solids.curving import curved, flatness
-from struck.solids.distance import Body
-from struck.solids.features import Features
+from struck.solids.filling.creases import Features
+from struck.solids.surface.distance import Body
 from struck.solids.tetrahedra import cells_in
 from tests.physics.bodies import ball, box
 

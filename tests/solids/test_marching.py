@@ -7,11 +7,11 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
-from struck.solids.lattice import Lattice
+from struck.model.mesh import Mesh
+from struck.solids.filling.lattice import Lattice
 from struck.solids.repair.exposure import INSIDE, winding
 from struck.solids.repair.inside import inside
-from struck.solids.repair.marching import isosurface
+from struck.solids.surface.rebuilding import isosurface
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 

@@ -10,8 +10,9 @@ import pytest
 
 from struck.errors import SolverError
 from struck.solids import Block, memory
+from struck.solids.fem.vibration import vibration_modes
 from struck.solids.memory import available
-from struck.solids.vibration import Solver, vibration_modes
+from struck.solids.search import Solver
 from tests.physics.bodies import UNIT
 
 # The growth of the largest resident size from the assembled matrices on, and the forecast, bytes.
@@ -21,7 +22,8 @@ from pathlib import Path
 from struck import Material
 from struck.solids import Block
 from struck.solids.search import Search
-from struck.solids.vibration import Solver, vibration_modes
+from struck.solids.search import Solver
+from struck.solids.fem.vibration import vibration_modes
 
 def status(name):
     lines = Path("/proc/self/status").read_text().splitlines()

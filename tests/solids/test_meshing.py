@@ -10,14 +10,14 @@ import trimesh
 
 from struck import Mesh
 from struck.bird import bird
-from struck.closed import is_closed, require_closed
 from struck.errors import MeshError, OptionError
 from struck.solids import VolumeMesh
 from struck.solids.curving import curved, flatness
-from struck.solids.distance import Body
-from struck.solids.meshing import ACCURACIES, filled, piece_count
+from struck.solids.filling.filling import ACCURACIES, filled, piece_count
+from struck.solids.surface.closedness import is_closed, require_closed
+from struck.solids.surface.distance import Body
 from struck.solids.tetrahedra import cells_in
-from struck.solids.volume import unique_rows
+from struck.solids.volume_mesh import unique_rows
 from tests.physics.bodies import ball, box, grid
 
 # It takes a second, and several tests want it.

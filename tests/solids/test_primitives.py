@@ -20,9 +20,11 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from struck.errors import MeshError, OptionError, StruckError
 from struck.geometry import Surface
-from struck.solids.primitives import Block, Extrusion, Revolution, Stem, Tube
+from struck.solids.bodies import Block, Tube
+from struck.solids.extrusion import Extrusion
 from struck.solids.profiles import bell, bowl, wine_glass
-from struck.solids.volume import VolumeMesh
+from struck.solids.revolution import Revolution, Stem
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Solid = Block | Extrusion | Revolution | Tube

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.closed import require_closed
 from struck.errors import MeshError
-from struck.mesh import Mesh
-from struck.pieces import edges_of
-from struck.solids.repair import Repair, repaired
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import edges_of
 from struck.solids.repair.openings import closed, loops
+from struck.solids.surface.closedness import require_closed
+from struck.solids.surface.repair import Repair, repaired
 
 
 def mesh(*bodies: trimesh.Trimesh) -> Mesh:

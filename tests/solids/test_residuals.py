@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.solids.residuals import Finer, residual_errors
-from struck.solids.vibration import vibration_modes
-from struck.solids.volume import VolumeMesh
+from struck.solids.fem.error_estimates import Finer, residual_errors
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import UNIT, distorted, grid
 from tests.physics.reference import CUBE
 

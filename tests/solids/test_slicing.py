@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from struck.errors import SolverError
 from struck.solids import Block, VolumeMesh
-from struck.solids.assembly import System, assemble
-from struck.solids.eigen import Eigenpairs, rigid_motions
-from struck.solids.factor import Factoriser, factorise
-from struck.solids.slicing import Shift, Spectrum
-from struck.solids.vibration import Solver, vibration_modes
+from struck.solids.fem.assembly import System, assemble
+from struck.solids.fem.factorisation import Factoriser, factorise
+from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
+from struck.solids.fem.spectrum import Shift, Spectrum
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.search import Solver
 from tests.physics.bodies import UNIT, grid
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ from struck.errors import MeshError
 from struck.solids import Extrusion, VolumeMesh
 from struck.solids.curving import curved
 from struck.solids.cutting import Cells
-from struck.solids.distance import Body
-from struck.solids.meshing import filled, piece_count
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.filling import filled, piece_count
+from struck.solids.surface.distance import Body
 from struck.solids.tetrahedra import cells_in, stuffed
-from struck.solids.vibration import vibration_modes
 from tests.physics.bodies import ALUMINIUM, ball, box, bumpy
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
 

@@ -13,11 +13,12 @@ from scipy import sparse
 
 from struck.errors import MeshError, OptionError, SolverError
 from struck.solids import Block, VolumeMesh
-from struck.solids.assembly import System, assemble
 from struck.solids.certify import largest_residual, require_complete
-from struck.solids.eigen import Eigenpairs
-from struck.solids.factor import factorise
-from struck.solids.vibration import Solver, lowest_frequency, vibration_modes
+from struck.solids.fem.assembly import System, assemble
+from struck.solids.fem.factorisation import factorise
+from struck.solids.fem.lanczos import Eigenpairs
+from struck.solids.fem.vibration import lowest_frequency, vibration_modes
+from struck.solids.search import Solver
 from tests.physics.bodies import UNIT, grid
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.closed import is_closed
 from struck.errors import MeshError
 from struck.solids import Tube, VolumeMesh
+from struck.solids.surface.closedness import is_closed
 from tests.physics.bodies import distorted, grid
 
 KINDS = ["tet4", "hex8", "wedge6"]

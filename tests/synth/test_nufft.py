@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from struck.errors import OptionError
-from struck.synth.nufft import BlockTransform
+from struck.synth.block_transform import BlockTransform
 from struck.synth.nufft_bounds import BLOCKS, HEAVIEST, suits, wins
 
 RATE = 48000.0

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from struck.excitation.pushing import Push
-from struck.synth.kernels import PUSHES, kernel, samples_of
 from struck.synth.resonators import Resonators
+from struck.synth.sample_loop import PUSHES, kernel, samples_of
 from tests.synth.scenes import RATE, Array, bank
 
 MODES, BLOCK = 2048, 128

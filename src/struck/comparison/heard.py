@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from struck.errors import RecordingError
+from struck.files.sound import Sound
 from struck.progress import Progress, silent
 from struck.recordings.poles.fit import fit_poles
 from struck.recordings.poles.fitted import Fitted
-from struck.recordings.takes.cutting import Row
+from struck.recordings.segments import Row
 from struck.recordings.takes.force import without_force
 from struck.recordings.takes.take import Take
-from struck.sound import Sound
 
 FEWEST = 64
 """Modes that are fitted at least, where so many stand out."""

@@ -13,11 +13,11 @@ from struck.comparison.sides import Side
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files import any_model
-from struck.model import ModalModel
+from struck.files.sound import Sound
+from struck.model.model import ModalModel
 from struck.progress import Progress
 from struck.recordings.calibration.partials import FittedModes
 from struck.recordings.takes.take import Take
-from struck.sound import Sound
 
 Other = ModalModel | FittedModes | Sound | Take | str | os.PathLike[str]
 

@@ -20,7 +20,7 @@ from struck.charts import (
     strongest,
 )
 from struck.comparison.sides import Side
-from struck.sound import Sound
+from struck.files.sound import Sound
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from struck.ears.listeners import position_of
 from struck.errors import ContactError
 from struck.excitation.strike import Strike
-from struck.model import ModalModel
+from struck.files.sound import Sound
+from struck.model.exponentials import samples
+from struck.model.model import ModalModel
 from struck.recordings.calibration.partials import FittedModes, Partials
-from struck.recordings.takes.ringing import samples
 from struck.rendering import render
 from struck.scene.body import centre_of, place_beside
-from struck.sound import Sound
 from struck.synth.ring_down import released
 
 Array = NDArray[np.float64]

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from struck.atomic import write_bytes
-from struck.demo import recordings, shapes, solids
+from struck.demo import recordings, solids
 from struck.errors import FileFormatError
+from struck.files.atomic import write_bytes
 from struck.progress import Progress, silent
-from struck.report import page
+from struck.report import gallery as shapes
+from struck.report.model_page import page
 
 _TITLE = "struck: a gallery"
 

@@ -6,19 +6,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from struck.analysis import BAND, Solid, analyze
+from struck.analysis.analysis import BAND, analyze
+from struck.analysis.discretisation import Solid
 from struck.bird import written
 from struck.files import model_file
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.model import ModalModel
-from struck.pictures import overview, spectrogram
-from struck.pictures import save as save_picture
+from struck.files.sound import Sound
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 from struck.progress import Progress
-from struck.rendering import Action, render
-from struck.report import Exhibit
+from struck.rendering import render
+from struck.report.charts import overview, spectrogram
+from struck.report.charts import save as save_picture
+from struck.report.model_page import Exhibit
+from struck.scene.body import Action
 from struck.shapes.shape import Shape
-from struck.sound import Sound
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from struck.excitation.strike import Strike
 from struck.files import model_file
-from struck.fitting.fitting import fit_recordings
-from struck.fitting.report import report
 from struck.progress import Progress
+from struck.recordings.fit import fit_recordings
 from struck.rendering import render
+from struck.report.fit_page import report
 
 NAME, TITLE = "tabla", "A recorded tabla"
 

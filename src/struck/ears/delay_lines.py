@@ -141,7 +141,7 @@ class DelayLines:
 def _hear() -> Callable[..., None]:
     """Return what reads and filters: compiled, or plain NumPy where numba is missing."""
     try:
-        from struck.ears.kernels import hear
+        from struck.ears.delay_kernels import hear
     except ImportError:  # numba comes late to new versions of Python
         from struck.ears.reference import hear
     return hear

@@ -246,7 +246,7 @@ def _on_sides(radius: float) -> Array:
 
 
 def _ball(name: str, radius: float) -> Head:
-    from struck.ears.sphere_head import SimpleHead, SphereHead, WoodworthHead
+    from struck.ears.heads import SimpleHead, SphereHead, WoodworthHead
 
     heads = {"exact": SphereHead, "woodworth": WoodworthHead, "simple1998": SimpleHead}
     if name not in heads:

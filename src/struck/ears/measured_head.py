@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from struck.air import AIR
 from struck.ears.aligning import BRIEF, EARS, LASTING, Aligned, aligned, spline_weights
 from struck.ears.head import Array, Filters, Single, require_rate
+from struck.ears.heads import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS
 from struck.ears.hrtf import HrtfSet, bundled, directions_of
 from struck.ears.sofa import read_sofa
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain
-from struck.ears.sphere_head import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS
+from struck.model.air import AIR
 
 STEP = 5.0  # degrees between the nodes of the grid, over azimuth and elevation
 AZIMUTHS = np.arange(-STEP, 361 + 2 * STEP, STEP)  # one more at the start and two at the end

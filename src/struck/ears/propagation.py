@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.air import AIR
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.head import Array, Filters, Single
 from struck.ears.pose import Posed
 from struck.ears.room import Room
 from struck.ears.sources import Emitter, Sources
 from struck.errors import ContactError, OptionError
+from struck.model.air import AIR
 
 STRETCH = 512
 """Samples from one look at where all are to the next; in between they go on smoothly."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.air import AIR
 from struck.errors import OptionError
+from struck.model.air import AIR
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

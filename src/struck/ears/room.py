@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.air import AIR
 from struck.ears.optional import pyroomacoustics
 from struck.ears.reverberation import Reverberation, statistical_time
 from struck.errors import OptionError
+from struck.model.air import AIR
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from struck.ears.hrtf import HrtfSet
 from struck.errors import FileFormatError
-from struck.files.sofa_container import Container, opened
+from struck.files.sofa import Container, opened
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.air import AIR
 from struck.ears.head import Array
 from struck.ears.room import Room
 from struck.ears.trajectory import Trajectory
+from struck.model.air import AIR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -26,8 +26,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.air import AIR
 from struck.errors import OptionError
+from struck.model.air import AIR
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from struck.contact import Place
 from struck.errors import OptionError
+from struck.model.contact import Place
 
 
 class Placed(Protocol):

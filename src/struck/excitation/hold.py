@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.contact import Place
 from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
-from struck.excitation.patch import drive_at
-from struck.model import ModalModel
+from struck.excitation.contact_patch import drive_at
+from struck.model.contact import Place
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

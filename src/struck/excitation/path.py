@@ -13,10 +13,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from struck.errors import ContactError, OptionError
 from struck.excitation.bounds import coordinates
-from struck.gains import ShapeGains
 from struck.geometry import Surface
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

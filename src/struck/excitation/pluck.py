@@ -8,15 +8,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.contact import Place
-from struck.excitation.bounds import (
-    freeze_place,
-    require_at_least_zero,
-    require_positive,
-)
-from struck.excitation.burst import Burst, burst_of
+from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
+from struck.excitation.excitation import Burst, burst_of
 from struck.excitation.pulses import LEAD, Samples, low_pass
-from struck.model import ModalModel
+from struck.model.contact import Place
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

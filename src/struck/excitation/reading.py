@@ -13,7 +13,7 @@ def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: A
     Parameters
     ----------
     values, starts, counts : arrays
-        Of a `struck.excitation.asperities.Rung`.
+        Of a `struck.excitation.friction.Rung`.
     turns : array (n,)
         Where to read, in periods.
     levels : pair of float

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.bounds import require_at_least_zero, require_positive
-from struck.excitation.burst import Burst
+from struck.excitation.excitation import Burst
 from struck.excitation.pluck import Pluck
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.shapes.impact import initial_amplitudes
 
 Array = NDArray[np.float64]

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.excitation.asperities import Rubbed
 from struck.excitation.bounds import require_at_least_zero, require_positive
 from struck.excitation.course import Course, frozen
+from struck.excitation.friction import Rubbed
 from struck.excitation.hertz import contact_modulus
 from struck.excitation.path import Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
 from struck.excitation.rubbing import Motion, Rubbing
-from struck.material import Material
-from struck.model import ModalModel
+from struck.model.material import Material
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Roll:
     """A ball or wheel that rolls over the surface of a body without slipping.
 
     The unevenness of both adds up: the surface's along the way, the roller's own round after round
-    of 2 pi radius. Force follows as for a scrape (`struck.excitation.asperities`); the large radius
+    of 2 pi radius. Force follows as for a scrape (`struck.excitation.friction`); the large radius
     makes a wide contact that feels only the longer waves, so rolling is smoother and duller.
 
     Parameters

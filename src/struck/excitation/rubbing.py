@@ -10,13 +10,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.excitation.asperities import LEVELS_AN_OCTAVE, RUNGS_AN_OCTAVE, Rubbed, rung
 from struck.excitation.bounds import require_positive
+from struck.excitation.contact_patch import drive_at
 from struck.excitation.course import Course, follow
-from struck.excitation.patch import drive_at
+from struck.excitation.friction import LEVELS_AN_OCTAVE, RUNGS_AN_OCTAVE, Rubbed, rung
 from struck.excitation.path import Path, Waypoints
 from struck.excitation.pushing import Push
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ from struck.excitation.path import Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
 from struck.excitation.rubbing import Motion, Rubbing
 from struck.excitation.tool import Tool
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scrape:
     """A round tip dragged over the surface of a body.
 
-    The tip rides over the roughness by Hertz's law (`struck.excitation.asperities`): faster is
+    The tip rides over the roughness by Hertz's law (`struck.excitation.friction`): faster is
     brighter, an octave for twice the speed; heavier is louder, by 2^(1/3) for twice the load on a
     smooth surface and twice on a rough one. A constant load itself makes no sound and is
     left out of the force.

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.contact import Contact, Place
 from struck.errors import OptionError
-from struck.excitation.bounds import (
-    freeze_place,
-    require_at_least_zero,
-    require_positive,
-)
-from struck.excitation.burst import Burst
+from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
+from struck.excitation.contact_patch import drive
+from struck.excitation.excitation import Burst
 from struck.excitation.hertz import (
     Striker,
     contact_modulus,
@@ -21,9 +17,9 @@ from struck.excitation.hertz import (
     effective_mass,
     joint_mass,
 )
-from struck.excitation.patch import drive
 from struck.excitation.pulses import Samples, require_shape, sampled
-from struck.model import ModalModel
+from struck.model.contact import Contact, Place
+from struck.model.model import ModalModel
 
 _DEFAULT_STRIKER = "wood"
 _DEFAULT_SPEED = 0.5

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Contact
 from struck.errors import OptionError
-from struck.excitation.asperities import Rubbed
 from struck.excitation.bounds import require_at_least_zero, require_positive
+from struck.excitation.friction import Rubbed
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.roughness import Roughness, profile
-from struck.model import ModalModel
+from struck.model.contact import Contact
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ Whoever moves it says 60 to 1000 times a second where it is, how hard it presses
 moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
 the load then passes a window of 2 ms: no step, no corner, nothing of the rate of the updates above
 about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same way). A moving contact
-adds the force of roughness, as a scrape does (`struck.excitation.asperities`). A steady load itself
+adds the force of roughness, as a scrape does (`struck.excitation.friction`). A steady load itself
 is silent; what is heard is how it changes.
 """
 
@@ -16,15 +16,15 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Contact, Place
-from struck.excitation.asperities import RUNGS_AN_OCTAVE, rung
-from struck.excitation.patch import drive
+from struck.excitation.contact_patch import drive
+from struck.excitation.friction import RUNGS_AN_OCTAVE, rung
 from struck.excitation.path import Path
 from struck.excitation.pushing import Push
 from struck.excitation.ramp import Blend, Ramp
 from struck.excitation.rubbing import CHUNK, LIGHTEST, Motion, Rubbing
 from struck.excitation.tool import Tool, Update, load_of, speed_of
-from struck.model import ModalModel
+from struck.model.contact import Contact, Place
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Contact
 from struck.errors import OptionError
 from struck.excitation.pushing import Push
 from struck.excitation.tool import HEAVIEST, Tool
 from struck.excitation.touch import Touching
-from struck.model import ModalModel
+from struck.model.contact import Contact
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.atomic import writable
 from struck.errors import FileFormatError, LossWarning, OptionError
-from struck.files import model_file, sofa_field, sofa_responses
+from struck.files import model_file, sofa_field, sofa_fields
+from struck.files.atomic import writable
 from struck.files.sofa_field import Contacts, load_sofa_field, save_sofa
-from struck.files.sofa_responses import save_sofa_responses
-from struck.model import ModalModel
+from struck.files.sofa_fields import save_sofa_responses
+from struck.model.model import ModalModel
 
 ENDINGS = (".struck", ".sofa")
 """Of names of files that hold models."""
-CONVENTIONS = (sofa_field.CONVENTION, sofa_responses.CONVENTION)
+CONVENTIONS = (sofa_field.CONVENTION, sofa_fields.CONVENTION)
 """Of SOFA files: gains, frequencies and decays of modes; impulse responses."""
 _SOFA = ".sofa"
 _LONGEST = 10.0
@@ -177,7 +177,7 @@ def export(
         if seconds is not None:
             raise OptionError(
                 f"seconds is {seconds}: {convention} holds modes, not samples; leave it out, or "
-                f"choose {sofa_responses.CONVENTION}"
+                f"choose {sofa_fields.CONVENTION}"
             )
         save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
         beyond = 0

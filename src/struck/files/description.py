@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from struck.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.errors import FileFormatError
-from struck.material import Material
-from struck.provenance import Provenance
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
+from struck.model.material import Material
+from struck.model.provenance import Provenance
 
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
     kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)

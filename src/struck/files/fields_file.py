@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from struck.errors import FileFormatError
 from struck.files.layout import Kept, Kind, Tensor, Tensors, Text, from_pairs, in_pairs
 from struck.files.values import FARTHEST, flag, near, number, numbers, one_of, texts, vector
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import SYSTEMS, TimbreTable
 from struck.recordings.fields.contact_part import LENGTHS, ContactPart
-from struck.recordings.fields.field import TimbreField
 from struck.recordings.fields.grids import Axis, Grid
 from struck.recordings.fields.listener_part import Inside, ListenerPart
 from struck.recordings.fields.outgoing import ORDER
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.table import SYSTEMS, TimbreTable
 from struck.recordings.fields.waves import Waves
 
 Index = NDArray[np.int64]

@@ -8,8 +8,8 @@ from struck.errors import FileFormatError
 from struck.files.formulas import formula_from_json, formula_to_json
 from struck.files.layout import Kept, Kind, Tensor, Tensors, Text, from_pairs, in_pairs
 from struck.files.values import vector
-from struck.gains import Gains, Radiation, ShapeGains
-from struck.mesh import Mesh
+from struck.model.gains import Gains, Radiation, ShapeGains
+from struck.model.mesh import Mesh
 from struck.radiation import by_name
 
 KINDS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
 from struck.files.packing import Arrays
-from struck.gains import Gains
-from struck.mesh import Mesh
+from struck.model.gains import Gains
+from struck.model.mesh import Mesh
 
 Tensors = Mapping[str, NDArray[Any]]
 Text = Mapping[str, Any]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.atomic import write_bytes
 from struck.errors import FileFormatError, StruckError
+from struck.files.atomic import write_bytes
 from struck.files.container import pack, unpack
 from struck.files.description import (
     material_from_json,
@@ -33,9 +33,9 @@ from struck.files.values import (
     texts,
     vector,
 )
-from struck.gains import Gains, ShapeGains
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.gains import Gains, ShapeGains
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

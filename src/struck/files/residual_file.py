@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from struck.files.layout import Kept, Layout, Tensor, Tensors, Text, require_layout
 from struck.files.values import number
-from struck.residual import Residual
+from struck.model.residual import Residual
 
 _LAYOUT: Layout = {
     "residual_attack": Tensor("float32", ("A",)),

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Place
 from struck.errors import FileFormatError, OptionError
-from struck.files.sofa_container import Container, Variable, opened, write_container
+from struck.files.sofa import Container, Variable, opened, write_container
 from struck.files.sofa_geometry import (
     attributes_of,
     centre_of,
@@ -23,8 +22,9 @@ from struck.files.sofa_geometry import (
     way_of,
 )
 from struck.files.sofa_origin import origin_attributes, origin_of, origin_variables
-from struck.model import ModalModel
-from struck.recordings.fields.sampled_field import SampledField
+from struck.model.contact import Place
+from struck.model.model import ModalModel
+from struck.model.sampled_field import SampledField
 
 Array = NDArray[np.float64]
 Contacts = ArrayLike | Sequence[Place]

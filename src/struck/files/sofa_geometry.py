@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
-from struck.files.sofa_container import Container, Variable, metres
-from struck.recordings.fields.sampled_field import WAYS, SampledField
-from struck.recordings.fields.survey import SYMMETRIES
+from struck.files.sofa import Container, Variable, metres
+from struck.model.sampled_field import WAYS, SampledField
+from struck.model.survey import SYMMETRIES
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
-from struck.files.sofa_container import LONGEST, Container, Variable
-from struck.provenance import Provenance, bibliography
+from struck.files.sofa import LONGEST, Container, Variable
+from struck.model.provenance import Provenance, bibliography
 from struck.recordings.fields.origin import Origin
 
 Array = NDArray[np.float64]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from struck.errors import MeshError, OptionError
 from struck.files.blocks import READERS, Blocks
 from struck.files.guard import read_volume
-from struck.files.meshes import UNITS
-from struck.solids.elements import ELEMENTS
-from struck.solids.volume import VolumeMesh
+from struck.files.surfaces import UNITS
+from struck.solids.fem.elements import ELEMENTS
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -72,7 +72,7 @@ def _answer(question: dict[str, Any], limits: Limits) -> Answer:
 
 
 def _surface(path: Path, limits: Limits) -> Answer:
-    from struck.files.parse import parse
+    from struck.files.mesh_formats import parse
 
     kind, parts = parse(path, limits)
     arrays = [array for part in parts for array in (part.points, part.faces)]

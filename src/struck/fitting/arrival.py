@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.air import AIR
-from struck.fitting.recorded import Recorded
+from struck.model.air import AIR
+from struck.recordings.gain_table import Recorded
 from struck.recordings.poles.fitted import Fitted
 
 Array = NDArray[np.float64]

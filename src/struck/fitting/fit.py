@@ -8,13 +8,13 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from struck.atomic import writable
-from struck.fitting.fitting import fit_recordings
-from struck.fitting.recorded import Recording
-from struck.fitting.report import save_report
-from struck.model import ModalModel
+from struck.files.atomic import writable
+from struck.model.model import ModalModel
 from struck.progress import Progress, silent
-from struck.recordings.manifests.manifest import KINDS, NAME, read_manifest
+from struck.recordings.fit import fit_recordings
+from struck.recordings.gain_table import Recording
+from struck.recordings.manifest import KINDS, NAME, read_manifest
+from struck.report.fit_page import save_report
 
 
 def fit(
@@ -98,7 +98,7 @@ def fit(
 
     Notes
     -----
-    `struck.fitting.fitting.fit_recordings` returns errors of decays and gains, verdict and
+    `struck.recordings.fit.fit_recordings` returns errors of decays and gains, verdict and
     residual too.
     """
     page = None if report is None else writable(report, unlike=files_read(recordings, manifest))

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from struck.errors import RecordingError
 from struck.fitting.arrival import arrivals
-from struck.fitting.recorded import Recorded
-from struck.recordings.fields.alignment import aligned, averaged
-from struck.recordings.fields.survey import Survey
-from struck.recordings.poles.fit import Fitted
+from struck.model.survey import Survey
+from struck.recordings.alignment import aligned, averaged
+from struck.recordings.gain_table import Recorded
+from struck.recordings.poles.fitted import Fitted
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.fitting.recorded import Recorded
-from struck.model import ModalModel
-from struck.recordings.fields.survey import Survey
+from struck.model.model import ModalModel
+from struck.model.residual import Residual
+from struck.model.survey import Survey
+from struck.recordings.gain_table import Recorded
 from struck.recordings.poles.fitted import Fitted
-from struck.residual import Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,8 +19,8 @@ from struck.charts import (
     lighten,
     strongest,
 )
-from struck.fitting.report_hits import Played
-from struck.sound import Sound
+from struck.files.sound import Sound
+from struck.report.fit_pictures import Played
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

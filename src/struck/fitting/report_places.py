@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from struck.charts import BLUE, INK, ORANGE, chart, label_frequencies, lighten
 from struck.fitting.report_pictures import label_sizes
-from struck.recordings.fields.survey import Survey
+from struck.model.survey import Survey
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,10 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.fitting.recorded import Recorded
-from struck.fitting.report_hits import Energies, hits_of
+from struck.recordings.gain_table import Recorded
 from struck.recordings.poles.fitted import Fitted
 from struck.recordings.poles.verdict import LEAST, Verdict
+from struck.report.fit_pictures import Energies, hits_of
 from struck.tables import note
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError, RecordingError
-from struck.fitting.recorded import Recording
-from struck.recordings.takes.onsets import find_hits
+from struck.files.sound import Sound
+from struck.recordings.gain_table import Recording
+from struck.recordings.onsets import find_hits
 from struck.recordings.takes.take import Take
-from struck.sound import Sound
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

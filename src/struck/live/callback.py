@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from struck.live import limiter, ring
 from struck.live.atomics import load
 from struck.live.compiling import callback, jitted_within
-from struck.live.portaudio import COMPLETE, CONTINUE, OUTPUT_UNDERFLOW
+from struck.live.device import COMPLETE, CONTINUE, OUTPUT_UNDERFLOW
 from struck.synth.addresses import address_of, call, integers_at, reals_at
 
 Array = NDArray[np.float64]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from struck.compiling import Compiler
-from struck.ears import kernels
+from struck.ears import delay_kernels
+from struck.model.compiling import Compiler
 from struck.synth import process
 
-_COMPILER = Compiler.of_packages(__file__, kernels.__file__, process.__file__)
+_COMPILER = Compiler.of_packages(__file__, delay_kernels.__file__, process.__file__)
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 callback = _COMPILER.callback

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from struck.ears.delay_kernels import hear
 from struck.ears.delay_lines import between
-from struck.ears.kernels import hear
 from struck.ears.listeners import Listener
 from struck.ears.pose import Pose
 from struck.ears.propagation import STRETCH, Propagation
@@ -22,8 +22,8 @@ from struck.ears.sources import Emitter
 from struck.ears.trajectory import Trajectory
 from struck.errors import ContactError, OptionError
 from struck.live.compiling import jitted_within
-from struck.live.record import NEW_WAYS, SINCE, Record
-from struck.model import ModalModel
+from struck.live.ring import NEW_WAYS, SINCE, Record
+from struck.model.model import ModalModel
 from struck.scene.body import centre_of, emitter_at
 from struck.synth.addresses import part
 
@@ -47,7 +47,7 @@ class Ears(NamedTuple):
     Parameters
     ----------
     lines, between, before, after, history, heard : array, float32
-        As `struck.ears.kernels.hear` takes them.
+        As `struck.ears.delay_kernels.hear` takes them.
     ways : array (2, paths, 3)
         Delays and gains of the stretch.
     sizes : array, int64

@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from struck.contact import Place
-from struck.model import ModalModel
+from struck.model.contact import Place
+from struck.model.model import ModalModel
 
 QUIT, DEFAULT = "q", " "
 _NUMBERS = "1234567890"

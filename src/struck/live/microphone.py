@@ -11,11 +11,11 @@ from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from struck.errors import DeviceError, OptionError
+from struck.files.sound import Sound
 from struck.live.binding import TO_FILE
 from struck.live.callback import SIGNATURE
-from struck.live.portaudio import COMPLETE, CONTINUE, PortAudio
+from struck.live.device import COMPLETE, CONTINUE, PortAudio
 from struck.live.stream import keep
-from struck.sound import Sound
 from struck.synth.addresses import reals_at
 
 _BLOCK = 256

@@ -9,7 +9,7 @@ from typing import Protocol
 from struck.errors import DeviceError
 from struck.live.binding import TO_FILE
 from struck.live.callback import OPEN, Shared
-from struck.live.portaudio import PortAudio
+from struck.live.device import PortAudio
 from struck.live.stream import Stream, keep
 
 _BELIEVED = 10.0  # s; JACK's dummy driver states a day

@@ -9,15 +9,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.contact import Contact, Place
 from struck.ears.listeners import Listener, is_listener, position_of
 from struck.ears.pose import aside
 from struck.errors import OptionError
+from struck.excitation.contact_patch import drive
 from struck.excitation.hold import Hold
-from struck.excitation.patch import drive
-from struck.model import ModalModel
+from struck.model.contact import Contact, Place
+from struck.model.model import ModalModel
 from struck.scene.body import centre_of, place_beside, radius_of
-from struck.synth.bank import Complex, Poles
+from struck.synth.poles import Complex, Poles
 
 Array = NDArray[np.float64]
 Kept = TypeVar("Kept")

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Contact, Place
 from struck.ears.listeners import Listener
 from struck.errors import OptionError
 from struck.excitation.pulses import LEAD, Samples, sampled
@@ -20,7 +19,8 @@ from struck.live.outlet import DeviceOutlet, Outlet
 from struck.live.played import default_listener, listening
 from struck.live.pushes import Started
 from struck.live.running import Running
-from struck.model import ModalModel
+from struck.model.contact import Contact, Place
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from struck.excitation.pulses import Samples
 from struck.excitation.pushing import Changing, Push, Pushing
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

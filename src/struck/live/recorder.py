@@ -12,11 +12,11 @@ from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from struck.errors import DeviceError
+from struck.files.sound import Sound
 from struck.live.callback import SIGNATURE
-from struck.live.portaudio import COMPLETE, CONTINUE, INPUT_OVERFLOW, PortAudio
+from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW, PortAudio
 from struck.live.stream import keep
 from struck.recordings.capture.capture import Take
-from struck.sound import Sound
 from struck.synth.addresses import singles_at
 
 SETTLING = 0.3

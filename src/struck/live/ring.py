@@ -10,14 +10,242 @@ The functions here are compiled; they take `Ring.memory`, which a callback reach
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.live import atomics
+from struck.live.compiling import jitted_within
+from struck.synth.blocks import refresh, settle, stand, wake
+from struck.synth.memory import Body, Drive, Memory, Mode, Output, Voice
 
+# What the feeder tells the callback for one block: forces, and all that changed.
+#
+# A record has the same size for every block, so that it fits a slot of the ring; most of it is left
+# as it was and not looked at, as flags tell what is new.
+
+Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+# What a voice does in a block, and flags of what is new to it or to a body.
+SILENT, ON, BEGIN = 0, 1, 2
+NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS = 1, 2, 4
+
+# Columns of `Record.voices`.
+STATE, OF_BODY, MOVED = 0, 1, 2
+_COLUMNS = 3
+
+# Entries of `Record.stretch`.
+NEW_WAYS, SINCE = 0, 1
+_STRETCH = 2
+
+
+class Record(NamedTuple):
+    """The parts of a record.
+
+    Parameters
+    ----------
+    voices : array (voices, 3), int64
+        SILENT, ON or BEGIN; the body; whether `drives` holds a new one.
+    bodies : array (bodies,), int64
+        What is new: NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS added up.
+    volume : array (1,)
+        Of full scale for each Pa, at the end of the block.
+    loads : array (voices,)
+        What each force settles at while the next record is late, N.
+    forces : array (voices, block)
+    drives : array (voices, modes of the largest body)
+    outputs : array (2, points, N)
+        Real and imaginary parts, at the end of the block.
+    poles : array (2, N)
+        Logarithm of what a sample turns a mode by, real and imaginary part.
+    stretch : array (2,), int64
+        Whether the ears' ways are new, and how many samples of their stretch are over.
+    ways : array (2, paths, 3)
+        Delays, samples, and gains, as of `struck.ears.delay_lines.Paths`.
+    responses : array (paths, taps)
+        Of the ears, at the end of the stretch.
+    """
+
+    voices: Integers
+    bodies: Integers
+    volume: Array
+    loads: Array
+    forces: Array
+    drives: Array
+    outputs: Array
+    poles: Array
+    stretch: Integers
+    ways: Array
+    responses: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """The sizes of a record.
+
+    Parameters
+    ----------
+    voices, bodies, points, block : int
+    width, modes : int
+        Of the largest body and of all, as the store pads them.
+    paths, taps : int
+        Of a listener's ears; 0 where one ear hears all at once.
+    """
+
+    voices: int
+    bodies: int
+    points: int
+    block: int
+    width: int
+    modes: int
+    paths: int = 0
+    taps: int = 0
+
+    @classmethod
+    def of(cls, memory: Memory, points: int, paths: int = 0, taps: int = 0) -> Layout:
+        """Return the sizes for a scene's memory."""
+        voices, block = memory.forces.shape
+        return cls(
+            voices=voices - 1,
+            bodies=len(memory.bodies),
+            points=points,
+            block=block,
+            width=memory.drives.shape[2],
+            modes=memory.modes.shape[1],
+            paths=paths,
+            taps=taps,
+        )
+
+    @property
+    def integers(self) -> int:
+        """Of a record."""
+        return self.voices * _COLUMNS + self.bodies + _STRETCH
+
+    @property
+    def reals(self) -> int:
+        """Of a record."""
+        each_voice = 1 + self.block + self.width
+        heard = self.paths * (2 * 3 + self.taps)
+        return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes + heard
+
+    def record(self, integers: Integers, reals: Array) -> Record:
+        """Return the parts of the record that a slot holds."""
+        sizes = (self.voices, self.bodies, self.points, self.block, self.width, self.modes)
+        return _parted(integers, reals, (*sizes, self.paths, self.taps))
+
+
+def _parted(
+    integers: Integers, reals: Array, sizes: tuple[int, int, int, int, int, int, int, int]
+) -> Record:
+    """Return the parts of a record."""
+    voices, bodies, points, block, width, modes, paths, taps = sizes
+    a = 1 + voices
+    b = a + voices * block
+    c = b + voices * width
+    d = c + 2 * points * modes
+    e = d + 2 * modes
+    f = e + 6 * paths
+    last = voices * _COLUMNS + bodies
+    return Record(
+        integers[: voices * _COLUMNS].reshape((voices, _COLUMNS)),
+        integers[voices * _COLUMNS : last],
+        reals[:1],
+        reals[1:a],
+        reals[a:b].reshape((voices, block)),
+        reals[b:c].reshape((voices, width)),
+        reals[c:d].reshape((2, points, modes)),
+        reals[d:e].reshape((2, modes)),
+        integers[last : last + _STRETCH],
+        reals[e:f].reshape((2, paths, 3)),
+        reals[f : f + paths * taps].reshape((paths, taps)),
+    )
+
+
+parted_compiled = jitted_within(_parted)
+"""`Record` of a slot, for functions without Python."""
+
+
+@jitted_within
+def apply(memory: Memory, record: Record) -> None:
+    """Take over what is new."""
+    for body in range(memory.bodies.shape[0]):
+        if record.bodies[body] & NEW_POLES:
+            _take_poles(memory, record, body)
+        if record.bodies[body] & NEW_OUTPUTS:
+            _take_outputs(memory, record, body)
+    for voice in range(record.voices.shape[0]):
+        _take_push(memory, record, voice)
+
+
+@jitted_within
+def hold(memory: Memory, record: Record) -> None:
+    """Let each force go over to its steady load within the block, as nothing new is known."""
+    block = memory.forces.shape[1]
+    for voice in range(record.voices.shape[0]):
+        if memory.voices[voice, Voice.ACTIVE]:
+            memory.voices[voice, Voice.ACTIVE] = 1
+            load = record.loads[voice]
+            last = memory.forces[voice, block - 1]
+            for k in range(block):
+                share = 0.5 + 0.5 * np.cos(np.pi * (k + 1) / block)
+                memory.forces[voice, k] = load + share * (last - load)
+
+
+@jitted_within
+def _take_poles(memory: Memory, record: Record, body: int) -> None:
+    settle(memory, body)
+    wake(memory, body)
+    modes = memory.modes
+    for n in range(memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]):
+        modes[Mode.LOG_RE, n], modes[Mode.LOG_IM, n] = record.poles[0, n], record.poles[1, n]
+        if record.poles[1, n] == 0.0:
+            modes[Mode.STATE_RE, n] = modes[Mode.STATE_IM, n] = 0.0
+    refresh(memory, body)
+    memory.bodies[body, Body.MOVED] = 1
+    for voice in range(record.voices.shape[0]):
+        if memory.voices[voice, Voice.BODY] == body:
+            memory.voices[voice, Voice.MOVED] = 1
+
+
+@jitted_within
+def _take_outputs(memory: Memory, record: Record, body: int) -> None:
+    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    for point in range(record.outputs.shape[1]):
+        for n in range(first, last):
+            real, imag = record.outputs[0, point, n], record.outputs[1, point, n]
+            memory.outputs[Output.TARGET_RE, point, n] = real
+            memory.outputs[Output.TARGET_IM, point, n] = imag
+            if record.bodies[body] & FIRST_OUTPUTS:
+                memory.outputs[Output.RE, point, n] = real
+                memory.outputs[Output.IM, point, n] = imag
+    if record.bodies[body] & FIRST_OUTPUTS:
+        stand(memory, body)
+    memory.bodies[body, Body.MOVED] = 1
+
+
+@jitted_within
+def _take_push(memory: Memory, record: Record, voice: int) -> None:
+    state = record.voices[voice, STATE]
+    memory.voices[voice, Voice.ACTIVE] = state
+    if state == SILENT:
+        return
+    for k in range(memory.forces.shape[1]):
+        memory.forces[voice, k] = record.forces[voice, k]
+    if record.voices[voice, MOVED]:
+        for n in range(memory.drives.shape[2]):
+            memory.drives[Drive.TARGET, voice, n] = record.drives[voice, n]
+        memory.voices[voice, Voice.MOVED] = 1
+    if state == BEGIN:
+        memory.voices[voice, Voice.BODY] = record.voices[voice, OF_BODY]
+        for n in range(memory.drives.shape[2]):
+            memory.drives[Drive.NOW, voice, n] = record.drives[voice, n]
+
+
 Reals = NDArray[np.float64]
 
 # Places in the head of the memory. What different threads write is 128 bytes apart: the pair of

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from struck.ears.listeners import Listener
 from struck.live import callback, limiter
-from struck.live.desk import Desk
+from struck.live.commands import Desk
 from struck.live.feeder import Feeder
 from struck.live.outlet import Outlet, failed, gone
 from struck.live.sounding import PEAK, sound
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from struck.contact import Place
 from struck.excitation.scrape import Scrape
 from struck.live.keys import places_by_key
 from struck.live.player import Player
-from struck.model import ModalModel
+from struck.model.contact import Place
+from struck.model.model import ModalModel
 
 _SPEEDS = 0.05, 0.5  # of a striker, m/s
 _LATEST = 0.1  # s: strikes that are due for longer are not made up for

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from struck.live.compiling import jitted, jitted_within
 from struck.live.ears import LiveEars, listen, seen, take
-from struck.live.record import SINCE, apply, hold, parted_compiled
+from struck.live.ring import SINCE, apply, hold, parted_compiled
 from struck.synth.addresses import address_of, call, integers_at, reals_at, singles_at
+from struck.synth.memory import NUMBERS, view
 from struck.synth.process import make_block
 from struck.synth.stepped import Stepped
-from struck.synth.store import NUMBERS, view
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,10 +12,10 @@ from struck.errors import OptionError
 from struck.excitation.pushing import Changing, Push, Pushing
 from struck.excitation.touch import Touching
 from struck.live.pushes import Started
-from struck.live.record import BEGIN, MOVED, OF_BODY, ON, SILENT, STATE, Record
+from struck.live.ring import BEGIN, MOVED, OF_BODY, ON, SILENT, STATE, Record
 from struck.live.troubles import Troubles
-from struck.model import ModalModel
-from struck.synth.bank import STRONGEST
+from struck.model.model import ModalModel
+from struck.synth.poles import STRONGEST
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Place
 from struck.errors import OptionError
-from struck.gains import Gains, ShapeGains
-from struck.hearing import JUST_NOTICED, spreading, threshold_in_quiet
-from struck.model import ModalModel
+from struck.model.contact import Place
+from struck.model.gains import Gains, ShapeGains
+from struck.model.model import ModalModel
+from struck.perception.auditory_scale import JUST_NOTICED, spreading, threshold_in_quiet
 from struck.perception.heard import Heard, contacts_over, surface_of
 from struck.perception.sonic_distance import filter_centres
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 from struck.perception.facets import Ear, Facets
 
 Array = NDArray[np.float64]

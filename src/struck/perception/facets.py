@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.hearing import threshold_in_quiet
+from struck.perception.auditory_scale import threshold_in_quiet
 from struck.perception.heard import Heard
 from struck.perception.sonic_distance import filter_centres
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.hearing import REFERENCE_PRESSURE, decibels, integrated, spreading
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.perception.auditory_scale import REFERENCE_PRESSURE, decibels, integrated, spreading
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.contact import Place
 from struck.errors import OptionError
-from struck.hearing import (
+from struck.model.contact import Place
+from struck.model.model import ModalModel
+from struck.perception.auditory_scale import (
     decibels,
     erb_number,
     frequency_of,
@@ -15,7 +16,6 @@ from struck.hearing import (
     spreading,
     threshold_in_quiet,
 )
-from struck.model import ModalModel
 from struck.perception.heard import Heard
 
 Array = NDArray[np.float64]
@@ -73,7 +73,8 @@ def sonic_distance(
 
     Notes
     -----
-    The paper leaves S(f), E_0 and the logarithm open. S is `struck.hearing.sensitivity`, from the
+    The paper leaves S(f), E_0 and the logarithm open. S is
+    `struck.perception.auditory_scale.sensitivity`, from the
     contour of 40 phon; 10 log10 gives dB; E_0 is the energy, E = (a f)^2, of the softest audible
     partial of the same frequency and decay, so that f cancels from E / E_0.
     """

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.atomic import write_bytes
-from struck.contact import Contact
 from struck.errors import FileFormatError, OptionError
+from struck.files.atomic import write_bytes
 from struck.files.packing import from_bytes, to_bytes
 from struck.geometry import Surface
-from struck.hearing import integrated
-from struck.mesh import Mesh
-from struck.model import ModalModel
+from struck.model.contact import Contact
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.perception.auditory_scale import integrated
 from struck.perception.covering import Cover, covered
 from struck.perception.facets import Ear
 from struck.perception.heard import Heard, surface_of

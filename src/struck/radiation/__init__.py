@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from struck.errors import OptionError
-from struck.gains import Radiation
+from struck.model.gains import Radiation
 from struck.radiation.far_field import Heuristic1998, ObrienCoupling, RadiatedPower
 
 __all__ = ["Heuristic1998", "ObrienCoupling", "RadiatedPower", "by_name"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.air import AIR, Air
 from struck.errors import OptionError
-from struck.gains import quarter_turns
-from struck.mesh import Mesh
+from struck.model.air import AIR, Air
+from struck.model.gains import quarter_turns
+from struck.model.mesh import Mesh
 from struck.radiation.skin import Skin, normal_velocities
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
-from struck.radiation.harmonics import Split, SurfaceHarmonics
-from struck.radiation.sources import PointSources
+from struck.model.mesh import Mesh
+from struck.radiation.on_surface import Split, SurfaceHarmonics
+from struck.radiation.point_sources import PointSources
 from struck.radiation.spherical import sphere_efficiency, sphere_impedance
 
 Array = NDArray[np.float64]

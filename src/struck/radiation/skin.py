@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.mesh import Mesh
-from struck.pieces import pieces, submesh
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import pieces, submesh
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from struck.ears.trajectory import Course3, Trajectory
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pushing import Excitation
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 Action = Excitation | Hold

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.shapes.beam_ends import ENDS
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.shapes.beam import ENDS
 from struck.shapes.bending import Bending, bending
 from struck.shapes.counterpart import Counterpart, require_clamped_or_free
 from struck.shapes.lengths import places_along

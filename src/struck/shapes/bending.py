@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.shapes.beam_ends import families
+from struck.shapes.beam import families
 from struck.shapes.standing_waves import Beam, Waves, level, rising
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.shapes.disks import disk, places_on_disk
 from struck.shapes.plans import require_tension
 from struck.shapes.round_membranes import round_membrane

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.solids import Block, Tube
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Turn = tuple[tuple[float, ...], ...]

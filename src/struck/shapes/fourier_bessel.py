@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import y1
 
 from struck.shapes.bessel_tables import irregular, regular
-from struck.shapes.plan import Plan, plan_of
+from struck.shapes.polygon import Plan, plan_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.contact import Place
 from struck.errors import OptionError
 from struck.forms import TransverseShapes
-from struck.gains import ShapeGains
-from struck.model import ModalModel
+from struck.model.contact import Place
+from struck.model.gains import ShapeGains
+from struck.model.model import ModalModel
 from struck.plan import plan_rule
 
 Array = NDArray[np.float64]

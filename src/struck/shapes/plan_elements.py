@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from struck.solids.eigen import Mass, block_lanczos
-from struck.solids.factor import Factoriser
-from struck.solids.triangles import sides, triangulated
+from struck.solids.fem.factorisation import Factoriser
+from struck.solids.fem.lanczos import Mass, block_lanczos
+from struck.solids.polygon_mesh import sides, triangulated
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

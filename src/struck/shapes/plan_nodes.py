@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.shapes.plan import Plan, cross
 from struck.shapes.plan_elements import Triangulation
+from struck.shapes.polygon import Plan, cross
 from struck.solids.outline import contains, distance_to_edges, edges_of
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError, OptionError
-from struck.material import Material
-from struck.mesh import Mesh
-from struck.shapes.plan import Plan, plan_of
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.shapes.plans import INSET, places_on, require_tension
+from struck.shapes.polygon import Plan, plan_of
 from struck.shapes.polygon_modes import Spectrum, expected, spectrum
 from struck.shapes.shape import Shape, Vibration
 from struck.shapes.skins import slab
@@ -25,8 +25,8 @@ from struck.solids.outline import (
     distance_to_edges,
     edges_of,
 )
+from struck.solids.polygon_mesh import triangulated
 from struck.solids.resolution import require_length
-from struck.solids.triangles import triangulated
 
 Array = NDArray[np.float64]
 # A few minutes in simple polygons; each mode takes longer, the more there are.

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from struck.errors import SolverError
 from struck.shapes.fourier_bessel import Basis, PolygonForms
 from struck.shapes.particular_solutions import Found, Trial, refined
-from struck.shapes.plan import Plan, plan_of
 from struck.shapes.plan_elements import Triangulation, edge_for
 from struck.shapes.plan_nodes import around
+from struck.shapes.polygon import Plan, plan_of
 
 Array = NDArray[np.float64]
 

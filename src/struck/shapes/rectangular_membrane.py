@@ -10,8 +10,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.shapes.plans import INSET, places_on, require_countable, require_tension
 from struck.shapes.shape import Shape, Vibration
 from struck.shapes.skins import rectangle, slab

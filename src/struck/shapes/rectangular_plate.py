@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.shapes.counterpart import Counterpart, require_clamped_or_free
 from struck.shapes.plans import INSET, places_on
 from struck.shapes.ritz import Axis, Plate, bend

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.material import Material
+from struck.model.material import Material
 from struck.shapes.bessel import at_edge, ring_parts
 from struck.shapes.plans import require_countable
 from struck.shapes.roots import membrane_roots

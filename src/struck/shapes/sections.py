@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from struck.errors import OptionError
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 from struck.shapes.counterpart import ALONG_X, UPRIGHT, Turn
 from struck.shapes.skins import rectangle, slab
 from struck.shapes.sleeves import sleeve

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.forms import Forms, TransverseShapes
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.provenance import Provenance
 from struck.modes import Modes
-from struck.provenance import Provenance
 from struck.shapes.counterpart import Counterpart
 
 Array = NDArray[np.float64]

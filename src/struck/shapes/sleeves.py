@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
+from struck.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

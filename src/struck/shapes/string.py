@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.material import Material
-from struck.mesh import Mesh
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.shapes.lengths import places_along
 from struck.shapes.shape import Shape, Vibration
 from struck.shapes.sleeves import sleeve

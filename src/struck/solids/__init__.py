@@ -1,6 +1,8 @@
 """Bodies by finite elements: solids that mesh themselves, and what fills any closed surface."""
 
-from struck.solids.primitives import Block, Extrusion, Revolution, Stem, Tube
-from struck.solids.volume import VolumeMesh
+from struck.solids.bodies import Block, Tube
+from struck.solids.extrusion import Extrusion
+from struck.solids.revolution import Revolution, Stem
+from struck.solids.volume_mesh import VolumeMesh
 
 __all__ = ["Block", "Extrusion", "Revolution", "Stem", "Tube", "VolumeMesh"]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.errors import MeshError, SolverError
-from struck.solids.assembly import System
-from struck.solids.eigen import Eigenpairs, Mass
+from struck.solids.fem.assembly import System
+from struck.solids.fem.lanczos import Eigenpairs, Mass
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.solids.cutting import PAIRS, Cells
-from struck.solids.features import Features
-from struck.solids.volume import VolumeMesh
+from struck.solids.filling.creases import Features
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

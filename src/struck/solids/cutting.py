@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.solids.volume import unique_rows
+from struck.solids.volume_mesh import unique_rows
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -22,7 +22,7 @@ from struck.solids.outline import (
 )
 from struck.solids.quadrilaterals import quadrilaterals
 from struck.solids.resolution import extrusion_edge, require_counts, require_length
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 

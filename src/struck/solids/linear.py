@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh
 
 Index = NDArray[np.int64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from struck.solids.hexahedra import Sheet, with_middles
 from struck.solids.outline import Loops
-from struck.solids.triangles import Boundary, inner_angles, keys, sides, triangulated
+from struck.solids.polygon_mesh import Boundary, inner_angles, keys, sides, triangulated
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -28,7 +28,7 @@ from struck.solids.resolution import (
     shell_counts,
     solid_counts,
 )
-from struck.solids.volume import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Thickness = float | Sequence[float] | Array

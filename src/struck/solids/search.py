@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.progress import Progress, silent
 from struck.solids import memory
-from struck.solids.assembly import System
-from struck.solids.eigen import Eigenpairs, dense
-from struck.solids.factor import Factoriser
-from struck.solids.slicing import SLICE_LIMIT, Spectrum
+from struck.solids.fem.assembly import System
+from struck.solids.fem.factorisation import Factoriser
+from struck.solids.fem.lanczos import Eigenpairs, dense
+from struck.solids.fem.spectrum import SLICE_LIMIT, Spectrum
 
 Array = NDArray[np.float64]
 DENSE_LIMIT = 1200

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.solids.bisection import refined
 from struck.solids.cutting import Cells
-from struck.solids.lattice import Lattice
-from struck.solids.volume import VolumeMesh
+from struck.solids.filling.lattice import Lattice
+from struck.solids.filling.stuffing import refined
+from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

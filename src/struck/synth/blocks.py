@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.synth.compiling import jitted, jitted_within
-from struck.synth.store import LEVELS, Body, Drive, HeldAs, Level, Memory, Mode, Output, Voice
+from struck.synth.memory import LEVELS, Body, Drive, HeldAs, Level, Memory, Mode, Output, Voice
 
 Array = NDArray[np.float64]
 FAINTEST = 1e-100

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from struck.compiling import Compiler
+from struck.model.compiling import Compiler
 
 _COMPILER = Compiler.of_packages(__file__, keeps_parts=True)  # for each number of outputs
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within

@@ -9,8 +9,8 @@ from numba import types
 
 from struck.synth.addresses import address_of, call_for_integer, result_of
 from struck.synth.compiling import from_source, jitted_within
-from struck.synth.kernels import OUTPUTS, PUSHES, Kernel, kernel, name_of, samples_of
-from struck.synth.store import NUMBERS, Drive, Memory, Mode, Output, Run, view
+from struck.synth.memory import NUMBERS, Drive, Memory, Mode, Output, Run, view
+from struck.synth.sample_loop import OUTPUTS, PUSHES, Kernel, kernel, name_of, samples_of
 
 _MOST = PUSHES[-1]
 

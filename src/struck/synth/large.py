@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from struck.synth.bank import Array, Complex, Poles
-from struck.synth.nufft import BlockTransform
+from struck.synth.block_transform import BlockTransform
 from struck.synth.nufft_bounds import BLOCKS, suits, wins
+from struck.synth.poles import Array, Complex, Poles
 from struck.synth.whole_blocks import KEPT, Index, Outputs, WholeBlocks
 
 

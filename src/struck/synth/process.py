@@ -5,7 +5,7 @@ from __future__ import annotations
 from struck.synth import blocks
 from struck.synth.compiling import jitted, jitted_within
 from struck.synth.dispatch import run
-from struck.synth.store import (
+from struck.synth.memory import (
     Array,
     Body,
     Drive,
@@ -24,8 +24,8 @@ from struck.synth.store import (
 def make_block(reals: Array, wholes: Index) -> None:
     """Make one block of all bodies' sounds in their memory.
 
-    It takes the real and the whole numbers of `struck.synth.store`, as two arrays cost less to hand
-    to compiled code than their many parts. `Memory.run` must be set, as `runner` tells.
+    It takes the real and the whole numbers of `struck.synth.memory`, as two arrays cost less to
+    hand to compiled code than their many parts. `Memory.run` must be set, as `runner` tells.
     """
     memory = view(reals, wholes)
     blocks.link(memory)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.excitation.pushing import Push
-from struck.synth.bank import (
+from struck.synth.poles import (
     Array,
     Complex,
     Key,

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.pushing import Push
-from struck.synth.bank import (
+from struck.synth.large import Transformed, fits_transform, gains_by_transform
+from struck.synth.poles import (
     Array,
     Complex,
     Key,
@@ -20,7 +21,6 @@ from struck.synth.bank import (
     require_session,
     voices_for,
 )
-from struck.synth.large import Transformed, fits_transform, gains_by_transform
 from struck.synth.stepped import QUIET, Stepped
 from struck.synth.whole_blocks import Piece
 

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.synth.bank import Array, Complex, Key, Poles
 from struck.synth.blocks import refresh, settle, stand, wake
 from struck.synth.dispatch import runner
-from struck.synth.process import make_block
-from struck.synth.store import (
+from struck.synth.memory import (
     Body,
     Drive,
     Level,
@@ -23,6 +21,8 @@ from struck.synth.store import (
     rows_for,
     seen,
 )
+from struck.synth.poles import Array, Complex, Key, Poles
+from struck.synth.process import make_block
 
 # Of its loudest, the share below which a body may fall asleep: -120 dB.
 QUIET = 1e-6

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.synth.bank import Array, Complex, Poles
+from struck.synth.poles import Array, Complex, Poles
 
 Index = NDArray[np.int64]
 Gain = TypeVar("Gain", Array, Complex)

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from struck import InternalFriction, Material, ModalModel
-from struck.gains import Gains
+from struck.model.gains import Gains
 from struck.shapes.shape import Shape
 
 Array = NDArray[np.float64]

@@ -10,14 +10,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from struck import InternalFriction, Material, ModalModel, Rayleigh
-from struck.damping import Damping, Measured
 from struck.errors import MaterialError, OptionError, RecordingError
-from struck.recordings.calibration.calibrate import Calibration, calibrated
+from struck.model.damping import Damping, Measured
+from struck.recordings.calibration.calibration import Calibration, calibrated
 from struck.recordings.calibration.correcting import corrected
 from struck.recordings.calibration.losses import losses
+from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.noise import Noise
 from struck.recordings.takes.segment import Segment
 from struck.shapes import Bar, CircularPlate, RectangularPlate, String
 from tests.recordings.calibration.plates import (

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck import wav
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.recordings.capture.acceptance import MARGIN, Bounds, Verdict, examined
+from struck.files import wav
+from struck.files.sound import Sound
+from struck.recordings.acceptance import MARGIN, Bounds, Verdict, examined
 from struck.recordings.capture.capture import Outcome, Take, capture
-from struck.recordings.capture.capture_plan import CapturePlan, Contact, Listener, Point
 from struck.recordings.capture.hooks import Hooks
 from struck.recordings.capture.plan_file import read_plan
 from struck.recordings.capture.simulated import SimulatedRecorder
-from struck.recordings.manifests.manifest import read_manifest
-from struck.sound import Sound
+from struck.recordings.capture_plan import CapturePlan, Contact, Listener, Point
+from struck.recordings.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, ONSET, RATE, SECONDS, hit, write
 
 Change = Callable[[np.ndarray], np.ndarray]

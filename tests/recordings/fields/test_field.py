@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
 from struck.excitation.pushing import Push
-from struck.model import ModalModel
-from struck.recordings.fields.field import TimbreField
+from struck.model.model import ModalModel
+from struck.model.survey import Survey, from_spherical, since_arrival
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
 from struck.recordings.fields.outgoing import ORDER
-from struck.recordings.fields.planning import Plan
-from struck.recordings.fields.survey import Survey, from_spherical, since_arrival
-from struck.recordings.fields.table import TimbreTable
+from struck.recordings.survey_plan import Plan
 from struck.synth.resonators import Resonators
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, Vase, error, listeners, noisy
 

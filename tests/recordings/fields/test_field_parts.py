@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from scipy.special import spherical_jn, spherical_yn
 
 from struck.errors import OptionError
+from struck.model.survey import Survey
 from struck.recordings.fields.contact_part import ContactPart
 from struck.recordings.fields.evidence import shares
 from struck.recordings.fields.listener_part import ListenerPart
 from struck.recordings.fields.outgoing import ORDER, degrees, near_field, real_harmonics
-from struck.recordings.fields.separation import Separation
-from struck.recordings.fields.survey import Survey
 from struck.recordings.fields.waves import Waves
+from struck.recordings.separation import Separation
 from tests.recordings.fields.vases import error
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from struck.errors import ContactError
 from struck.excitation.roll import Roll
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.recordings.fields.single_point import SinglePoint
 from struck.rendering import render
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from struck.errors import ContactError, OptionError
+from struck.model.survey import Survey, from_spherical
+from struck.model.timbre_table import TimbreTable
 from struck.recordings.fields.grids import Axis
-from struck.recordings.fields.survey import Survey, from_spherical
-from struck.recordings.fields.table import TimbreTable
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners, noisy
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from struck.recordings.fields.survey import Survey, from_spherical
+from struck.model.survey import Survey, from_spherical
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

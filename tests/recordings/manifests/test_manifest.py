@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from struck.errors import FileFormatError, RecordingError
-from struck.recordings.fields.survey import Survey, from_spherical
+from struck.model.survey import Survey, from_spherical
+from struck.recordings.manifest import Manifest, _from_toml, read_manifest
 from struck.recordings.manifests.entries import Entry
-from struck.recordings.manifests.manifest import Manifest, _from_toml, read_manifest
 from struck.recordings.manifests.toml_table import TomlTable
 
 FILES = ("a.wav", "b.wav", "c.wav")

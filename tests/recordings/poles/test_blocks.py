@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 
+from struck.model.exponentials import Ringing
+from struck.recordings.noise import Noise
 from struck.recordings.poles.blocks import blocks_around
 from struck.recordings.poles.kernels.grouping import labelled
-from struck.recordings.poles.refine import settled
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing
+from struck.recordings.poles.refinement import settled
 from struck.recordings.takes.segment import Segment
 from tests.recordings.scenes import RATE, ringing
 

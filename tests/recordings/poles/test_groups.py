@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
+from struck.recordings.noise import Noise
 from struck.recordings.poles.groups import overlapping, overlaps
-from struck.recordings.poles.prune import energies, prune, significance
-from struck.recordings.poles.refine import refine
+from struck.recordings.poles.refinement import refine
+from struck.recordings.poles.selection import energies, prune, significance
 from struck.recordings.poles.split import split
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 from tests.recordings.scenes import RATE, ringing
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from struck.recordings.onsets import hit_at
 from struck.recordings.poles.notes import notes_on
-from struck.recordings.takes.onsets import hit_at
 from struck.recordings.takes.take import Take
 
 

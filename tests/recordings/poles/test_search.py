@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from struck.recordings.poles.fit import Fitted, fit_poles
+from struck.recordings.poles.fit import fit_poles
+from struck.recordings.poles.fitted import Fitted
 from struck.recordings.takes.take import Take
 from tests.recordings.bounds import resolvable
 from tests.recordings.scenes import (

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.recordings.poles.refine import refine, with_best_gains
+from struck.model.exponentials import Ringing
+from struck.recordings.noise import Noise
+from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 from tests.recordings.bounds import bounds
 from tests.recordings.scenes import LEAD, RATE, Scene, Truth, pairs, recorded, ringing

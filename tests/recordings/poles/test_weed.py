@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.recordings.poles.refine import refine
+from struck.model.exponentials import Ringing
+from struck.recordings.noise import Noise
+from struck.recordings.poles.refinement import refine
 from struck.recordings.poles.weed import weeded
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 from tests.recordings.scenes import RATE, ringing
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.takes.noise import Noise
+from struck.recordings.noise import Noise
 
 RATE = 44100
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.takes.onsets import find_hits, hit_at
+from struck.recordings.onsets import find_hits, hit_at
 from struck.recordings.takes.take import Take
 from tests.recordings.scenes import LEAD, RATE, repeated, scene
 

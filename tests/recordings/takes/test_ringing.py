@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.takes.frames import blackman_harris, frames
-from struck.recordings.takes.ringing import (
+from struck.model.exponentials import (
     Ringing,
     best_gains,
     correlations,
@@ -15,6 +14,7 @@ from struck.recordings.takes.ringing import (
     samples,
     samples_in_rows,
 )
+from struck.recordings.takes.frames import blackman_harris, frames
 
 RATE = 44100.0
 LENGTHS = (1000, 4099)

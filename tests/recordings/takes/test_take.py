@@ -11,12 +11,12 @@ import pytest
 import soundfile
 from numpy.typing import NDArray
 
-from struck import wav
 from struck.errors import FileFormatError, MissingDependencyError, RecordingError
+from struck.files import wav
+from struck.files.sound import Sound
+from struck.recordings.onsets import find_hits
 from struck.recordings.takes.checks import clipped, findings, lead_in
-from struck.recordings.takes.onsets import find_hits
 from struck.recordings.takes.take import Take, require_one_rate
-from struck.sound import Sound
 
 RATE = 44100
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.recordings.calibration.pairing import Pairing, first_support
 from struck.recordings.calibration.partials import FittedModes, Partials
 

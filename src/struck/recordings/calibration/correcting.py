@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.damping import Measured, ringing
 from struck.errors import RecordingError
-from struck.model import ModalModel
+from struck.model.damping import Measured, ringing
+from struck.model.model import ModalModel
 from struck.recordings.calibration.pairing import Pairing, paired
 from struck.recordings.calibration.partials import FittedModes, Partials
 

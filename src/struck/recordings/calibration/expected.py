@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.elasticity import Stiffness, changed
-from struck.model import ModalModel
+from struck.model.model import ModalModel
+from struck.model.modes import Stiffness, changed
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from struck.damping import Damping, InternalFriction, Measured, Rayleigh
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.damping import Damping
 from struck.errors import RecordingError
+from struck.model.damping import Damping
 from struck.recordings.calibration.loss_laws import LAWS, Curve, Law
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
 from struck.errors import OptionError, RecordingError
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 from struck.recordings.calibration.agreement import Agreement
 from struck.recordings.calibration.expected import Expected
 from struck.recordings.calibration.hypotheses import Hypotheses, guesses

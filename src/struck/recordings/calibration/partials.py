@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import RecordingError
-from struck.model import ModalModel
+from struck.model.model import ModalModel
 
 Array = NDArray[np.float64]
 

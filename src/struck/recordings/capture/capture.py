@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Protocol
 
 from struck.errors import RecordingError
+from struck.files.sound import Sound
 from struck.progress import Progress, silent
-from struck.recordings.capture.acceptance import MARGIN, Verdict, examined
-from struck.recordings.capture.capture_plan import CapturePlan, Point
+from struck.recordings.acceptance import MARGIN, Verdict, examined
 from struck.recordings.capture.hooks import facts_of
 from struck.recordings.capture.pivot import rough_gains
 from struck.recordings.capture.take_log import TakeLog
-from struck.sound import Sound
+from struck.recordings.capture_plan import CapturePlan, Point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

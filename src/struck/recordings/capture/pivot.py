@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import RecordingError
-from struck.sound import Sound
+from struck.files.sound import Sound
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -7,23 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from struck.errors import FileFormatError, OptionError
-from struck.recordings.capture.acceptance import Bounds
-from struck.recordings.capture.capture_plan import (
-    PAIRS,
-    PROMPTS,
-    CapturePlan,
-    Contact,
-    Listener,
-    Point,
-)
+from struck.model.survey import SYMMETRIES
+from struck.recordings.acceptance import Bounds
 from struck.recordings.capture.hooks import read_hooks
-from struck.recordings.fields.survey import SYMMETRIES
-from struck.recordings.manifests.entries import (
-    LONGEST,
-    MOST_HITS,
-    RATES,
-    toml_listeners,
-)
+from struck.recordings.capture_plan import PAIRS, PROMPTS, CapturePlan, Contact, Listener, Point
+from struck.recordings.manifests.entries import LONGEST, MOST_HITS, RATES, toml_listeners
 from struck.recordings.manifests.toml_table import TomlTable, numbers, read_toml
 
 SHORTEST = 0.05

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from struck import wav
 from struck.errors import RecordingError
+from struck.files import wav
+from struck.files.sound import Sound
 from struck.recordings.capture.capture import Take
-from struck.sound import Sound
 
 
 class SimulatedRecorder:

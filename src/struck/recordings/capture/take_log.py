@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from struck import wav
-from struck.atomic import write_bytes
 from struck.errors import FileFormatError, RecordingError
-from struck.recordings.capture.acceptance import Verdict
-from struck.recordings.capture.capture_plan import CapturePlan, Point
+from struck.files import wav
+from struck.files.atomic import write_bytes
+from struck.files.sound import Sound
+from struck.recordings.acceptance import Verdict
+from struck.recordings.capture_plan import CapturePlan, Point
+from struck.recordings.manifest import NAME, recorded_so_far
 from struck.recordings.manifests.entries import Entry
-from struck.recordings.manifests.manifest import NAME, recorded_so_far
-from struck.sound import Sound
 
 
 class TakeLog:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
+from struck.model.survey import distinct
 from struck.recordings.fields.outgoing import ORDER
-from struck.recordings.fields.survey import distinct
 from struck.recordings.fields.waves import Waves
 
 Array = NDArray[np.float64]

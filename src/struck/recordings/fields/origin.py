@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.gains import Gains
-from struck.model import ModalModel
-from struck.provenance import Provenance
-from struck.recordings.fields.field import TimbreField
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.timbre_field import TimbreField
 from struck.recordings.fields.recorded_places import unexpanded
 
 Array = NDArray[np.float64]

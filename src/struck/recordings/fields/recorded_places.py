@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.gains import ExpandedGains, Gains
-from struck.recordings.fields.field import TimbreField
+from struck.model.gains import ExpandedGains, Gains
+from struck.model.survey import from_spherical
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
 from struck.recordings.fields.grids import combinations
 from struck.recordings.fields.outgoing import ORDER
 from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fields.survey import from_spherical
-from struck.recordings.fields.table import TimbreTable
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError
-from struck.gains import Gains
+from struck.model.gains import Gains
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.waves import Law, fit_waves
 from struck.recordings.fields.outgoing import ORDER, degrees, real_harmonics
-from struck.recordings.fields.wave_fit import Law, fit_waves
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -66,7 +66,7 @@ class Waves:
 
         Notes
         -----
-        See `struck.recordings.fields.wave_fit.fit_waves`. Waves and sound with the same directions
+        See `struck.model.waves.fit_waves`. Waves and sound with the same directions
         at all distances are tried. Where both together explain less than 3/4 of the energy, what
         they make of phases would only cancel out: there levels are fitted.
         """

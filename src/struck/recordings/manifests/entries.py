@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from struck.recordings.fields.survey import from_spherical
+from struck.model.survey import from_spherical
 from struck.recordings.manifests.toml_table import TomlTable, numbers
 
 Place = tuple[float, ...]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.recordings.takes.ringing import Ringing, correlations
+from struck.model.exponentials import Ringing, correlations
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

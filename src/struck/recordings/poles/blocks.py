@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Spectrum
 from struck.recordings.poles.kernels.blocks import Blocks
 from struck.recordings.poles.kernels.choosing import bins_around
-from struck.recordings.takes.ringing import Spectrum
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

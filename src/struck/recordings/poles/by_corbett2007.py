@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from struck.model.exponentials import Ringing
 from struck.recordings.corbett2007.method import fit_corbett2007
 from struck.recordings.corbett2007.windowed_transform import WindowedTransform
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
 

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from struck.errors import OptionError
+from struck.model.exponentials import Ringing
 from struck.progress import Progress, silent
+from struck.recordings.onsets import Hit, find_hits, hit_at
 from struck.recordings.poles.by_corbett2007 import by_corbett2007
 from struck.recordings.poles.fitted import Fitted, fitted_of
 from struck.recordings.poles.notes import notes_on
 from struck.recordings.poles.search import Kept, computed, search
 from struck.recordings.poles.verdict import LEAST, MODES, Verdict, judged
-from struck.recordings.takes.cutting import Row, cut, joined
+from struck.recordings.segments import Row, cut, joined
 from struck.recordings.takes.force import force_channels, without_force
-from struck.recordings.takes.onsets import Hit, find_hits, hit_at
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 from struck.recordings.takes.take import Take, require_one_rate
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing, samples
 from struck.recordings.poles.ambient import ambient
-from struck.recordings.poles.prune import energies
+from struck.recordings.poles.selection import energies
 from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.poles.verdict import Verdict
-from struck.recordings.takes.cutting import Row
-from struck.recordings.takes.ringing import Ringing, samples
+from struck.recordings.segments import Row
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

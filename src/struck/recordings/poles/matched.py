@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from struck.recordings.noise import Noise
 from struck.recordings.poles.candidates import Candidates
-from struck.recordings.takes.noise import Noise
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

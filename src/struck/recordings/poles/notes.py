@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from struck.recordings.onsets import Hit
 from struck.recordings.takes.checks import findings
-from struck.recordings.takes.onsets import Hit
 from struck.recordings.takes.take import Take
 
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")

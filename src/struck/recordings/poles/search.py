@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
 from struck.progress import Progress, silent
 from struck.recordings.poles.candidates import Candidates, Resolution, candidates
 from struck.recordings.poles.matched import matched
-from struck.recordings.poles.prune import prune, significance, strongest_per_band
-from struck.recordings.poles.refine import refine, with_best_gains
+from struck.recordings.poles.refinement import refine, with_best_gains
+from struck.recordings.poles.selection import prune, significance, strongest_per_band
 from struck.recordings.poles.split import split
 from struck.recordings.poles.weed import weeded
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
 from struck.recordings.poles.blocks import blocks_around
 from struck.recordings.poles.groups import overlap
 from struck.recordings.poles.kernels.turns import damped
-from struck.recordings.poles.prune import significance
-from struck.recordings.poles.refine import settled
+from struck.recordings.poles.refinement import settled
+from struck.recordings.poles.selection import significance
 from struck.recordings.poles.told import told_by
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
 Index = NDArray[np.int64]

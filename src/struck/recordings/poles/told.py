@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
 from struck.recordings.poles.blocks import blocks_around
 from struck.recordings.poles.groups import overlapping
-from struck.recordings.poles.kernels.telling import tell
-from struck.recordings.takes.ringing import Ringing
+from struck.recordings.poles.normal_equations import tell
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.ringing import Ringing
 from struck.recordings.takes.segment import Segment
 
 Array = NDArray[np.float64]

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Ringing
 from struck.recordings.poles.blocks import blocks_around
 from struck.recordings.poles.groups import overlap
-from struck.recordings.poles.prune import energies, significance
-from struck.recordings.poles.refine import settled
-from struck.recordings.takes.ringing import Ringing
+from struck.recordings.poles.refinement import settled
+from struck.recordings.poles.selection import energies, significance
 from struck.recordings.takes.segment import Segment
 
 _WEAK = 0.1

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.recordings.onsets import Hit
 from struck.recordings.takes.force import force_channels
-from struck.recordings.takes.onsets import Hit
 from struck.recordings.takes.take import Take
 
 Array = NDArray[np.float64]

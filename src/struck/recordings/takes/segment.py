@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from struck.recordings.takes.noise import Noise
-from struck.recordings.takes.ringing import Ringing, Spectrum, samples
+from struck.model.exponentials import Ringing, Spectrum, samples
+from struck.recordings.noise import Noise
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from struck import wav
 from struck.errors import FileFormatError, MissingDependencyError, RecordingError
-from struck.sound import Sound
+from struck.files import wav
+from struck.files.sound import Sound
 
 Array = NDArray[np.float64]
 

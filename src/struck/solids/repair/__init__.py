@@ -1,5 +1,1 @@
-"""Repair of surfaces: `body` decides, the other rooms mend, tell bodies apart, or rebuild."""
-
-from struck.solids.repair.body import Repair, repaired
-
-__all__ = ["Repair", "repaired"]
+"""Repair of surfaces: `struck.solids.surface.repair` decides, the rooms here mend or rebuild."""

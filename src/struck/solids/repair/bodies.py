@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.pieces import submesh
+from struck.model.mesh_topology import submesh
 from struck.solids.repair.mending import Diary, Mended, counted, without_needles
-from struck.solids.repair.shells import Shells
+from struck.solids.surface.shells import Shells
 
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]

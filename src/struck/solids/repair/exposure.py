@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
-from struck.pieces import components, edges_of, submesh
-from struck.solids.repair.shells import flipped, unit_factor
-from struck.solids.repair.welding import single
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import components, edges_of, submesh
+from struck.solids.surface.shells import flipped, unit_factor
+from struck.solids.surface.welding import single
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from struck.mesh import Mesh
-from struck.pieces import edges_of
-from struck.solids.lattice import Lattice
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import edges_of
+from struck.solids.filling.lattice import Lattice
 from struck.solids.repair.exposure import INSIDE, halves, winding
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.mesh import Mesh
-from struck.pieces import boxes_of, edges_of, pieces, submesh, volumes_of
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, volumes_of
 from struck.solids.repair.openings import Closed, closed
-from struck.solids.repair.shells import alike, apart, without_fins
-from struck.solids.repair.welding import sewn, single, without_lines
+from struck.solids.surface.shells import alike, apart, without_fins
+from struck.solids.surface.welding import sewn, single, without_lines
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

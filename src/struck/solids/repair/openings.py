@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.mesh import Mesh
-from struck.pieces import edges_of
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import edges_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.closed import is_closed
 from struck.errors import MeshError
 from struck.geometry import Surface
-from struck.mesh import Mesh
-from struck.pieces import pieces, submesh, volumes_of
-from struck.solids.lattice import Lattice
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import pieces, submesh, volumes_of
+from struck.solids.filling.lattice import Lattice
 from struck.solids.repair.exposure import INSIDE, winding
 from struck.solids.repair.inside import has_rims, inside
-from struck.solids.repair.marching import isosurface
+from struck.solids.surface.closedness import is_closed
+from struck.solids.surface.rebuilding import isosurface
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from struck.recordings.poles.kernels.blocks import Blocks
 from struck.recordings.poles.kernels.compiling import jitted_within
-from struck.recordings.poles.kernels.projecting import rows_of, span, turns_of, write_line
 from struck.recordings.poles.kernels.vectors import take_off
+from struck.recordings.poles.projection import rows_of, span, turns_of, write_line
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from struck.compiling import Compiler
+from struck.model.compiling import Compiler
 
 _COMPILER = Compiler.of_packages(__file__)
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from struck.recordings.poles.kernels.blocks import Blocks
 from struck.recordings.poles.kernels.clearing import cleared
 from struck.recordings.poles.kernels.compiling import jitted, jitted_within
-from struck.recordings.poles.kernels.projecting import (
+from struck.recordings.poles.kernels.vectors import inner, solve_damped
+from struck.recordings.poles.projection import (
     Projection,
     empty_projection,
     misfit,
@@ -16,7 +17,6 @@ from struck.recordings.poles.kernels.projecting import (
     project,
     span,
 )
-from struck.recordings.poles.kernels.vectors import inner, solve_damped
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]

@@ -1,0 +1,1 @@
+"""From a body and a material to its modes and its model."""

@@ -1,0 +1,288 @@
+"""From a body and a material to a model, stage by stage."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.analysis.cached_steps import COARSE_MODES, MODEL, MODES, Stage, Stages
+from struck.analysis.discretisation import Discretised, Elements, FileOptions, Solid, discretised
+from struck.analysis.discretisation import Source as ElementsSource
+from struck.errors import OptionError, StruckError
+from struck.files.cache import opened
+from struck.formula import by_formula
+from struck.model.material import Material
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.modes import Modes
+from struck.places import places_of
+from struck.progress import Progress, silent
+from struck.radiation import by_name
+from struck.shapes.shape import Shape
+from struck.solids.convergence import ALONE, comparable, nodes_needed, stated_errors, with_shape
+from struck.solids.fem.error_estimates import residual_errors
+from struck.solids.fem.vibration import vibration_modes
+from struck.solids.linear import linear_tetrahedra
+from struck.solids.search import Solver
+from struck.solids.volume_mesh import VolumeMesh
+
+__all__ = ["BAND", "METHODS", "Solid", "Source", "analyze"]
+
+Array = NDArray[np.float64]
+Source = ElementsSource | Shape
+Fixed = ArrayLike | Callable[[Array], NDArray[np.bool_]]
+METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
+_FORMULA, _ELEMENTS = "formula", "fem"
+BAND = (20.0, 20_000.0)
+# Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
+_WIDER = 1.15
+
+
+def analyze(
+    body: Source,
+    material: Material | str,
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+    wall: float | None = None,
+    repair: bool = True,
+    fixed: Fixed | None = None,
+    accuracy: str = "standard",
+    band: tuple[float, float] = BAND,
+    damping: str = "own",
+    radiation: str = "power",
+    method: str | None = None,
+    backend: str = "auto",
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> ModalModel:
+    """Compute the modal model of a body.
+
+    Parameters
+    ----------
+    body : path, Mesh, VolumeMesh or a body of struck.solids or struck.shapes
+        A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
+        of another program (VTK, VTU, MSH, INP).
+    material : Material or str
+    units : str, optional
+        Of a file's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
+    size : float, optional
+        Longest edge of the body's bounding box instead, m.
+    part : str, optional
+        Which of several bodies in a file.
+    up : str, optional
+        The axis that points up; by the file format's custom unless given.
+    wall : float, optional
+        Thickness of the wall of a hollow body, m; without it a surface is filled. An open sheet
+        becomes a shell of this thickness, half on either side.
+    repair : bool
+        Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
+        say so (RepairWarning, provenance); otherwise such a surface is refused.
+    fixed : box (2, 3) or callable, optional
+        Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
+    accuracy : str
+        "preview", "standard" or "fine": how many elements a body gets at least, and as many more
+        as bring most errors below 3, 0.5 and 0.1 %.
+    band : pair of float
+        All modes within it are computed, Hz.
+    damping : str
+        "own" or "heard": see `Material.named`. A Material keeps its own.
+    radiation : str
+        "power" (Pa), "obrien2002" or "heuristic1998" (relative).
+    method : str
+        For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
+        For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
+        tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
+    backend : str
+        Sparse factorisation: "auto", "rslab" or "superlu".
+    cache : bool or path
+        Where finished stages are kept and taken up again: True for the user's cache (or what the
+        environment variable STRUCK_CACHE names), False for none, or a folder.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Returns
+    -------
+    ModalModel
+        Complete over the band, by Sturm count, with the error of each frequency.
+
+    Raises
+    ------
+    MeshError, MaterialError, OptionError, FileFormatError, SolverError
+        With the value, the bound and the way out.
+    """
+    chosen = Material.named(material, damping) if isinstance(material, str) else material
+    (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
+    file = FileOptions(units=units, size=size, part=part, up=up)
+    if isinstance(body, Shape):
+        file.refuse("a body of struck.shapes has its own")
+        if method in {None, _FORMULA}:
+            return by_formula(body, chosen, radiation, (lowest, highest), wall=wall, fixed=fixed)
+        body = body.solid()
+        fixed = _either(fixed, body.fixed)
+    method = "quadratic" if method is None or method == _ELEMENTS else method
+    stages = Stages(cache=opened(choice=cache), progress=progress)
+    solver = _solver(method, backend)
+    progress("mesh", 0.0)
+    source = discretised(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
+    work = _Work(
+        stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
+    )
+    elements, modes = work.resolved(source)
+    told = _merged(elements.provenance, modes, body, method)
+    return work.model(replace(modes, provenance=told), elements.places, radiation, lowest)
+
+
+def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
+    if asked is not None and own is not None:
+        raise OptionError("the shape tells where it is held itself: leave fixed= out")
+    return own if asked is None else asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Work:
+    """What is computed of any elements of a body."""
+
+    stages: Stages
+    material: Material
+    highest: float
+    fixed: Fixed | None
+    method: str
+    solver: Solver
+
+    def resolved(self, source: Discretised) -> tuple[Elements, Modes]:
+        """Return elements and their modes, with errors told by a coarser resolution too."""
+        coarse, first = self._first(source)
+        nodes = 0
+        if coarse and first and source.error and self.method == "quadratic":
+            nodes = nodes_needed(first, len(coarse.mesh.nodes), source.error)
+        elements = source.fine(self.stages, nodes)
+        modes = self._modes(elements.mesh, MODES, self.highest)
+        count = len(coarse.mesh.nodes) if coarse else 0
+        errors = with_shape(
+            stated_errors(modes, len(elements.mesh.nodes), first, count), elements.volume_error
+        )
+        two = comparable(len(elements.mesh.nodes), count)
+        told = f"{count} nodes beside these" if two else "the next degree of polynomials"
+        provenance = modes.provenance.extended(references=("bank1993",), errors_by=told)
+        return elements, replace(modes, errors=errors, provenance=provenance)
+
+    def model(
+        self, modes: Modes, own: Mapping[str, Array], radiation: str, lowest: float
+    ) -> ModalModel:
+        """Return the model of the modes, with the body's `own` places beside those of any."""
+        places = {**places_of(modes.surface), **own}
+        self.stages.progress("radiation", 0.0)
+        return self.stages.kept(
+            MODEL,
+            lambda: ModalModel.of(
+                modes, self.material, radiation=by_name(radiation), lowest=lowest, places=places
+            ),
+            modes=modes,
+            material=self.material,
+            radiation=radiation,
+            lowest=lowest,
+            places=places,
+        )
+
+    def _first(self, source: Discretised) -> tuple[Elements | None, Modes | None]:
+        """Return coarse elements and their modes, where they can be had."""
+        try:
+            coarse = source.coarse(self.stages)
+            if coarse is None:
+                return None, None
+            return coarse, self._modes(coarse.mesh, COARSE_MODES, _WIDER * self.highest)
+        except StruckError:  # what is wrong with the body itself, the finer elements tell
+            return None, None
+
+    def _modes(self, given: VolumeMesh, stage: Stage[Modes], highest: float) -> Modes:
+        mesh = given.promoted() if self.method == "quadratic" else linear_tetrahedra(given)
+        held = _held(self.fixed, mesh)
+        material = self.material
+
+        def estimate(values: Array, vectors: Array) -> Array:
+            return ALONE * residual_errors(mesh, material, values, vectors)
+
+        compute = partial(
+            vibration_modes,
+            mesh,
+            material,
+            highest,
+            fixed=held,
+            solver=self.solver,
+            estimate=estimate,
+            progress=self.stages.progress,
+        )
+        return self.stages.kept(
+            stage,
+            compute,
+            mesh=mesh,
+            elastic=(material.density, material.youngs_modulus, material.poisson_ratio),
+            highest=highest,
+            fixed=held,
+            solver=self.solver,
+        )
+
+
+def _require_band(band: tuple[float, float]) -> tuple[float, float]:
+    if len(band) != 2 or not 0 <= band[0] < band[1] < np.inf:
+        raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
+    return float(band[0]), float(band[1])
+
+
+def _solver(method: str, backend: str) -> Solver:
+    if method not in METHODS:
+        raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
+    return Solver(lumped=method == "obrien2002", backend=backend)
+
+
+def _held(fixed: Fixed | None, mesh: VolumeMesh) -> NDArray[np.bool_] | None:
+    if fixed is None:
+        return None
+    if callable(fixed):
+        held = np.asarray(fixed(mesh.nodes), dtype=bool)
+        if held.shape != (len(mesh.nodes),):
+            raise OptionError(f"fixed() gave shape {held.shape}: return one bool a point")
+    else:
+        box = np.asarray(fixed, dtype=np.float64)
+        if box.shape != (2, 3):
+            raise OptionError(
+                f"fixed has shape {box.shape}: give two corners of a box, (2, 3) in m"
+            )
+        held = ((mesh.nodes >= box.min(axis=0)) & (mesh.nodes <= box.max(axis=0))).all(axis=1)
+    if not held.any() or held.all():
+        low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
+        raise OptionError(
+            f"fixed= holds {held.sum()} of {len(held)} nodes: the body reaches from "
+            f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m"
+        )
+    return held
+
+
+def _merged(start: Provenance, modes: Modes, body: Source, method: str) -> Provenance:
+    """Join how the elements and the modes were made, with versions and the input's hash."""
+    paper = ("obrien2002",) if method != "quadratic" else ()
+    versions = {name: version(name) for name in ("struck", "numpy", "scipy", "rslab", "libigl")}
+    joined = replace(
+        start,
+        method=f"{start.method}, {modes.provenance.method}",
+        details={**start.details, **modes.provenance.details, **_input(body), "versions": versions},
+    )
+    return joined.extended(references=(*paper, *modes.provenance.references))
+
+
+def _input(body: Source) -> dict[str, object]:
+    if not isinstance(body, str | os.PathLike):
+        return {}
+    path = Path(body)
+    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}

@@ -1,0 +1,235 @@
+"""Stages of an analysis that are kept when finished, and taken up again.
+
+What a stage makes is kept under a key: the SHA-256 of the content of everything that it depends
+on, of struck's own source, and of the versions of the libraries that compute. Nothing has to be
+told that a method changed, and two versions side by side never share an entry.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache as computed_once
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from struck.errors import StruckError
+from struck.files import model_file
+from struck.files.cache import Cache
+from struck.files.packing import from_bytes, to_bytes
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.modes import Modes
+from struck.progress import Progress, silent
+from struck.solids.filling.filling import Filling
+from struck.solids.surface.repair import Repair
+from struck.solids.volume_mesh import VolumeMesh
+
+T = TypeVar("T")
+
+_LIBRARIES = ("struck", "numpy", "scipy", "rslab", "libigl")
+# Formats whose files hold all that they say; the others may refer to further files.
+_WHOLE = {".obj", ".stl", ".ply", ".off", ".glb"}
+# Larger files are read once only, by whoever knows how much of them to take.
+_LARGEST_FILE = 2**30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage(Generic[T]):
+    """A piece of work whose result can be kept.
+
+    Parameters
+    ----------
+    name : str
+        What it makes.
+    pack : callable
+        Returns a result as bytes; FileFormatError where it cannot.
+    unpack : callable
+        Returns the result that the bytes hold; StruckError where they hold none.
+    """
+
+    name: str
+    pack: Callable[[T], bytes]
+    unpack: Callable[[bytes], T]
+
+
+def holding(name: str, *kinds: type) -> Stage:
+    """Return the stage `name` whose result is made of the dataclasses `kinds`."""
+    return Stage(
+        name=name, pack=partial(to_bytes, kinds=kinds), unpack=partial(from_bytes, kinds=kinds)
+    )
+
+
+SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
+ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
+COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMesh)
+FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
+COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
+MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
+MODEL: Stage[ModalModel] = Stage(
+    name="model", pack=model_file.to_bytes, unpack=model_file.from_bytes
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stages:
+    """Stages of one analysis, with where they are kept.
+
+    Parameters
+    ----------
+    cache : Cache, optional
+        Without one everything is computed, and that is all.
+    progress : callable
+        Told when a result was there already.
+    """
+
+    cache: Cache | None = None
+    progress: Progress = silent
+
+    def kept(self, stage: Stage[T], compute: Callable[[], T], /, **inputs: object) -> T:
+        """Return the result of a stage, from the cache where it is there, else computed and kept.
+
+        With a cache, it has gone through bytes either way: what follows cannot depend on which.
+
+        Parameters
+        ----------
+        stage : Stage
+        compute : callable
+            Makes the result; nothing is kept of what it raises.
+        **inputs
+            Everything the result depends on, and nothing else: numbers, text, arrays, dataclasses
+            of struck, paths of mesh files (their content counts). With an input whose content
+            cannot be known, as a function, the result is computed and not kept.
+        """
+        cache, key = self.cache, None if self.cache is None else _key(stage.name, inputs)
+        if cache is None or key is None:
+            return compute()
+        found = _found(stage, cache, key)
+        if found is not None:
+            self.progress(f"{stage.name} (kept)", 1.0)
+            return found
+        value = compute()
+        changed_meanwhile = _key(stage.name, inputs) != key
+        return value if changed_meanwhile else _stored(stage, cache, key, value)
+
+
+def _found(stage: Stage[T], cache: Cache, key: str) -> T | None:
+    data = cache.get(key)
+    if data is None:
+        return None
+    try:
+        return stage.unpack(data)
+    except StruckError as error:
+        cache.discard(key, str(error))
+    except MemoryError:
+        cache.say("memory", f"{stage.name}: memory is too short to take up what was kept")
+    return None
+
+
+def _stored(stage: Stage[T], cache: Cache, key: str, value: T) -> T:
+    try:
+        data = stage.pack(value)
+        again = stage.unpack(data)
+    except (StruckError, MemoryError) as error:
+        cache.say(stage.name, f"{stage.name}: finished work is not kept: {error!r}")
+        return value
+    cache.put(key, data)
+    return again
+
+
+# Keys
+
+
+class _UnknownContentError(TypeError):
+    """What an input holds cannot be told."""
+
+
+def _key(stage: str, inputs: Mapping[str, object]) -> str | None:
+    try:
+        return fingerprint((stage, _method(), inputs))
+    except _UnknownContentError:
+        return None
+
+
+@computed_once
+def _method() -> str:
+    """Return the fingerprint of what computes: struck's own source, and the libraries."""
+    source = Path(__file__).parents[1]
+    files = {
+        path.relative_to(source).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in source.rglob("*.py")
+    }
+    return fingerprint((files, {name: version(name) for name in _LIBRARIES}))
+
+
+def fingerprint(value: object) -> str:
+    """Return a SHA-256 in hexadecimal that equals another's only where the content does.
+
+    Parameters
+    ----------
+    value : object
+        As the inputs of `Stages.kept`, in sequences and mappings.
+
+    Raises
+    ------
+    TypeError
+        When the content of something in it cannot be known.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(value):
+        digest.update(len(piece).to_bytes(8, "little"))
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def _pieces(value: object) -> Sequence[bytes | memoryview]:
+    """Return a value as its type and content."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    kind = type(value).__name__.encode()
+    if value is None or isinstance(value, bool | int | float | str | bytes):
+        return kind, repr(value).encode()
+    if isinstance(value, np.ndarray):
+        return _array_pieces(value)
+    if isinstance(value, Path):
+        return b"file", _file_digest(value)
+    return kind, *_inner(value)
+
+
+def _array_pieces(array: np.ndarray) -> Sequence[bytes | memoryview]:
+    if array.dtype.hasobject:
+        raise _UnknownContentError(f"an array of {array.dtype}")
+    flat = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+    return b"array", array.dtype.str.encode(), repr(array.shape).encode(), flat.data
+
+
+def _inner(value: object) -> list[bytes]:
+    """Return the fingerprints of what a value is made of, in order."""
+    if isinstance(value, tuple | list):
+        return [fingerprint(each).encode() for each in value]
+    if isinstance(value, Mapping):
+        return [fingerprint(pair).encode() for pair in value.items()]
+    # Another's dataclass may compute otherwise tomorrow, and nobody would notice.
+    if is_dataclass(value) and type(value).__module__.partition(".")[0] == "struck":
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        return [type(value).__qualname__.encode(), *_inner(own)]
+    raise _UnknownContentError(f"the content of {type(value).__name__} cannot be known")
+
+
+def _file_digest(path: Path) -> bytes:
+    try:
+        if path.suffix.lower() not in _WHOLE or not path.is_file():
+            raise _UnknownContentError(f"{path} may depend on more than its content")
+        if path.stat().st_size > _LARGEST_FILE:
+            raise _UnknownContentError(f"{path} is too large to be read twice")
+        with path.open("rb") as file:
+            content = hashlib.file_digest(file, "sha256").digest()
+    except OSError as error:
+        raise _UnknownContentError(f"{path} cannot be read") from error
+    return path.suffix.lower().encode() + content

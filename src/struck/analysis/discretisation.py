@@ -1,0 +1,298 @@
+"""What is analysed, made ready: from a file, a surface or a solid to elements, coarse and fine."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.analysis.cached_steps import COARSE, ELEMENTS, FILLING, SURFACE, Stages
+from struck.errors import MeshError, OptionError, RepairWarning
+from struck.files.surfaces import load_body, load_mesh
+from struck.files.volumes import SUFFIXES, load_volume
+from struck.model.mesh import Mesh
+from struck.model.provenance import Provenance
+from struck.solids.filling.filling import (
+    ACCURACIES,
+    Filling,
+    accuracy_named,
+    filled,
+    filled_coarsely,
+    nodes_allowed,
+)
+from struck.solids.surface.closedness import require_closed
+from struck.solids.surface.distance import Body, Sheet
+from struck.solids.surface.repair import Repair, repaired
+from struck.solids.volume_mesh import VolumeMesh
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class Solid(Protocol):
+    """A body of struck.solids: it makes its own elements."""
+
+    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+        """Return its elements."""
+        ...
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts by name."""
+        ...
+
+
+Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOptions:
+    """What only a file needs to be told: see `struck.analyze`."""
+
+    units: str | None = None
+    size: float | None = None
+    part: str | None = None
+    up: str | None = None
+
+    def refuse(self, reason: str, *taken: str) -> None:
+        """Raise OptionError where an option was given that is not among those `taken`."""
+        for option in fields(self):
+            if getattr(self, option.name) is not None and option.name not in taken:
+                raise OptionError(f"{option.name}= does not apply here: {reason}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Elements:
+    """Elements of a body with its named places, where they come from and what volume they miss."""
+
+    mesh: VolumeMesh
+    places: Mapping[str, Array] = field(default_factory=dict)
+    provenance: Provenance
+    volume_error: float = 0.0
+
+
+class Discretised(Protocol):
+    """A body that can be cut into elements."""
+
+    @property
+    def error(self) -> float | None:
+        """Error of frequencies to aim at, where the elements can be chosen by it."""
+        ...
+
+    def coarse(self, stages: Stages, /) -> Elements | None:
+        """Return elements to tell the error of the others by, or None where there are none."""
+        ...
+
+    def fine(self, stages: Stages, nodes: int, /) -> Elements:
+        """Return the elements to compute with, with more `nodes` than usual if wanted."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Given:
+    """Elements of another program."""
+
+    mesh: VolumeMesh
+    error: float | None = None
+
+    def coarse(self, _stages: Stages, /) -> Elements | None:
+        """Return nothing: there are no others."""
+        return None
+
+    def fine(self, _stages: Stages, _nodes: int, /) -> Elements:
+        """Return the elements as they are."""
+        return Elements(mesh=self.mesh, provenance=Provenance(method="given elements"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Structured:
+    """A solid that makes its own elements."""
+
+    solid: Solid
+    accuracy: str
+    error: float | None = None
+
+    def coarse(self, stages: Stages, /) -> Elements | None:
+        """Return the elements of the accuracy below."""
+        levels = list(ACCURACIES)
+        level = levels.index(self.accuracy) if self.accuracy in levels else 0
+        return self._at(levels[level - 1], stages) if level else None
+
+    def fine(self, stages: Stages, _nodes: int, /) -> Elements:
+        """Return the elements of its accuracy."""
+        return self._at(self.accuracy, stages)
+
+    def _at(self, accuracy: str, stages: Stages) -> Elements:
+        mesh = stages.kept(
+            ELEMENTS,
+            lambda: self.solid.volume_mesh(accuracy),
+            body=self.solid,
+            accuracy=accuracy,
+        )
+        details = {"body": repr(self.solid), "accuracy": accuracy}
+        return Elements(
+            mesh=mesh,
+            places=self.solid.places,
+            provenance=Provenance(method="structured elements", details=details),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surfaced:
+    """A surface that is filled with tetrahedra, or given a wall."""
+
+    repair: Repair
+    wall: float | None
+    accuracy: str
+
+    @property
+    def error(self) -> float | None:
+        """Error of frequencies to aim at."""
+        return accuracy_named(self.accuracy).error
+
+    @property
+    def _body(self) -> Body | Sheet:
+        if self.repair.sheet and self.wall is not None:
+            return Sheet(mesh=self.repair.mesh, wall=self.wall)
+        return Body(mesh=self.repair.mesh, wall=self.wall)
+
+    def coarse(self, stages: Stages, /) -> Elements | None:
+        """Return about a third of the nodes, where so few can follow the body."""
+        fillings = stages.kept(
+            COARSE, lambda: filled_coarsely(self._body, self.accuracy), **self._inputs
+        )
+        return self._elements(fillings[0]) if fillings else None
+
+    def fine(self, stages: Stages, nodes: int, /) -> Elements:
+        """Return the elements of its accuracy, or more."""
+        nodes = nodes_allowed(self.accuracy, nodes)
+        filling = stages.kept(
+            FILLING,
+            lambda: filled(self._body, self.accuracy, nodes=nodes),
+            nodes=nodes,
+            **self._inputs,
+        )
+        return self._elements(filling)
+
+    @property
+    def _inputs(self) -> dict[str, object]:
+        repair = self.repair
+        return {
+            "surface": repair.mesh,
+            "sheet": repair.sheet,
+            "wall": self.wall,
+            "accuracy": self.accuracy,
+        }
+
+    def _elements(self, filling: Filling) -> Elements:
+        details = {
+            "accuracy": self.accuracy,
+            "wall": self.wall,
+            "path": f"{filling.path}: {filling.reason}",
+            "lattice": filling.spacing,
+            "volume_error": filling.volume_error,
+            "nodes_short_of_the_surface": filling.short,
+            "crumbs": filling.crumbs,
+            **_repair_details(self.repair),
+        }
+        provenance = Provenance(
+            method=filling.path,
+            references=("barill2018", "labelle2007", "rivara1991"),
+            details=details,
+        )
+        # The volume of a wall is sampled: as a measure of its shape that is too rough.
+        missing = 0.0 if self.wall is not None else filling.volume_error
+        return Elements(mesh=filling.mesh, provenance=provenance, volume_error=missing)
+
+
+def _repair_details(repair: Repair) -> dict[str, object]:
+    if not repair.found:
+        return {}
+    return {
+        "found": " ".join(repair.found),
+        "repaired": " ".join(repair.changed),
+        "volume_before": repair.volume_before,
+        "volume_after": repair.volume_after,
+    }
+
+
+def discretised(
+    body: Source,
+    file: FileOptions,
+    stages: Stages,
+    *,
+    wall: float | None,
+    accuracy: str,
+    repair: bool,
+) -> Discretised:
+    """Return what was given as something that can be cut into elements.
+
+    Raises
+    ------
+    MeshError, OptionError
+        When it is no body, or options do not fit it.
+    """
+    if wall is not None and not (np.isfinite(wall) and wall > 0):
+        raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
+    source = _loaded(body, file, stages, wall=wall, repair=repair)
+    if isinstance(source, Repair):
+        _say(body, source)
+        return Surfaced(repair=source, wall=wall, accuracy=accuracy)
+    if wall is not None:
+        raise OptionError("wall= applies to surfaces: this body has its elements already")
+    if isinstance(source, VolumeMesh):
+        return Given(mesh=source)
+    return Structured(solid=source, accuracy=accuracy)
+
+
+def _loaded(
+    body: Source, file: FileOptions, stages: Stages, *, wall: float | None, repair: bool
+) -> Repair | VolumeMesh | Solid:
+    """Return the body itself; only files take the options of files."""
+    if isinstance(body, str | os.PathLike):
+        if Path(body).suffix.lower() in SUFFIXES:
+            file.refuse("elements of another program take units= only", "units")
+            return load_volume(body, units=file.units)
+        return stages.kept(
+            SURFACE,
+            lambda: _from_file(body, file, wall=wall, repair=repair),
+            file=Path(body),
+            options=file,
+            wall=wall,
+            repair=repair,
+        )
+    if isinstance(body, Mesh):
+        file.refuse("a Mesh is in metres already")
+        return repaired(body, wall=wall) if repair else _as_it_is(body)
+    if isinstance(body, VolumeMesh | Solid):
+        file.refuse("this body has its own size")
+        return body
+    raise MeshError(f"{type(body).__name__} is no body: give a path, a Mesh or a solid")
+
+
+def _from_file(
+    path: str | os.PathLike[str], file: FileOptions, *, wall: float | None, repair: bool
+) -> Repair:
+    options = {option.name: getattr(file, option.name) for option in fields(file)}
+    if repair:
+        return load_body(path, **options, wall=wall)
+    return _as_it_is(load_mesh(path, **options, repair=False))
+
+
+def _as_it_is(mesh: Mesh) -> Repair:
+    require_closed(mesh)
+    return Repair(mesh=mesh, volume_before=mesh.volume, volume_after=mesh.volume)
+
+
+def _say(body: Source, repair: Repair) -> None:
+    """Tell what was wrong with a surface and what was done about it."""
+    if repair.found:
+        name = f"{body}" if isinstance(body, str | os.PathLike) else "the mesh"
+        found, changed = " ".join(repair.found), " ".join(repair.changed)
+        warnings.warn(f"{name}: {found} {changed}", RepairWarning, stacklevel=4)

@@ -1,0 +1,40 @@
+"""The command of the shell that shows and clears the cache."""
+
+from __future__ import annotations
+
+import argparse
+
+from struck.cli.command import Result, command
+from struck.files.cache import opened
+from struck.progress import TerminalProgress
+
+
+def declare_cache(commands: argparse._SubParsersAction) -> None:
+    """Declare ``struck cache``."""
+    parser = command(
+        commands, _run, "cache", "show or clear the finished work kept between runs", "--clear"
+    )
+    parser.add_argument("--clear", action="store_true", help="remove every entry")
+
+
+def _run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    cache = opened()
+    if cache is None:
+        return Result("the cache is off, by STRUCK_CACHE or for want of a home", folder=None)
+    removed = cache.clear() if options.clear else 0
+    entries = cache.entries()
+    size = sum(entry.size for entry in entries)
+    lines = [
+        f"folder   {cache.folder}",
+        f"entries  {len(entries)}",
+        f"size     {size / 2**20:.1f} MiB of at most {cache.most_bytes / 2**20:.0f} MiB",
+        *([f"removed  {removed}"] if options.clear else []),
+    ]
+    return Result(
+        "\n".join(lines),
+        folder=str(cache.folder),
+        entries=len(entries),
+        bytes=size,
+        most_bytes=cache.most_bytes,
+        removed=removed,
+    )

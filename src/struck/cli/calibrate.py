@@ -1,0 +1,84 @@
+"""`struck calibrate`: what a body is made of, from recordings of it and a model of its shape."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import struck
+from struck.cli.command import Result, command
+from struck.files.any_model import is_model, model_path
+from struck.progress import TerminalProgress
+
+if TYPE_CHECKING:
+    from struck.recordings.calibration import Calibration
+
+
+def declare_calibrate(commands: argparse._SubParsersAction) -> None:
+    """Declare `struck calibrate`."""
+    parser = command(
+        commands,
+        _run,
+        "calibrate",
+        "infer a material from recordings of a body and a model of its shape",
+        "pot.struck taps/*.wav --density 7850 --corrected real_pot.struck",
+    )
+    parser.add_argument("model", help="of the body, of a material that is about right")
+    parser.add_argument("recordings", nargs="+", help="sound files, or one model fitted to them")
+    parser.add_argument("--density", type=float, help="kg/m3; that of the model unless given")
+    parser.add_argument(
+        "--size-error", type=float, default=0.0, help="relative, of the lengths (0.01 for 1 %%)"
+    )
+    parser.add_argument("--corrected", help="model file: the body, ringing as recorded")
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    from struck.recordings.calibration import calibrated, corrected, inferable
+
+    output = None
+    if options.corrected:
+        output = model_path(options.corrected, unlike=[options.model, *options.recordings])
+    model = struck.load(options.model)
+    known = inferable(model, options.size_error)
+    if options.density is not None:
+        replace(known, density=options.density)  # refuses what no solid has
+    fitted = _fitted(options.recordings, progress)
+    found = calibrated(fitted, model, size_error=options.size_error)
+    lines = [*found.summary(), f"--material {_as_argument(found, options.density)}"]
+    written = {}
+    if output is not None:
+        struck.save(corrected(model, fitted), output)
+        lines.append(f"wrote {output}")
+        written["corrected"] = str(output)
+    stiffness, ratio = found.standard_errors
+    return Result(
+        "\n".join(lines),
+        specific_stiffness=found.specific_stiffness,
+        specific_stiffness_error=stiffness,
+        poisson_ratio=found.poisson_ratio,
+        poisson_ratio_error=ratio,
+        damping=found.losses.name,
+        damping_coefficients=dict(found.losses.coefficients),
+        pairs=len(found.pairing),
+        **written,
+    )
+
+
+def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalModel:
+    if len(recordings) == 1 and is_model(recordings[0]):
+        return struck.load(recordings[0])
+    return struck.fit(recordings, modes=None, progress=progress)
+
+
+def _as_argument(found: Calibration, density: float | None) -> str:
+    """Return the material as the shell's other commands take it, its damping as a loss tangent."""
+    material = found.material(density)
+    frequencies = found.model.natural_frequencies[found.pairing.computed]
+    tangent = np.median(found.losses.law.decays(frequencies) / (np.pi * frequencies))
+    return (
+        f"density={material.density:g},youngs_modulus={material.youngs_modulus:.6g},"
+        f"poisson_ratio={material.poisson_ratio:.4f},loss_tangent={tangent:.4g}"
+    )

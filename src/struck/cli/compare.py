@@ -1,0 +1,108 @@
+"""`struck compare`: a model beside a recording of the body, or beside another model."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+import struck
+from struck.arguments import numbers, place
+from struck.cli.command import Result, command
+from struck.errors import OptionError
+from struck.excitation.strike import Strike
+from struck.files.any_model import is_model
+from struck.files.atomic import writable
+from struck.progress import TerminalProgress
+
+if TYPE_CHECKING:
+    from struck.report.comparison import Comparison
+
+
+def declare_compare(commands: argparse._SubParsersAction) -> None:
+    """Declare `struck compare`."""
+    parser = command(
+        commands,
+        _run,
+        "compare",
+        "tell how a model differs from a recording of the body, or from another model",
+        "bell.struck real_bell.wav --strike rim -o bell.html",
+        "bell.struck thicker_bell.struck --strike rim --against rim",
+    )
+    parser.add_argument("model")
+    parser.add_argument("other", help="sound file of the body, struck once or more; or a model")
+    parser.add_argument(
+        "--strike",
+        metavar="PLACE",
+        type=place,
+        help="where the model is struck: name, vertex:N or x,y,z in m; the loudest unless given",
+    )
+    parser.add_argument(
+        "--against", metavar="PLACE", type=place, help="the same for another model; as --strike"
+    )
+    parser.add_argument("--listener", type=numbers(3), help="x,y,z in m; beside the body if absent")
+    parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    from struck.report.comparison import compare
+
+    read = [options.model, options.other]
+    _require_order(*read)
+    output = None if options.output is None else writable(options.output, unlike=read)
+    found = compare(
+        struck.load(options.model),
+        options.other,
+        strike=Strike(at=options.strike),
+        against=None if options.against is None else Strike(at=options.against),
+        listener=options.listener,
+        progress=progress,
+    )
+    lines, written = found.summary(), {}
+    if output is not None:
+        progress("page", 0.0)
+        found.save_page(output)
+        lines.append(f"wrote {output}")
+        written = {"output": str(output)}
+    return Result("\n".join(lines), **_facts(found), **written)
+
+
+def _require_order(model: str, other: str) -> None:
+    if is_model(other) and not is_model(model):
+        raise OptionError(
+            f"{model} is no model, and {other} is: give the model first, as `struck compare "
+            f"{other} {model}`"
+        )
+
+
+def _facts(found: Comparison) -> dict[str, object]:
+    """Return what machines want to know."""
+    mine, theirs = found.model.partials, found.other.partials
+    one, two = found.pairing.computed, found.pairing.fitted
+    columns = {
+        "mode": one + 1,
+        "frequency": mine.frequencies[one],
+        "other_frequency": theirs.frequencies[two],
+        "cents": found.cents,
+        "decay": mine.decays[one],
+        "other_decay": theirs.decays[two],
+        "decay_ratio": found.decay_ratios,
+        "level_difference": found.level_differences,
+        "confidence": found.pairing.confidence,
+    }
+    rows = zip(*map(_listed, columns.values()), strict=True)
+    return {
+        "pairs": [dict(zip(columns, row, strict=True)) for row in rows],
+        "missing": mine.frequencies[found.missing].tolist(),
+        "extra": theirs.frequencies[found.extra].tolist(),
+        "level_offset": found.level_offset,
+        "explained": found.explained,
+        "notes": list(found.notes),
+    }
+
+
+def _listed(values: NDArray[np.number]) -> list[float | None]:
+    """Return numbers for JSON, which has no word for what is not one."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,124 @@
+"""`struck fit`: recordings of an object in, its model out."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import struck
+from struck.arguments import numbers
+from struck.cli.analyze import described
+from struck.cli.command import Result, command
+from struck.errors import OptionError
+from struck.files.any_model import model_path
+from struck.files.atomic import writable
+from struck.fitting.fit import files_read
+from struck.fitting.outcome import Fitting
+from struck.progress import TerminalProgress
+from struck.recordings.fit import fit_recordings
+from struck.report.fit_page import save_report
+
+_SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")
+
+
+def declare_fit(commands: argparse._SubParsersAction) -> None:
+    """Declare `struck fit`."""
+    parser = command(
+        commands,
+        _run,
+        "fit",
+        "make a model of recordings of one object",
+        "taps/*.wav -o mug.struck --report mug.html",
+        "takes -o vase.struck --symmetry axial",
+    )
+    parser.add_argument(
+        "recordings", nargs="+", help="sound files; or a manifest, or the folder of one"
+    )
+    parser.add_argument("--manifest", help="which file was struck where and heard from where")
+    parser.add_argument("--symmetry", help="none, or axial: round about the z axis")
+    parser.add_argument("--centre", type=numbers(3), help="x,y,z the sound seems to come from, m")
+    parser.add_argument(
+        "--radius", type=float, default=0.0, help="of a ball that holds the body, m"
+    )
+    parser.add_argument("--way", default="field", help="field (default) or table")
+    parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
+    parser.add_argument("--modes", default="64", help="not more than these, or all (default 64)")
+    parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
+    parser.add_argument(
+        "--residual", action="store_true", help="keep attack and noise beside the modes"
+    )
+    parser.add_argument("--force", action="store_true", help="even of what nobody struck")
+    parser.add_argument("--report", help="page that shows and plays recordings and model")
+    parser.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        help="neither take up nor keep finished work",
+    )
+    parser.add_argument("-o", "--output", help="model file; by the first recording unless given")
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    several = options.recordings
+    read = files_read(several, options.manifest)
+    output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)
+    report = writable(options.report, unlike=[*read, output]) if options.report else None
+    fitting = fit_recordings(
+        several[0] if len(several) == 1 else several,
+        modes=_budget(options.modes),
+        room=_room(options.room),
+        progress=progress,
+        **{name: getattr(options, name) for name in _SAME},
+    )
+    struck.save(fitting.model, output)
+    written = [f"wrote {output}"]
+    if report is not None:
+        progress("report", 0.0)
+        save_report(fitting, report)
+        written.append(f"wrote {report}")
+    return _told(fitting, written, output=str(output), report=report and str(report))
+
+
+def _name(recording: str) -> str:
+    """Return what to call the model of a recording, a manifest, or the folder of one."""
+    path = Path(recording)
+    return path.resolve().name if path.is_dir() else path.stem
+
+
+def _budget(text: str) -> int | None:
+    if text == "all":
+        return None
+    try:
+        count = int(text)
+    except ValueError:
+        count = 0
+    if count < 1:
+        raise OptionError(f"--modes is {text!r}: give a whole number of at least 1, or all")
+    return count
+
+
+def _room(text: str | None) -> float | str | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
+
+
+def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
+    fitted = fitting.fitted
+    verdict = fitted.verdict
+    ratio = f"signal to residual {verdict.signal_to_residual:.1f} dB"
+    caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
+    return described(
+        fitting.model,
+        "\n".join([ratio, *caution, *written]),
+        decay_errors=[None if np.isnan(each) else each for each in fitted.decay_errors.tolist()],
+        of_room=None if fitting.room is None else np.flatnonzero(fitting.room).tolist(),
+        modal=verdict.modal,
+        reason=verdict.reason,
+        signal_to_residual=verdict.signal_to_residual,
+        output=output,
+        report=report,
+    )

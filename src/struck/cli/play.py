@@ -1,0 +1,199 @@
+"""The command of the shell that plays."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import struck
+from struck.cli.command import Result, command
+from struck.cli.options import add_listener, listener
+from struck.errors import DeviceError, OptionError
+from struck.progress import TerminalProgress
+
+if TYPE_CHECKING:
+    from struck.live.keys import Keys
+    from struck.live.player import Player
+    from struck.live.soak import Robot
+
+_SOAK_MODES, _SOAK_STRIKES, _SOAK_SCRAPES = 2000, 200.0, 2
+_LOOK = 0.004  # s between two looks at the keyboard
+_SHOWN = 0.2  # s between two looks of a person at the line
+
+
+def declare_play(commands: argparse._SubParsersAction) -> None:
+    """Declare ``struck play``."""
+    parser = command(
+        commands, _run, "play", "play models with the keyboard, live", "--list-devices"
+    )
+    parser.add_argument("models", nargs="*", metavar="MODEL", help="model files")
+    parser.add_argument("--list-devices", action="store_true", help="list devices and end")
+    parser.add_argument("--device", help="number, or part of the name; the system's own choice")
+    parser.add_argument("--rate", type=float, help="samples a second; the device's own")
+    parser.add_argument("--block", type=int, default=128, help="samples a block (128)")
+    parser.add_argument("--ahead", type=int, default=2, help="blocks of forces kept ready (2)")
+    parser.add_argument("--voices", type=int, default=16, help="excitations at once (16)")
+    parser.add_argument("--volume", type=float, default=0.0, help="dB; 0: a strike peaks at -12")
+    add_listener(parser)
+    parser.add_argument("--seconds", type=float, help="end by itself")
+    parser.add_argument(
+        "--strikes-per-second", dest="strikes", type=float, default=0.0, help="at random (0)"
+    )
+    parser.add_argument("--scrapes", type=int, default=0, help="without end (0)")
+    parser.add_argument("--busy", action="store_true", help="with a busy thread beside")
+    parser.add_argument(
+        "--soak",
+        type=float,
+        metavar="SECONDS",
+        help="prove it: 2,000 modes, 200 strikes a second, two scrapes, a busy thread",
+    )
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    from struck.live.soak import repeated
+
+    _require_counts(options)
+    if options.list_devices:
+        return _devices()
+    models = [struck.load(path) for path in options.models]
+    if options.soak is not None:
+        models = repeated(models or [_usual_model()], _SOAK_MODES)
+        options.seconds, options.busy = options.soak, True
+        options.strikes, options.scrapes = _SOAK_STRIKES, _SOAK_SCRAPES
+    if not models:
+        raise OptionError("there is nothing to play: give a model, as `struck play bell.struck`")
+    progress("play", 0.0)
+    player = struck.play(
+        models,
+        listener=listener(options),
+        device=_device(options.device),
+        sample_rate=options.rate,
+        block=options.block,
+        ahead=options.ahead,
+        voices=options.voices,
+        volume=options.volume,
+    )
+    progress.close()
+    with player:
+        struck_times, seconds = _played(player, models, options)
+        return _told(player, models, struck_times, seconds)
+
+
+def _require_counts(options: argparse.Namespace) -> None:
+    bounds = {
+        "--seconds": options.seconds,
+        "--strikes-per-second": options.strikes,
+        "--scrapes": options.scrapes,
+        "--soak": options.soak,
+    }
+    for name, value in bounds.items():
+        if value is not None and not 0 <= value < math.inf:
+            raise OptionError(f"{name} is {value}: it must be finite and at least 0")
+
+
+def _played(
+    player: Player, models: list[struck.ModalModel], options: argparse.Namespace
+) -> tuple[int, float]:
+    """Play until somebody ends it; return how often was struck, and for how long, s."""
+    from struck.live.keys import places_by_key, terminal_keys
+    from struck.live.soak import Robot, busy_thread
+
+    robot = Robot(player, models, strikes=options.strikes, scrapes=options.scrapes)
+    end = time.monotonic() + (math.inf if options.seconds is None else options.seconds)
+    begun = time.monotonic()
+    places = places_by_key(models[0])
+    with terminal_keys() as keys, busy_thread(wanted=options.busy):
+        _explain(player, places)
+        try:
+            typed = _loop(player, keys, places, robot, end)
+        except KeyboardInterrupt:
+            typed = 0
+    return robot.strikes + typed, time.monotonic() - begun
+
+
+def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) -> int:
+    from struck.live.keys import QUIT
+
+    typed, shown = 0, 0.0
+    while time.monotonic() < end:
+        key = keys.pressed(_LOOK).lower()
+        if key == QUIT:
+            break
+        if key in places:
+            player.strike(at=places[key])
+            typed += 1
+        robot.go_on()
+        if not player.active:
+            player.strike()  # tells what is wrong
+        if time.monotonic() - shown > _SHOWN:
+            shown = time.monotonic()
+            _show(_line(player))
+    return typed
+
+
+def _explain(player: Player, places: dict) -> None:
+    if not sys.stderr.isatty():
+        return
+    named = [f"{key}={place}" for key, place in places.items() if place and ":" not in str(place)]
+    sys.stderr.write(
+        f"latency {1000 * player.latency:.0f} ms; space strikes, {' '.join(named)}, "
+        "letters strike all over, q ends\n"
+    )
+
+
+def _show(line: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r{line}\033[K")
+        sys.stderr.flush()
+
+
+def _line(player: Player) -> str:
+    peak = 20 * math.log10(max(player.peak, 1e-6))
+    return (
+        f"load {player.load:.0f} %  underflows {player.underflows}  late {player.late}  "
+        f"dropped {player.dropped}  peak {peak:.1f} dB"
+    )
+
+
+def _told(player: Player, models: list[struck.ModalModel], strikes: int, seconds: float) -> Result:
+    if sys.stderr.isatty():
+        sys.stderr.write("\n")
+    modes = sum(len(model.frequencies) for model in models)
+    return Result(
+        f"{modes} modes, {strikes} strikes in {seconds:.0f} s: {_line(player)}",
+        modes=modes,
+        strikes=strikes,
+        seconds=seconds,
+        load=player.load,
+        underflows=player.underflows,
+        late=player.late,
+        dropped=player.dropped,
+        peak=player.peak,
+        sample_rate=player.sample_rate,
+        latency=player.latency,
+    )
+
+
+def _devices() -> Result:
+    from struck.live.device import PortAudio
+    from struck.live.devices import listed
+
+    with PortAudio() as portaudio:
+        devices = portaudio.devices()
+    if not devices:
+        raise DeviceError("no audio device can play: connect one, or start a sound server")
+    return Result(listed(devices), devices=[str(device) for device in devices])
+
+
+def _device(text: str | None) -> int | str | None:
+    return int(text) if text is not None and text.isdecimal() else text
+
+
+def _usual_model() -> struck.ModalModel:
+    from struck.solids import Tube
+
+    tube = Tube(length=0.505, radius=0.0125, wall=0.001)
+    return struck.analyze(tube, "steel", accuracy="preview")

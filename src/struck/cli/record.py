@@ -1,0 +1,160 @@
+"""The command of the shell that records: a measurement by a plan."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from struck.cli.command import Result, command
+from struck.errors import DeviceError, OptionError, RecordingError
+from struck.progress import TerminalProgress
+
+if TYPE_CHECKING:
+    from struck.recordings.capture.capture import Operator, Outcome, Recorder
+    from struck.recordings.capture_plan import CapturePlan
+
+_NAMED = 4  # files that a message names
+
+
+def declare_record(commands: argparse._SubParsersAction) -> None:
+    """Declare ``struck record``."""
+    parser = command(
+        commands,
+        _run,
+        "record",
+        "record the takes that a plan asks for, and go on where it stopped",
+        "plan.toml -o takes",
+    )
+    parser.add_argument("plan", nargs="?", metavar="PLAN", help="what to record, a TOML file")
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", help="for takes and manifest; PLAN_takes unless given"
+    )
+    parser.add_argument("--device", help="number, or part of the name; the plan's own")
+    parser.add_argument("--list-devices", action="store_true", help="list devices and end")
+    parser.add_argument(
+        "--simulate", metavar="FOLDER", help="rehearse with WAV files in place of a device"
+    )
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    from struck.recordings.capture.capture import capture
+    from struck.recordings.capture.plan_file import read_plan
+
+    if options.list_devices:
+        return _devices()
+    if options.plan is None:
+        raise OptionError("there is nothing to record: give a plan, as `struck record plan.toml`")
+    plan = read_plan(options.plan)
+    folder = Path(options.output or f"{Path(options.plan).with_suffix('')}_takes")
+    with _recorder(plan, options) as recorder:
+        outcome = capture(
+            plan, folder, recorder, operator=_operator(options, progress), progress=progress
+        )
+    return _told(plan, outcome)
+
+
+@contextmanager
+def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Recorder]:
+    from struck.recordings.capture.simulated import SimulatedRecorder
+
+    if options.simulate is not None:
+        folder = Path(options.simulate)
+        _require_rehearsal(plan, folder)
+        yield SimulatedRecorder(folder)
+        return
+    from struck.live.recorder import DeviceRecorder
+
+    device = plan.device if options.device is None else _device(options.device)
+    with DeviceRecorder(device, channels=plan.channels, sample_rate=plan.sample_rate) as recorder:
+        yield recorder
+
+
+def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
+    """Refuse a folder without any of the recordings that stand for those of a plan."""
+    names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
+    if any((folder / name).is_file() for name in names):
+        return
+    more = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    raise RecordingError(
+        f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
+        f"files called {', '.join(names[:_NAMED])}{more}"
+    )
+
+
+def _device(text: str) -> int | str:
+    return int(text) if text.isdecimal() else text
+
+
+def _operator(options: argparse.Namespace, progress: TerminalProgress) -> Operator:
+    return Terminal(progress, waits=options.simulate is None)
+
+
+class Terminal:
+    """Asks and tells a person on standard error, beside the line of progress.
+
+    Parameters
+    ----------
+    progress : TerminalProgress
+        Whose line gives way.
+    waits : bool
+        Whether the Enter key is waited for.
+    """
+
+    def __init__(self, progress: TerminalProgress, *, waits: bool) -> None:
+        self._progress, self._waits = progress, waits
+
+    def ready(self, text: str) -> None:
+        """Tell what comes, and wait for the Enter key.
+
+        Raises
+        ------
+        RecordingError
+            When nobody is there to press it.
+        """
+        if not self._waits:
+            self.tell(text)
+            return
+        self._progress.close()
+        sys.stderr.write(f"{text}\n  press Enter, keep still, and strike at the cue ")
+        sys.stderr.flush()
+        if not sys.stdin.readline():
+            raise RecordingError(
+                "nobody pressed Enter, as the input has ended: run it in a terminal, or plan "
+                'hooks.strike and prompt = "never"'
+            )
+
+    def tell(self, text: str) -> None:
+        """Write a line."""
+        self._progress.close()
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+
+def _told(plan: CapturePlan, outcome: Outcome) -> Result:
+    refused = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
+    kept = f" ({outcome.kept} were there)" if outcome.kept else ""
+    return Result(
+        f"recorded {outcome.recorded} of {plan.count} takes{kept}{refused}\n"
+        f"wrote {outcome.manifest}",
+        manifest=str(outcome.manifest),
+        planned=plan.count,
+        recorded=outcome.recorded,
+        kept=outcome.kept,
+        refusals=[asdict(refusal) for refusal in outcome.refusals],
+    )
+
+
+def _devices() -> Result:
+    from struck.live.device import PortAudio
+    from struck.live.devices import listed
+
+    with PortAudio() as portaudio:
+        devices = portaudio.recorders()
+    if not devices:
+        raise DeviceError("no audio device can record: connect one, or start a sound server")
+    return Result(listed(devices), devices=[str(device) for device in devices])

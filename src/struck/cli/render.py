@@ -1,0 +1,125 @@
+"""Texts of the shell turned into what happens to a body."""
+
+from __future__ import annotations
+
+import argparse
+
+from struck.arguments import numbers, place
+from struck.errors import OptionError
+from struck.excitation.hold import Hold
+from struck.excitation.pluck import Pluck
+from struck.excitation.roll import Roll
+from struck.excitation.scrape import Scrape
+from struck.excitation.strike import Strike
+from struck.scene.body import Action
+
+_PLACE = "PLACE[@SECONDS]"
+_WAY = "FROM..TO[@SECONDS]"
+_SPEED = 0.1
+_Spot = str | tuple[float, ...]
+
+
+def add_touches(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `touches` reads."""
+    kinds = (
+        ("--strike", _PLACE, "name, vertex:N or x,y,z in m; the loudest place unless given"),
+        ("--scrape", _WAY, "drag a tip from place to place"),
+        ("--roll", _WAY, "roll a ball from place to place"),
+        ("--pluck", _PLACE, "let a load go"),
+        ("--hold", _PLACE, "take hold with a hand"),
+    )
+    for name, value, text in kinds:
+        parser.add_argument(name, action="append", metavar=value, help=f"{text}; may be repeated")
+    parser.add_argument("--impulse", type=float, help="of a strike, N s")
+    parser.add_argument("--striker", help="fingertip, felt, rubber, plastic, wood, brass ...")
+    parser.add_argument("--speed", type=float, help="of the striker, tip or ball, m/s")
+    parser.add_argument("--duration", type=float, help="of a strike, s")
+    parser.add_argument("--direction", type=numbers(3), help="of a strike or pluck, x,y,z")
+    parser.add_argument("--load", type=float, default=1.0, help="on the tip, N (default 1)")
+    parser.add_argument("--roughness", default="sandpaper", help="what is scraped or rolled on")
+    parser.add_argument("--radius", type=float, default=0.01, help="of the ball, m (default 0.01)")
+    parser.add_argument("--mass", type=float, default=0.02, help="of the ball, kg (default 0.02)")
+    parser.add_argument("--force", type=float, default=1.0, help="of a pluck, N (default 1)")
+    parser.add_argument("--grip", type=float, default=10.0, help="of a hand, N s/m (default 10)")
+
+
+def touches(options: argparse.Namespace) -> list[Action]:
+    """Return what the options say happens; one strike at the loudest place if nothing does.
+
+    Raises
+    ------
+    OptionError
+        When seconds are no number, a way has no end, or a touch is impossible.
+    """
+    found: list[Action] = [_strike(text, options) for text in options.strike or ()]
+    found += [_scrape(text, options) for text in options.scrape or ()]
+    found += [_roll(text, options) for text in options.roll or ()]
+    found += [_pluck(text, options) for text in options.pluck or ()]
+    if not found:
+        found.append(_strike("", options))
+    return found + [_hold(text, options) for text in options.hold or ()]
+
+
+def _strike(text: str, options: argparse.Namespace) -> Strike:
+    where, time = _timed("--strike", text)
+    return Strike(
+        at=_place(where),
+        time=time,
+        impulse=options.impulse,
+        striker=options.striker,
+        speed=options.speed,
+        duration=options.duration,
+        direction=options.direction,
+    )
+
+
+def _scrape(text: str, options: argparse.Namespace) -> Scrape:
+    way, time = _timed("--scrape", text)
+    return Scrape(
+        path=_way("--scrape", way),
+        speed=_SPEED if options.speed is None else options.speed,
+        load=options.load,
+        roughness=options.roughness,
+        striker=options.striker or "steel",
+        time=time,
+    )
+
+
+def _roll(text: str, options: argparse.Namespace) -> Roll:
+    way, time = _timed("--roll", text)
+    return Roll(
+        path=_way("--roll", way),
+        speed=_SPEED if options.speed is None else options.speed,
+        radius=options.radius,
+        mass=options.mass,
+        time=time,
+    )
+
+
+def _pluck(text: str, options: argparse.Namespace) -> Pluck:
+    where, time = _timed("--pluck", text)
+    return Pluck(at=_place(where), time=time, force=options.force, direction=options.direction)
+
+
+def _hold(text: str, options: argparse.Namespace) -> Hold:
+    where, time = _timed("--hold", text)
+    return Hold(at=_place(where), time=time, grip=options.grip)
+
+
+def _timed(option: str, text: str) -> tuple[str, float]:
+    what, at_sign, time = text.partition("@")
+    try:
+        return what, float(time) if at_sign else 0.0
+    except ValueError:
+        raise OptionError(f"{option} {text} ends in {time!r}: give seconds after @") from None
+
+
+def _way(option: str, text: str) -> tuple[_Spot, ...]:
+    places = text.split("..")
+    if len(places) < 2 or not all(places):
+        raise OptionError(f"{option} {text} names no way: give two places or more, as in rim..top")
+    return tuple(place(each) for each in places)
+
+
+def _place(text: str) -> _Spot | None:
+    return place(text) if text else None

@@ -1,0 +1,78 @@
+"""`struck sound-map`: how few contacts of a body are enough, and where they are."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import struck
+from struck.arguments import numbers
+from struck.cli.command import Result, command
+from struck.files.atomic import writable
+from struck.perception.wav_bank import write_bank
+from struck.progress import TerminalProgress
+from struck.report.charts import save as save_picture
+from struck.report.sound_map_picture import sound_map_picture
+
+Array = NDArray[np.float64]
+
+
+def declare_sound_map(commands: argparse._SubParsersAction) -> None:
+    """Declare `struck sound-map`."""
+    parser = command(
+        commands,
+        _run,
+        "sound-map",
+        "tell how few contacts of a body are enough, and where its timbre changes",
+        "bar.struck --threshold 3 -o bar_map.png",
+        "bar.struck --threshold 3 --bank bar_sounds --parameters bar_map.safetensors",
+    )
+    parser.add_argument("model")
+    parser.add_argument(
+        "--threshold", type=float, default=3.0, help="sonic distance that passes, dB (default 3)"
+    )
+    parser.add_argument("--listener", type=numbers(3), help="x,y,z in m; beside the body if absent")
+    parser.add_argument("--level", type=float, help="of the loudest contact, dB SPL (default 85)")
+    parser.add_argument("--bank", help="folder for a WAV file of each contact and their list")
+    parser.add_argument("--parameters", help="file for the map as numbers (.safetensors)")
+    parser.add_argument("-o", "--output", help="picture; MODEL_map.png unless given")
+
+
+def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    path = Path(options.model)
+    picture = options.output or path.with_name(f"{path.stem}_map.png")
+    output, parameters = writable(picture, unlike=[path]), None
+    if options.parameters:
+        parameters = writable(options.parameters, unlike=[path, output])
+    model = struck.load(path)
+    progress("sound map", 0.0)
+    found = struck.sound_map(
+        model, options.threshold, listener=options.listener, level=options.level
+    )
+    save_picture(sound_map_picture(found), output)
+    written = {"output": str(output)}
+    if parameters is not None:
+        found.save(parameters)
+        written["parameters"] = str(parameters)
+    if options.bank:
+        progress("sounds", 0.0)
+        written["bank"] = str(_bank(model, found, options.bank))
+    lines = [f"{found}", *(f"wrote {name}" for name in written.values())]
+    return Result(
+        "\n".join(lines),
+        contacts=found.contacts.tolist(),
+        bound=found.bound,
+        threshold=found.threshold,
+        **written,
+    )
+
+
+def _bank(model: struck.ModalModel, found: struck.SoundMap, folder: str) -> Path:
+    def render(contact: Array, direction: Array) -> struck.Sound:
+        strike = struck.Strike(at=contact, direction=direction, impulse=1.0)
+        return struck.render(model, strike, listener=found.listener)
+
+    return write_bank(found, folder, render)

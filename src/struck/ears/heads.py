@@ -1,0 +1,283 @@
+"""Heads that are spheres: by the exact series, by Woodworth's delay, by that delay alone."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from struck.ears.head import Array, Filters, Single, require_rate
+from struck.ears.sphere import HEAD_RADIUS, arrival_delay, nearness, pressure
+from struck.errors import OptionError, SolverError
+from struck.model.air import AIR
+
+STEPS = 180  # between angles 0 and pi
+NEAR, FAR = 1.15, 230.0  # radii: distances between them count (0.1 m and 20 m for a mean head)
+KNOTS = 16  # distances in a table; one below NEAR and two beyond FAR for the curves' ends
+ROUNDING = 0.15  # rad: how far from the point opposite to the source its delay's corner is rounded
+LEAD = 12  # samples ahead of the wave front
+LASTING = 1.5e-3  # s, of a response for a mean head: nearly a turn of sound around it
+SPECTRUM = 15e-3  # s, so much time has the spectrum from which a response is cut
+PASS = 0.4  # of the sample rate: above, responses fade out
+KEPT = 0.999  # of a response's energy, at least, is within its taps
+DECAYS = 9  # time constants that the shadow filter's response lasts
+
+# Catmull & Rom 1974: the weights of four neighbours are cubics (rows: powers 0 to 3).
+CATMULL_ROM = 0.5 * np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]], float)
+POWERS = np.arange(4)
+
+# Knots are even over the logarithm of the height above the sphere, by which near fields go.
+KNOT_STEP = math.log((FAR - 1) / (NEAR - 1)) / (KNOTS - 4)
+HEIGHTS = (NEAR - 1) * np.exp(KNOT_STEP * (np.arange(KNOTS) - 1.0))  # radii
+NEIGHBOURS = (np.arange(-1, 3)[:, None] * (STEPS + 4) + np.arange(-1, 3)).reshape(-1)
+ANGLES = np.linspace(0, np.pi, STEPS + 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoundHead(ABC):
+    """A sphere for a head.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+
+    Raises
+    ------
+    OptionError
+        If the radius is not between 0.05 and 0.15 m.
+    """
+
+    radius: float = HEAD_RADIUS
+
+    def __post_init__(self) -> None:
+        if not 0.05 <= self.radius <= 0.15:
+            raise OptionError(
+                f"radius {self.radius:g} m must be between 0.05 and 0.15 m; "
+                "a mean head has 0.0875 m"
+            )
+
+    def prepared(self, sample_rate: float) -> Filters:
+        """Return its filters (kept, once made).
+
+        Raises
+        ------
+        OptionError
+            If the sample rate is not between 4 and 384 kHz.
+        """
+        require_rate(sample_rate, 384000)
+        return self._filters(sample_rate)
+
+    @abstractmethod
+    def _filters(self, sample_rate: float) -> Filters: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SphereHead(RoundHead):
+    """A rigid sphere with two points for ears, by the exact series for near and far sources.
+
+    Sources nearer than 1.15 radii count as at 1.15 radii, those beyond 230 as at 230. Responses
+    follow the series within 0.5 dB up to 0.4 of the sample rate, or to 20 kHz at higher rates.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    ear_angle : float
+        From the front to each ear, degrees.
+
+    Raises
+    ------
+    OptionError
+        If the radius is not between 0.05 and 0.15 m, or the angle not between 0 and 180 degrees.
+    """
+
+    name: str = field(default="sphere", init=False, repr=False)
+    references: tuple[str, ...] = field(
+        default=("rayleigh1904", "duda1998", "woodworth1954"), init=False, repr=False
+    )
+    ear_angle: float = 90.0
+
+    def __post_init__(self) -> None:
+        RoundHead.__post_init__(self)  # a slotted dataclass is a new class, which super() misses
+        if not 0 < self.ear_angle < 180:
+            raise OptionError(
+                f"ear_angle {self.ear_angle:g} must be between 0 and 180 degrees from the front; "
+                "heads have 90 to 100"
+            )
+
+    def _filters(self, sample_rate: float) -> Filters:
+        return _sphere_filters(self.radius, self.ear_angle, sample_rate)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WoodworthHead(RoundHead):
+    """Woodworth's delay, and the head's shadow by a filter of one pole and one zero.
+
+    The source's distance does not count; the ears are at 90 degrees from the front.
+    """
+
+    name: str = field(default="woodworth", init=False, repr=False)
+    references: tuple[str, ...] = field(
+        default=("woodworth1938", "brown1998"), init=False, repr=False
+    )
+
+    def _filters(self, sample_rate: float) -> Filters:
+        return _woodworth_filters(self.radius, sample_rate)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimpleHead(RoundHead):
+    """Left and right by Woodworth's delay alone, as in 1998: no shadow, one level at both ears.
+
+    The source's distance does not count; the ears are at 90 degrees from the front.
+    """
+
+    name: str = field(default="simple1998", init=False, repr=False)
+    references: tuple[str, ...] = field(
+        default=("doel1998", "begault1994", "woodworth1938"), init=False, repr=False
+    )
+
+    def _filters(self, sample_rate: float) -> Filters:  # noqa: ARG002 - a delay has no rate
+        return _simple_filters(self.radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TabulatedFilters:
+    """Delays and responses in a table, with cubics between its angles and distances.
+
+    Parameters
+    ----------
+    ears : array (3, 2)
+        Directions of the ears, in columns.
+    radius : float
+        m.
+    table : array (K * (STEPS + 4), 1 + taps)
+        Delay (s) and response by distance and angle.
+    """
+
+    ears: Array
+    radius: float
+    table: Array
+
+    @property
+    def taps(self) -> int:
+        """Length of the responses."""
+        return self.table.shape[1] - 1
+
+    def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
+        """Return delays (n, 2) and responses (n, 2, taps); see `struck.ears.head.Filters`."""
+        positions = self._positions(directions, distances)
+        cells = positions.astype(np.intp)
+        weights = (positions - cells)[..., None] ** POWERS @ CATMULL_ROM
+        both = weights[:, 2:, :, None] * weights[:, :2, None, :]
+        rows = cells[:, 2:] * (STEPS + 4) + cells[:, :2]
+        near = self.table.take(rows[..., None] + NEIGHBOURS, axis=0)
+        mixed = (both.reshape(-1, 2, 1, 16) @ near)[:, :, 0]
+        return mixed[..., 0], mixed[..., 1:].astype(np.float32)
+
+    def _positions(self, directions: Array, distances: Array) -> Array:
+        """Return where both ears' angles and the distance are in the table, (n, 3)."""
+        positions = np.empty((len(distances), 3))
+        cosines = np.maximum(np.minimum(directions @ self.ears, 1), -1)
+        positions[:, :2] = np.arccos(cosines) * (STEPS / np.pi) + 1
+        height = np.maximum(distances / self.radius, NEAR) - 1
+        along = np.log(height / (NEAR - 1)) / KNOT_STEP
+        positions[:, 2] = np.minimum(along, KNOTS - 4) + 1
+        return positions
+
+
+@lru_cache(maxsize=8)
+def _sphere_filters(radius: float, ear_angle: float, sample_rate: float) -> TabulatedFilters:
+    tables = [_sphere_table(radius, sample_rate, (1 + height) * radius) for height in HEIGHTS]
+    return TabulatedFilters(_ears(ear_angle), radius, np.concatenate(tables))
+
+
+@lru_cache(maxsize=8)
+def _woodworth_filters(radius: float, sample_rate: float) -> TabulatedFilters:
+    table = _tabulated(arrival_delay(ANGLES, None, radius), _shadow(radius, sample_rate))
+    return TabulatedFilters(_ears(90), radius, np.tile(table, (KNOTS, 1)))
+
+
+@lru_cache(maxsize=8)
+def _simple_filters(radius: float) -> TabulatedFilters:
+    table = _tabulated(arrival_delay(ANGLES, None, radius), np.ones((STEPS + 1, 1)))
+    return TabulatedFilters(_ears(90), radius, np.tile(table, (KNOTS, 1)))
+
+
+def _tabulated(delays: Array, responses: Array) -> Array:
+    """Join delays and responses over ANGLES, mirrored beyond both ends for the cubics."""
+    return np.pad(np.column_stack([delays, responses]), ((1, 2), (0, 0)), mode="reflect")
+
+
+def _sphere_table(radius: float, sample_rate: float, distance: float) -> Array:
+    """Return the table of one distance: the series' responses from the arrival on."""
+    delays = _rounded_arrival(radius, distance) - LEAD / sample_rate
+    size = 2 ** math.ceil(math.log2(SPECTRUM * radius / HEAD_RADIUS * sample_rate + 4 * LEAD))
+    frequencies = np.arange(size // 2 + 1) * sample_rate / size
+    spectra = pressure(frequencies, ANGLES, distance, radius)
+    spectra *= np.exp(2j * np.pi * np.outer(frequencies, delays))
+    spectra *= _fading(frequencies / sample_rate)[:, None]
+    return _tabulated(delays, _cut(np.fft.irfft(spectra, size, axis=0).T, radius, sample_rate))
+
+
+def _cut(responses: Array, radius: float, sample_rate: float) -> Array:
+    """Return the responses' first taps, with eased ends."""
+    taps = 2 * LEAD + math.ceil(LASTING * radius / HEAD_RADIUS * sample_rate)
+    ease = 0.5 - 0.5 * np.cos(np.pi * (np.arange(LEAD // 2) + 0.5) / (LEAD // 2))
+    kept = responses[:, :taps].copy()
+    kept[:, : LEAD // 2] *= ease
+    kept[:, -LEAD // 2 :] *= ease[::-1]
+    share = np.min(np.sum(kept**2, axis=1) / np.sum(responses**2, axis=1))
+    if not share >= KEPT:
+        raise SolverError(
+            f"{taps} taps hold {share:.4f} of a response's energy, less than {KEPT}, at "
+            f"{sample_rate:g} Hz for a radius of {radius:g} m; choose a higher sample rate"
+        )
+    return kept
+
+
+def _rounded_arrival(radius: float, distance: float) -> Array:
+    """Return `arrival_delay` over ANGLES, with its corner opposite to the source rounded.
+
+    There, the waves around either side meet, and the pressure is smooth over angle only with a
+    delay that is smooth as well. What the delay lacks is in the responses.
+    """
+    edge = math.acos(nearness(distance, radius))
+    opposite = np.pi - ANGLES
+    rounded = np.hypot(opposite, ROUNDING) - np.hypot(np.pi - edge, ROUNDING) + np.pi - edge
+    angles = np.where(edge <= ANGLES, np.pi - rounded, ANGLES)
+    return arrival_delay(angles, distance, radius)
+
+
+def _fading(frequencies: Array) -> Array:
+    """Return one up to PASS of the sample rate, and then half a cosine down to zero at half."""
+    along = np.clip((frequencies - PASS) / (0.5 - PASS), 0, 1)
+    return 0.5 + 0.5 * np.cos(np.pi * along)
+
+
+def _shadow(radius: float, sample_rate: float) -> Array:
+    """Return Brown & Duda's (1998) head shadow over ANGLES, as responses.
+
+    (1 + alpha i omega tau) / (1 + i omega tau) with tau = a / 2 c is alpha at once plus
+    (1 - alpha) of a low-pass of one pole, which is put into samples by the bilinear transform.
+    """
+    lowest, darkest = 0.1, np.radians(150)
+    alpha = 1 + lowest / 2 + (1 - lowest / 2) * np.cos(np.pi * ANGLES / darkest)
+    tau = radius / (2 * AIR.sound_speed)
+    scaled = 2 * sample_rate * tau
+    pole = (scaled - 1) / (scaled + 1)
+    decay = (1 + pole) * pole ** np.arange(math.ceil(DECAYS * tau * sample_rate) + 8)
+    low_pass = np.insert(decay, 0, 1)
+    responses = np.outer(1 - alpha, low_pass / np.sum(low_pass))
+    responses[:, 0] += alpha
+    return responses
+
+
+def _ears(ear_angle: float) -> Array:
+    """Return the directions of the left and the right ear, in columns."""
+    along, aside = math.cos(math.radians(ear_angle)), math.sin(math.radians(ear_angle))
+    return np.array([[along, along], [aside, -aside], [0.0, 0.0]])

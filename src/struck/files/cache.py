@@ -1,0 +1,251 @@
+"""Finished work kept between runs: sealed entries of bytes in one folder.
+
+Any number of processes may share the folder. An entry appears whole or not at all, under the name
+of its key; its seal covers the key and the content, so that one that is damaged, cut short,
+foreign or in another's place is never returned. A cache raises nothing of its own: where it
+cannot keep something, it says so once, and the work goes on without it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import stat
+import sys
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from struck.errors import FileFormatError, OptionError
+from struck.files.atomic import sweep, write_bytes
+
+MOST_BYTES = 2 * 2**30
+VARIABLE = "STRUCK_CACHE"
+OFF = "off"
+_HEAD = b"struck cache" + (1).to_bytes(4, "little")  # what it is, and its version
+_SEAL = hashlib.sha256().digest_size
+_KEY = re.compile(r"[0-9a-f]{64}")
+
+
+class CacheWarning(UserWarning):
+    """Something could not be kept, or was damaged; what was asked for is computed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One entry of a cache.
+
+    Parameters
+    ----------
+    path : Path
+        Its name is the key.
+    size : int
+        Bytes on the disk.
+    used : int
+        When it was last written or read, ns.
+    """
+
+    path: Path
+    size: int
+    used: int
+
+
+class Cache:
+    """Entries of bytes by key; of more than fits, the least recently used go.
+
+    Parameters
+    ----------
+    folder : path
+        Where entries are; made when the first is kept.
+    most_bytes : int
+        What all entries together may take on the disk.
+
+    Attributes
+    ----------
+    damaged : int
+        Entries that were found damaged here, and removed.
+
+    Raises
+    ------
+    OptionError
+        When `most_bytes` is negative.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], *, most_bytes: int = MOST_BYTES) -> None:
+        if most_bytes < 0:
+            raise OptionError(f"most_bytes is {most_bytes}: give 0 or more")
+        self.folder = Path(folder).absolute()
+        self.most_bytes = most_bytes
+        self.damaged = 0
+        self._said: set[str] = set()
+
+    def get(self, key: str) -> bytes | None:
+        """Return what was kept under `key`, a SHA-256 in hexadecimal; None when nothing was.
+
+        A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
+        """
+        path = self._path(key)
+        try:
+            content = _content(path, self.most_bytes)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except FileFormatError as error:
+            self.discard(key, str(error))
+            return None
+        except (OSError, MemoryError) as error:
+            self.say("closed", f"the cache in {self.folder} cannot be read: {_reason(error)}")
+            return None
+        with suppress(OSError):  # a cache may be there for reading alone
+            os.utime(path)
+        return content
+
+    def put(self, key: str, content: bytes) -> None:
+        """Keep `content` under `key`, a SHA-256 in hexadecimal, where that is possible."""
+        path = self._path(key)
+        size = len(_HEAD) + _SEAL + len(content)
+        if size > self.most_bytes:
+            self.say("large", f"{size} bytes exceed the whole cache of {self.most_bytes}: not kept")
+            return
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_bytes(path, _HEAD, _seal(key, content), content)
+        except (OSError, FileFormatError, MemoryError) as error:
+            self.say("closed", f"finished work is not kept: {_reason(error)}")
+            return
+        self._trim(path)
+
+    def discard(self, key: str, reason: str) -> None:
+        """Remove an entry that is not what it should be; count it, and say so once."""
+        self.damaged += 1
+        with suppress(OSError):
+            self._path(key).unlink()
+        self.say(
+            "damaged",
+            f"an entry of the cache in {self.folder} was damaged ({reason}): it is computed again",
+        )
+
+    def say(self, kind: str, text: str) -> None:
+        """Warn, once for each kind."""
+        if kind not in self._said:
+            self._said.add(kind)
+            warnings.warn(text, CacheWarning, stacklevel=3)
+
+    def entries(self) -> list[Entry]:
+        """Return all entries, the least recently used first."""
+        try:
+            with os.scandir(self.folder) as listed:
+                found = [entry for each in listed if (entry := _entry(each))]
+        except OSError:
+            return []
+        return sorted(found, key=lambda entry: entry.used)
+
+    def clear(self) -> int:
+        """Remove every entry and what killed processes left; return how many entries went."""
+        sweep(self.folder)
+        return sum(_removed(entry.path) for entry in self.entries())
+
+    def _path(self, key: str) -> Path:
+        if not _KEY.fullmatch(key):
+            raise OptionError(f"key is {key!r}: give a SHA-256 in hexadecimal")
+        return self.folder / key
+
+    def _trim(self, newest: Path) -> None:
+        """Remove the least recently used until the rest fits; `newest` stays."""
+        entries = self.entries()
+        excess = sum(entry.size for entry in entries) - self.most_bytes
+        for entry in entries:
+            if excess <= 0:
+                return
+            if entry.path != newest and _removed(entry.path):
+                excess -= entry.size
+
+
+def opened(*, choice: bool | str | os.PathLike[str] = True) -> Cache | None:
+    """Return the cache that a person chose, or None for no cache.
+
+    Parameters
+    ----------
+    choice : bool or path
+        False for none; a folder; True for the folder that the environment variable STRUCK_CACHE
+        names (none where it says "off"), else the user's own.
+    """
+    if choice is False:
+        return None
+    if choice is not True:
+        return Cache(choice)
+    named = os.environ.get(VARIABLE, "")
+    if named.strip().lower() == OFF:
+        return None
+    if named:
+        return Cache(os.path.expanduser(named))  # noqa: PTH111  a user without a home is no error
+    folder = user_folder(sys.platform, os.environ)
+    return None if folder is None else Cache(folder)
+
+
+def user_folder(system: str, environment: Mapping[str, str]) -> Path | None:
+    """Return where `system`, as in `sys.platform`, keeps caches; None for a user without a home.
+
+    Linux follows the XDG base directory specification, whose paths count only where absolute.
+    """
+    if system == "win32" and environment.get("LOCALAPPDATA"):
+        return Path(environment["LOCALAPPDATA"]) / "struck" / "Cache"
+    named = Path(environment.get("XDG_CACHE_HOME", ""))
+    if system not in {"win32", "darwin"} and named.is_absolute():
+        return named / "struck"
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    if system == "win32":
+        return home / "AppData" / "Local" / "struck" / "Cache"
+    return home / ("Library/Caches" if system == "darwin" else ".cache") / "struck"
+
+
+def _entry(listed: os.DirEntry[str]) -> Entry | None:
+    """Return what stands in a folder as an entry; None for what is none."""
+    try:
+        status = listed.stat(follow_symlinks=False)
+    except OSError:
+        return None
+    if not (_KEY.fullmatch(listed.name) and stat.S_ISREG(status.st_mode)):
+        return None
+    return Entry(path=Path(listed.path), size=status.st_size, used=status.st_mtime_ns)
+
+
+def _content(path: Path, most: int) -> bytes:
+    """Return what an entry holds; FileFormatError where it is not what its name and seal say."""
+    status = path.lstat()
+    if not stat.S_ISREG(status.st_mode):
+        raise FileFormatError("it is no ordinary file")
+    if status.st_size > most:
+        raise FileFormatError(f"it has {status.st_size} bytes of {most} at most")
+    with path.open("rb") as file:
+        head, seal, content = file.read(len(_HEAD)), file.read(_SEAL), file.read()
+    if head != _HEAD:
+        raise FileFormatError("it does not begin like an entry of this version")
+    if seal != _seal(path.name, content):
+        raise FileFormatError("its content does not match its SHA-256")
+    return content
+
+
+def _seal(key: str, content: bytes) -> bytes:
+    digest = hashlib.sha256(_HEAD)
+    digest.update(key.encode())
+    digest.update(content)
+    return digest.digest()
+
+
+def _removed(path: Path) -> bool:
+    """Remove a file, and tell whether it is gone; another process may be reading it."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True
+
+
+def _reason(error: Exception) -> str:
+    return "memory is short" if isinstance(error, MemoryError) else str(error)

@@ -1,0 +1,225 @@
+"""Sound: samples that travel with their rate."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import FileFormatError, OptionError
+from struck.files import wav
+from struck.files.atomic import write_bytes
+
+Array = NDArray[np.float64]
+
+FULL_SCALE = 20.0
+"""The pressure that level="absolute" writes as 1.0, Pa."""
+PEAK = 10 ** (-1 / 20)
+"""The maximum that level="peak" writes: -1 dB of full scale."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sound:
+    """Samples with their rate.
+
+    Parameters
+    ----------
+    samples : array (channels, n), float32
+        Pressure in Pa when `calibrated`, else relative. One channel may come as (n,).
+    sample_rate : int
+        Hz.
+    calibrated : bool
+        Whether the samples are Pa.
+    notes : tuple of str
+        What a listener should know: what was left out, and how much.
+
+    Raises
+    ------
+    OptionError
+        On samples that are not finite or not (channels, n), or a sample rate below 1.
+    """
+
+    samples: NDArray[np.float32]
+    sample_rate: int
+    calibrated: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        with np.errstate(over="ignore"):
+            samples = np.array(self.samples, dtype=np.float32, ndmin=2)
+        if samples.ndim != 2 or not samples.size:
+            raise OptionError(
+                f"samples have shape {samples.shape}: give (channels, n) with at least one sample"
+            )
+        wrong = np.count_nonzero(~np.isfinite(samples))
+        if wrong:
+            raise OptionError(f"{wrong} of {samples.size} samples are not finite numbers")
+        if not (self.sample_rate >= 1 and float(self.sample_rate).is_integer()):
+            raise OptionError(f"sample_rate is {self.sample_rate}: give a whole number of Hz")
+        samples.setflags(write=False)
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "sample_rate", int(self.sample_rate))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Sound:
+        """Read a WAV file (32-bit float, 24 or 16 bit).
+
+        A file that `save` wrote comes back in its own unit, by the factor in its comment; of any
+        other 1.0 is full scale.
+
+        Raises
+        ------
+        FileFormatError
+            When the file cannot be read or is no such WAV file.
+        """
+        try:
+            data = Path(path).read_bytes()
+        except OSError as error:
+            raise FileFormatError(f"{path} cannot be read: {error.strerror or error}") from error
+        recording = wav.decode(data, str(path))
+        factor, calibrated = _read_level(recording.comment)
+        samples = (recording.samples / factor).astype(np.float32)
+        return cls(samples=samples, sample_rate=recording.sample_rate, calibrated=calibrated)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return self.samples.shape[0]
+
+    @property
+    def duration(self) -> float:
+        """Length, s."""
+        return self.samples.shape[1] / self.sample_rate
+
+    @property
+    def peak(self) -> float:
+        """Largest absolute sample, Pa or relative; 0 for silence."""
+        return float(np.abs(self.samples).max(initial=0.0))
+
+    def save(
+        self, path: str | os.PathLike[str], level: str = "peak", encoding: str = "float32"
+    ) -> float:
+        """Write a WAV file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Where to; its folder must exist.
+        level : str
+            "peak" puts the maximum at -1 dB of full scale (silence stays silence); "absolute"
+            writes 20 Pa as 1.0.
+        encoding : str
+            "float32", "int24" or "int16".
+
+        Returns
+        -------
+        float
+            What the samples were multiplied by; the file's comment holds it too.
+
+        Raises
+        ------
+        OptionError
+            On an unknown level or encoding, "absolute" for a sound that is not calibrated, or
+            samples that an integer encoding would clip.
+        FileFormatError
+            When the file cannot be written.
+        """
+        factor = self._factor(level)
+        write_bytes(path, self._encoded(factor, encoding))
+        return factor
+
+    def spectrum(self) -> tuple[Array, Array]:
+        """Return frequencies, Hz (B,), and the Fourier transform's modulus, Pa s (channels, B)."""
+        values: Array = np.abs(np.fft.rfft(self.samples.astype(np.float64))) / self.sample_rate
+        return _bins(self.samples.shape[1], self.sample_rate), values
+
+    def spectrogram(self, window: float = 0.04, step: float = 0.005) -> tuple[Array, Array, Array]:
+        """Return how the spectrum goes on in time, through a Hann window.
+
+        Parameters
+        ----------
+        window : float
+            Length of the window, s: frequencies closer than 2 / `window` run together.
+        step : float
+            From one window to the next, s.
+
+        Returns
+        -------
+        times : array (T,)
+            Middles of the windows, s; the sound is taken as silent before and after.
+        frequencies : array (B,)
+            Hz.
+        amplitudes : array (channels, B, T)
+            A steady sine of amplitude a shows as a.
+        """
+        size, hop = _samples(self, window=window), _samples(self, step=step)
+        count = -(-self.samples.shape[1] // hop) + 1
+        padded = np.zeros((self.channels, (count - 1) * hop + size))
+        padded[:, size // 2 : size // 2 + self.samples.shape[1]] = self.samples
+        hann = np.sin(np.pi * np.arange(size) / size) ** 2
+        pieces = np.lib.stride_tricks.sliding_window_view(padded, size, axis=1)[:, ::hop]
+        amplitudes = np.abs(np.fft.rfft(pieces * hann)) * 2 / hann.sum()
+        times: Array = np.arange(count) * hop / self.sample_rate
+        return times, _bins(size, self.sample_rate), amplitudes.swapaxes(1, 2)
+
+    def _factor(self, level: str) -> float:
+        if level == "peak":
+            return PEAK / self.peak if self.peak else 1.0
+        if level != "absolute":
+            raise OptionError(f"level is {level!r}: give 'peak' or 'absolute'")
+        if not self.calibrated:
+            raise OptionError(
+                "this sound is relative, so it has no absolute level: save with level='peak', or "
+                "render a model that is calibrated"
+            )
+        return 1 / FULL_SCALE
+
+    def _encoded(self, factor: float, encoding: str) -> bytes:
+        recording = wav.Recording(
+            samples=(self.samples * np.float64(factor)).astype(np.float32),
+            sample_rate=self.sample_rate,
+            comment=_LEVEL.format(factor=factor, unit="Pa" if self.calibrated else "relative"),
+        )
+        return wav.encode(recording, encoding)
+
+    def _repr_html_(self) -> str:
+        data = base64.b64encode(self._encoded(self._factor("peak"), "int16")).decode()
+        notes = "".join(f"<br>{html.escape(note)}" for note in self.notes)
+        unit = f"{self.peak:.3g} Pa" if self.calibrated else "relative level"
+        return (
+            f'<audio controls src="data:audio/wav;base64,{data}"></audio><br><small>'
+            f"{self.duration:.2f} s at {self.sample_rate} Hz, peak: {unit}{notes}</small>"
+        )
+
+
+_LEVEL = "struck: samples are pressure ({unit}) times {factor!r}"
+_LEVEL_PATTERN = re.compile(r"struck: samples are pressure \((Pa|relative)\) times (\S+)")
+
+
+def _read_level(comment: str) -> tuple[float, bool]:
+    """Return the factor and whether the unit is Pa; 1 and relative where nothing is said."""
+    found = _LEVEL_PATTERN.fullmatch(comment)
+    try:
+        factor = float(found[2]) if found else 1.0
+    except ValueError:
+        return 1.0, False
+    if not (np.isfinite(factor) and factor > 0):
+        return 1.0, False
+    return factor, found is not None and found[1] == "Pa"
+
+
+def _samples(sound: Sound, **seconds: float) -> int:
+    ((name, value),) = seconds.items()
+    if not (np.isfinite(value) and value * sound.sample_rate >= 1):
+        raise OptionError(f"{name} is {value} s: it must hold at least one sample")
+    return round(value * sound.sample_rate)
+
+
+def _bins(length: int, sample_rate: int) -> Array:
+    return np.arange(length // 2 + 1, dtype=np.float64) * (sample_rate / length)

@@ -1,0 +1,293 @@
+"""Mesh files: OBJ, STL, PLY, OFF, GLB and glTF to one closed surface in metres."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import FileFormatError, MeshError, OptionError
+from struck.files.guard import read_contents
+from struck.files.parts import Part
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import bodies, submesh
+from struck.solids.surface.closedness import is_closed, require_closed
+from struck.solids.surface.repair import Repair, repaired
+from struck.solids.surface.welding import lines, sewn
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+_UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
+_LISTED = 12
+# Cubes of lengths must stay within the range of double precision.
+_SMALLEST, _LARGEST = 1e-60, 1e60
+# What is left out of a body may set its scale: this far off, it is repaired at the right one.
+_NEAR = 0.01
+
+
+def load_mesh(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+    repair: bool = True,
+) -> Mesh:
+    """Load one closed body from a mesh file.
+
+    Vertices at the very same place become one (formats repeat them along seams, STL for each
+    face), vertices without faces go, and polygons are cut into triangles. Faces without area are
+    left out where the surface stays closed without them.
+
+    Parameters
+    ----------
+    path : path
+        A file of type OBJ, STL, PLY, OFF, GLB or glTF.
+    units : str, optional
+        What the file's numbers are: "m", "cm", "mm", "in" or "ft". Left out, they are taken as
+        metres, as glTF defines them.
+    size : float, optional
+        Longest edge of the body's bounding box after scaling, m; instead of `units`.
+    part : str, optional
+        Which body of several: the name of an OBJ object or group, an STL solid or a glTF node, or
+        the number of a separate body, "0", "1", ... in file order. Names come before numbers.
+    up : str, optional
+        The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
+        GLB and glTF, z for STL, PLY and OFF.
+    repair : bool
+        Make of any other surface one that encloses a body: `load_body` tells what that took.
+        Otherwise it is refused, and so are several bodies unless `part` chooses one.
+
+    Returns
+    -------
+    Mesh
+        A closed surface with normals outward, in m.
+
+    Raises
+    ------
+    OptionError
+        On unknown units or axis, a size that is not positive, or both `units` and `size`.
+    FileFormatError
+        When the file cannot be read.
+    MeshError
+        When its content is no single closed body, and none can be made of it.
+    """
+    if repair:
+        return load_body(path, units=units, size=size, part=part, up=up).mesh
+    path = Path(path)
+    _require_options(units, size, up)
+    with _named(path):
+        contents = read_contents(path)
+        body = _one_body(contents.parts, part)
+        _require_areas(body)
+        require_closed(body)
+    return _in_metres(body, units, size, up or _UP[contents.kind])
+
+
+def load_surface(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+) -> Mesh:
+    """Load a surface as it stands in a mesh file, closed or not: see `load_mesh`.
+
+    Without `part` it holds all bodies of the file.
+    """
+    path = Path(path)
+    _require_options(units, size, up)
+    with _named(path):
+        contents = read_contents(path)
+        surface = _any_surface(contents.parts, part)
+    return _in_metres(surface, units, size, up or _UP[contents.kind])
+
+
+def load_body(
+    path: str | os.PathLike[str],
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+    wall: float | None = None,
+) -> Repair:
+    """Load one body from a mesh file and repair it: see `load_mesh`.
+
+    Parameters
+    ----------
+    wall : float, optional
+        Thickness that a single-sided sheet shall have, m.
+
+    Returns
+    -------
+    Repair
+        The closed surface, or the sheet, with what was found and changed. Of several bodies it
+        is the largest, unless `part` chooses.
+    """
+    surface = load_surface(path, units=units, size=size, part=part, up=up)
+    with _named(Path(path)):
+        result = repaired(surface, wall=wall)
+        if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
+            # What was left out had set the scale.
+            result = repaired(surface.scaled(size / result.mesh.extent), wall=wall)
+    return result if size is None else result.scaled(size / result.mesh.extent)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the file's name before what is wrong with it."""
+    try:
+        yield
+    except (FileFormatError, MeshError) as error:
+        raise type(error)(f"{path}: {error}") from error
+
+
+def _in_metres(body: Mesh, units: str | None, size: float | None, up: str) -> Mesh:
+    factor = size / body.extent if size is not None else UNITS[units or "m"]
+    return Mesh(points=body.points * factor, faces=body.faces, up=up)
+
+
+def _require_options(units: str | None, size: float | None, up: str | None) -> None:
+    if units is not None and size is not None:
+        raise OptionError(f"units={units!r} and size={size} both set the scale: give one of them")
+    if units is not None and units not in UNITS:
+        raise OptionError(f"units is {units!r}: give one of {', '.join(UNITS)}")
+    if size is not None and not (np.isfinite(size) and size > 0):
+        raise OptionError(f"size is {size}: give the longest edge of the body in m, above 0")
+    if up is not None and up not in {"x", "y", "z"}:
+        raise OptionError(f"up is {up!r}: give x, y or z")
+
+
+def _one_body(parts: list[Part], part: str | None) -> Mesh:
+    """Choose the body that `part` names, or the only one there is."""
+    surfaces = [_surface(found) for found in parts]
+    whole = _whole(parts, surfaces)
+    found, names = _bodies(parts, surfaces, whole) if is_closed(whole) else ([whole], [])
+    if part is None and len(found) > 1:
+        offer = _listed(names or [str(number) for number in range(len(found))])
+        raise MeshError(f"it holds {len(found)} bodies: choose one with part=, of {offer}")
+    return found[0] if part is None else _chosen(part, parts, surfaces, found, names)
+
+
+def _any_surface(parts: list[Part], part: str | None) -> Mesh:
+    """Choose what `part` names, or everything."""
+    surfaces = [_surface(found) for found in parts]
+    whole = _whole(parts, surfaces)
+    if part is None:
+        return whole
+    if not is_closed(whole):
+        whole, _ = sewn(whole)
+    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, whole))
+
+
+def _chosen(
+    part: str, parts: list[Part], surfaces: list[Mesh], found: list[Mesh], names: list[str]
+) -> Mesh:
+    numbers = [str(number) for number in range(len(found))]
+    choices = dict(zip(numbers, found, strict=True))
+    choices |= {each.name: surface for each, surface in zip(parts, surfaces, strict=True)}
+    choices |= dict(zip(names, found, strict=bool(names)))
+    if part not in choices:
+        offer = _listed(names or [*numbers, *(each.name for each in parts if len(parts) > 1)])
+        raise MeshError(f"it has no part {part!r}: choose one of {offer}")
+    return choices[part]
+
+
+def _apart(surfaces: list[Mesh]) -> bool:
+    """Tell whether parts are bodies, even where they touch; else they are patches of one."""
+    return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
+
+
+def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
+    return _joined(surfaces) if _apart(surfaces) else _united(parts, surfaces)
+
+
+def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
+    """Return the separate bodies and, where each comes from a part of its own, their names."""
+    groups = bodies(whole)
+    names: list[str] = []
+    if _apart(surfaces):
+        labels = np.repeat(np.arange(len(parts)), [len(surface.faces) for surface in surfaces])
+        outermost = [faces[np.argmin(whole.centroids[faces, 0])] for faces in groups]
+        names = [parts[labels[face]].name for face in outermost]
+    unique = len(set(names)) == len(groups)
+    return [submesh(whole, faces) for faces in groups], names if unique else []
+
+
+def _joined(surfaces: list[Mesh]) -> Mesh:
+    """Return surfaces side by side."""
+    starts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
+    return Mesh(
+        points=np.concatenate([surface.points for surface in surfaces]),
+        faces=np.concatenate(
+            [surface.faces + start for surface, start in zip(surfaces, starts[:-1], strict=True)]
+        ),
+    )
+
+
+def _united(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
+    """Return all patches sewn together."""
+    if len(parts) == 1:
+        return surfaces[0]
+    raw = _joined([Mesh(points=part.points, faces=part.faces) for part in parts])
+    return _cleaned(raw)
+
+
+def _surface(part: Part) -> Mesh:
+    return _cleaned(Mesh(points=part.points, faces=part.faces))
+
+
+def _cleaned(raw: Mesh) -> Mesh:
+    if not _SMALLEST < raw.extent < _LARGEST:
+        raise MeshError(
+            f"its longest edge is {raw.extent:.3g}, and volumes can be computed from "
+            f"{_SMALLEST:g} to {_LARGEST:g} alone: export it again"
+        )
+    return _without_lines(_welded(raw))
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Merge vertices at the very same place, and leave out faces that this collapses."""
+    points = mesh.points + 0.0  # makes -0.0 and 0.0 one
+    order = np.lexsort(points.T)
+    fresh = np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))
+    merged = np.empty(len(points), dtype=np.int64)
+    merged[order] = order[fresh][np.cumsum(fresh) - 1]
+    faces = merged[mesh.faces]
+    whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+    if not whole.any():
+        raise MeshError(f"none of its {len(faces)} faces has an area: export the surface again")
+    return submesh(Mesh(points=points, faces=faces), np.flatnonzero(whole))
+
+
+def _without_lines(mesh: Mesh) -> Mesh:
+    """Leave out faces whose corners lie on a line, where the surface is closed without them."""
+    flat = lines(mesh)
+    if not flat.any() or flat.all():
+        return mesh
+    rest = submesh(mesh, np.flatnonzero(~flat))
+    return rest if is_closed(rest) else mesh
+
+
+def _require_areas(mesh: Mesh) -> None:
+    flat = lines(mesh)
+    if flat.any() and is_closed(mesh):
+        raise MeshError(
+            f"{np.count_nonzero(flat)} of its {len(flat)} faces have no area and hold the "
+            "surface together: remesh it, merge their vertices, or leave repair on"
+        )
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:_LISTED])
+    more = len(names) - _LISTED
+    return f"{shown} ... and {more} more" if more > 0 else shown

@@ -1,0 +1,1 @@
+"""The one model that all doors make: modes, gains over contact and listener, material."""

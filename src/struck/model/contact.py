@@ -1,0 +1,138 @@
+"""A contact: where and along which direction a body is touched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import ContactError
+from struck.geometry import Surface
+from struck.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+Place = str | Sequence[float] | Array | None
+# Share of the body's extent within which a given point is moved onto the surface.
+_SNAP = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact:
+    """A point on a body with the direction of a push.
+
+    Parameters
+    ----------
+    point : array (3,)
+        On the surface, m.
+    direction : array (3,)
+        Unit vector of the push; the inward normal unless given.
+    normal : array (3,)
+        Outward unit normal of the surface there.
+    distance : float
+        How far the asked-for point was from the surface, m.
+    """
+
+    point: Array
+    direction: Array
+    normal: Array
+    distance: float
+
+    @classmethod
+    def on(cls, locator: Surface, mesh: Mesh, point: Array, direction: Place = None) -> Contact:
+        """Find the contact nearest to `point`.
+
+        Raises
+        ------
+        ContactError
+            When it is farther than 2 % of the body's extent, or the direction is no direction.
+        """
+        wanted = _three(point, "contact")
+        lengths, faces, nearest = locator.closest(wanted[None])
+        distance, reach = float(lengths[0]), _SNAP * mesh.extent
+        if distance > reach:
+            raise ContactError(
+                f"the contact {_text(wanted)} is {distance:.3g} m off the body, more than "
+                f"{reach:.3g} m: the nearest point is {_text(nearest[0])}"
+            )
+        normal = mesh.face_normals[faces[0]]
+        push = -normal if direction is None else _unit(_three(direction, "direction"))
+        return cls(point=nearest[0], direction=push, normal=normal, distance=distance)
+
+    @classmethod
+    def recorded(
+        cls, at: Place, places: Mapping[str, Array], coordinates: tuple[str, ...]
+    ) -> Contact:
+        """Find a contact of a body without a surface, by the coordinates that recordings have.
+
+        Raises
+        ------
+        ContactError
+            When it is no name of `places`, nor a number for each of `coordinates`.
+        """
+        if at is None and places:
+            at = next(iter(places))
+        if isinstance(at, str) and at not in places:
+            raise ContactError(f"no place is called {at!r}: give one of {', '.join(places)}")
+        point = np.asarray(places[at] if isinstance(at, str) else at, dtype=np.float64)
+        if point.shape != (len(coordinates),) or not np.isfinite(point).all():
+            raise ContactError(f"contact is {at!r}: {_choice(coordinates, places)}")
+        return cls(point=point, direction=np.zeros(3), normal=np.zeros(3), distance=0.0)
+
+
+def raised(mesh: Mesh, place: Array) -> Array:
+    """Return the point on top of a flat body where its plan has `place` (1,) or (2,), m (3,)."""
+    low, high = mesh.bounds
+    middle = (low + high) / 2
+    return np.concatenate([place, middle[len(place) : 2], high[2:]])
+
+
+def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -> Array:
+    """Return the point that a name, "vertex:120" or coordinates stand for, m (3,).
+
+    The plan of a flat body has 1 or 2 `axes`; a place in it means the point on top.
+
+    Raises
+    ------
+    ContactError
+        When there is no such place.
+    """
+    if not isinstance(at, str):
+        place = np.asarray(at, dtype=np.float64)
+        return raised(mesh, place) if place.shape == (axes,) != (3,) else place
+    kind, _, number = at.partition(":")
+    if kind == "vertex" and number.isdecimal() and int(number) < len(mesh.points):
+        return mesh.points[int(number)]
+    if at not in places:
+        raise ContactError(
+            f"no place is called {at!r}: give one of {', '.join(sorted(places))}, "
+            f"vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
+        )
+    return places[at]
+
+
+def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
+    """Return which contacts of a recorded body can be asked for."""
+    names = ", ".join(map(repr, places))
+    if not coordinates:
+        return f"it was recorded at one place, and nobody told where: strike {names or 'nothing'}"
+    return f"give a finite number for each of {', '.join(coordinates)}"
+
+
+def _three(values: object, name: str) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ContactError(f"{name} is {values!r}: give three finite numbers x, y, z")
+    return array
+
+
+def _unit(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    if not length:
+        raise ContactError("direction is (0, 0, 0): give a vector with a length")
+    return vector / length
+
+
+def _text(point: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in np.round(point, 9) + 0.0) + ") m"

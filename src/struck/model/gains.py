@@ -1,0 +1,274 @@
+"""Gains: how strongly each mode answers a contact, and how loudly it reaches a listener."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import ContactError, OptionError
+from struck.forms import TransverseShapes
+from struck.geometry import Surface
+from struck.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+# Modes closer than this share of their frequency count as turned copies of one another.
+_SHARED = 1e-3
+# How far a contact by a vertex lies toward a face's centroid, so that it has that face's normal.
+_INWARD = 0.02
+
+
+class Radiation(Protocol):
+    """How loudly the modes of a surface reach the far field."""
+
+    name: str
+    calibrated: bool
+    references: tuple[str, ...]
+
+    def coefficients(
+        self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
+    ) -> NDArray[np.complex128]:
+        """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
+        ...
+
+
+class Gains(ABC):
+    """Drive (contact side) and output (listener side) of each mode, as a sum over R products."""
+
+    @property
+    @abstractmethod
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+
+    @abstractmethod
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> Gains:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+
+    @abstractmethod
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the drive of unit impulses at `points` (K, 3) along `directions`: (K, R, M)."""
+
+    @abstractmethod
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
+
+    @property
+    def directional(self) -> bool:
+        """Whether places of the same distance hear differently: whether there is a timbre field."""
+        return False
+
+    @property
+    def of_surface(self) -> bool:
+        """Whether drives are those of a surface that forces act on, not of recorded blows."""
+        return False
+
+    @property
+    def rank(self) -> int:
+        """How many products there are, R."""
+        return 1
+
+    def expanded(self) -> Gains:
+        """Return the same as gains of R M modes with one product each, mode after mode of each."""
+        return self if self.rank == 1 else ExpandedGains(products=self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpandedGains(Gains):
+    """Products of contact and listener as modes of their own: what resonators can play.
+
+    Parameters
+    ----------
+    products : Gains
+        A sum of R products for each of M modes.
+    """
+
+    products: Gains
+
+    @property
+    def directional(self) -> bool:
+        """As of the products."""
+        return self.products.directional
+
+    @property
+    def of_surface(self) -> bool:
+        """As of the products."""
+        return self.products.of_surface
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.products.calibrated
+
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> Gains:
+        """Refuse: modes that share a frequency are changed together, before they are expanded."""
+        del frequencies, modes, size, density
+        raise OptionError("expanded gains cannot be changed: change the model, then expand it")
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the drive of unit impulses (K, 1, R M)."""
+        drives = self.products.at(points, directions)
+        return drives.reshape(len(drives), 1, -1)
+
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return the output at listeners (L, 1, R M)."""
+        outputs = self.products.toward(listeners)
+        return outputs.reshape(len(outputs), 1, -1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeGains(Gains):
+    """Gains of a body whose mode shapes are known on its surface, heard equally all around.
+
+    Parameters
+    ----------
+    surface : Mesh
+        The body's surface.
+    shapes : array (V, 3, M), float32
+        Mass-normalised mode shapes at its vertices, kg^-1/2.
+    outputs : array (M,), complex
+        Pressure at 1 m for unit modal velocity.
+    centre : array (3,)
+        Where the sound seems to come from: the centre of mass, m.
+    radiation : Radiation
+        What made `outputs`, to make them anew when frequencies or size change.
+    formula : TransverseShapes or None
+        The shapes at any place, where they are known beyond the vertices.
+    """
+
+    surface: Mesh
+    shapes: NDArray[np.float32]
+    outputs: NDArray[np.complex128]
+    centre: Array
+    radiation: Radiation
+    formula: TransverseShapes | None = None
+
+    @classmethod
+    def radiating(
+        cls,
+        surface: Mesh,
+        shapes: NDArray[np.floating],
+        frequencies: Array,
+        centre: Array,
+        radiation: Radiation,
+        formula: TransverseShapes | None = None,
+    ) -> ShapeGains:
+        """Make gains whose outputs `radiation` tells."""
+        return cls(
+            surface=surface,
+            shapes=np.ascontiguousarray(shapes, np.float32),
+            outputs=radiation.coefficients(surface, shapes, frequencies, centre),
+            centre=np.asarray(centre, np.float64),
+            radiation=radiation,
+            formula=formula,
+        )
+
+    def changed(
+        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
+    ) -> ShapeGains:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+
+        Mass-normalised shapes go with (density size^3)^(-1/2).
+        """
+        factor = (density * size**3) ** -0.5
+        surface = self.surface if size == 1 else self.surface.scaled(size)
+        shapes = self.shapes[:, :, modes].astype(np.float64) * factor
+        centre = self.centre * size
+        formula = None if self.formula is None else self.formula.chosen(modes, size, density)
+        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
+
+    @property
+    def of_surface(self) -> bool:
+        """Forces act on its surface."""
+        return True
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.radiation.calibrated
+
+    @cached_property
+    def locator(self) -> Surface:
+        """The surface as a place to look contacts up on."""
+        return Surface(self.surface)
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of the smallest ball about `centre` that holds the body, m."""
+        return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
+
+    def loudest(self, weights: Array) -> Array:
+        """Return the point (3,) where a push straight into the surface sounds loudest.
+
+        It lies by the loudest outward-looking vertex, within that of its faces which answers most.
+
+        Parameters
+        ----------
+        weights : array (M,)
+            What the square of a mode's gain counts for.
+        """
+        normals = self.surface.vertex_normals
+        outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
+        drive = np.einsum("vd,vdm->vm", normals, self.shapes)
+        vertex = int(np.argmax(np.square(np.abs(drive * self.outputs)) @ weights * outward))
+        around = np.flatnonzero((self.surface.faces == vertex).any(axis=1))
+        pushed = self.surface.face_normals[around] @ self.shapes[vertex]
+        face = around[np.argmax(np.square(np.abs(pushed * self.outputs)) @ weights)]
+        inward = self.surface.centroids[face] - self.surface.points[vertex]
+        return self.surface.points[vertex] + _INWARD * inward
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the mode shapes at the nearest surface points along unit `directions`."""
+        return np.einsum("kd,kdm->km", directions, self.shapes_at(points))[:, None, :]
+
+    def shapes_at(self, points: Array) -> Array:
+        """Return the mode shapes at the surface points nearest to `points`: (K, 3, M)."""
+        if self.formula is not None:
+            return self.formula.displacements(points)
+        faces, weights = self.locator.barycentric(points)
+        corners = self.surface.faces[faces]
+        return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
+
+    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+        """Return outputs that fall as 1/r from the centre of mass."""
+        distances = np.linalg.norm(np.atleast_2d(listeners) - self.centre, axis=1)
+        if distances.min() < self.radius:
+            raise ContactError(
+                f"a listener is {distances.min():.3g} m from the body's centre, inside its "
+                f"radius of {self.radius:.3g} m: move the listener farther away"
+            )
+        return self.outputs / distances[:, None, None]
+
+
+def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
+    """Return a phase for each mode: i for every second one of those that share a frequency.
+
+    A round body has its modes in pairs, which a solver may turn about the axis at will. An
+    estimate the same in all directions must not depend on that turn: a quarter period apart, the
+    two add to the root of their drives' squares, whichever way they are turned.
+    """
+    phases = np.ones(len(frequencies), np.complex128)
+    for mode in range(1, len(frequencies)):
+        close = frequencies[mode] - frequencies[mode - 1] < _SHARED * frequencies[mode]
+        if close and phases[mode - 1] == 1:
+            phases[mode] = 1j
+    return phases
+
+
+def canonical_signs(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
+    """Return +1 or -1 for each mode (M,), so that any solver's shapes get the same sign.
+
+    The sign is that of the volume displaced, weighted by a function without symmetry.
+    """
+    low, high = surface.bounds
+    place = (surface.centroids - (low + high) / 2) / surface.extent
+    weights = np.exp(place @ np.array([2.0, 1.3, 0.7]))[:, None] * surface.area_vectors
+    moved = shapes[surface.faces].mean(axis=1)
+    return np.where(np.einsum("fd,fdm->m", weights, moved) < 0, -1.0, 1.0)

@@ -1,0 +1,171 @@
+"""Materials: what a body is made of, by constants or by name."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from struck.errors import MaterialError
+from struck.model.damping import Damping, InternalFriction, Rayleigh
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    """A homogeneous, isotropic, elastic material.
+
+    Parameters
+    ----------
+    name : str
+        What people call it.
+    density : float
+        kg/m^3.
+    youngs_modulus : float
+        Pa.
+    poisson_ratio : float
+        Above -1 and below 0.5.
+    damping : Damping
+        The losses; the material's own unless a set "as heard" was chosen.
+    source : str
+        Where the constants come from.
+
+    Raises
+    ------
+    MaterialError
+        On constants no stable solid can have.
+    """
+
+    name: str = "custom"
+    density: float
+    youngs_modulus: float
+    poisson_ratio: float
+    damping: Damping = field(default_factory=lambda: InternalFriction(loss_tangent=0.0))
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for label, value in (("density", self.density), ("Young's modulus", self.youngs_modulus)):
+            if not (np.isfinite(value) and value > 0):
+                raise MaterialError(f"{label} of {self.name} is {value}: it must exceed 0")
+        if not -1 < self.poisson_ratio <= _LARGEST_POISSON_RATIO:
+            raise MaterialError(
+                f"Poisson's ratio of {self.name} is {self.poisson_ratio}: it must lie above -1 and "
+                f"at most at {_LARGEST_POISSON_RATIO} (at 0.5 a solid cannot be compressed, and "
+                "these elements lock); take 0.49 for rubber-like materials"
+            )
+
+    @classmethod
+    def from_lame(
+        cls, *, first: float, shear: float, density: float, damping: Damping, name: str = "custom"
+    ) -> Material:
+        """Make a material from Lame's constants, Pa (lambda and mu of 2002, Table 1).
+
+        Raises
+        ------
+        MaterialError
+            When the two do not make a solid that resists both shear and compression.
+        """
+        if not (shear > 0 and 3 * first + 2 * shear > 0):
+            raise MaterialError(
+                f"Lame's constants of {name} are {first} and {shear}: the second must exceed 0 and "
+                "the first -2/3 of the second"
+            )
+        return cls(
+            name=name,
+            density=density,
+            youngs_modulus=shear * (3 * first + 2 * shear) / (first + shear),
+            poisson_ratio=first / (2 * (first + shear)),
+            damping=damping,
+        )
+
+    @classmethod
+    def named(cls, name: str, damping: str = "own") -> Material:
+        """Look a material up.
+
+        Parameters
+        ----------
+        name : str
+            A name or alias of ``materials.toml``, in any case.
+        damping : str
+            "own" for the material's own losses, "heard" for the Rayleigh set that graphics
+            research tuned by ear, mounting and radiation included.
+
+        Raises
+        ------
+        MaterialError
+            When the name is unknown (the nearest are offered) or has no such damping.
+        """
+        entry = materials().get(_canonical(name))
+        if entry is None:
+            raise MaterialError(_unknown(name))
+        return _from_entry(_canonical(name), entry, damping)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Lame's second constant mu, Pa."""
+        return self.youngs_modulus / (2 * (1 + self.poisson_ratio))
+
+    @property
+    def bulk_modulus(self) -> float:
+        """Resistance to compression, Pa."""
+        return self.youngs_modulus / (3 * (1 - 2 * self.poisson_ratio))
+
+    @property
+    def first_lame(self) -> float:
+        """Lame's first constant lambda, Pa."""
+        return 2 * self.shear_modulus * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
+
+    def damped(self, damping: Damping) -> Material:
+        """Return a copy with other losses."""
+        return replace(self, damping=damping)
+
+
+_LARGEST_POISSON_RATIO = 0.495
+
+
+@cache
+def materials() -> Mapping[str, Mapping[str, Any]]:
+    """Return the table of materials by name: group, aliases, constants, damping sets, source."""
+    text = resources.files("struck").joinpath("materials.toml").read_text(encoding="utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
+@cache
+def _aliases() -> Mapping[str, str]:
+    pairs = {alias: name for name, entry in materials().items() for alias in entry["aliases"]}
+    return pairs | {name: name for name in materials()}
+
+
+def _canonical(name: str) -> str:
+    plain = name.strip().lower().replace("_", " ").replace("-", " ")
+    return _aliases().get(plain, plain)
+
+
+def _unknown(name: str) -> str:
+    near = difflib.get_close_matches(_canonical(name), _aliases(), n=3, cutoff=0.5)
+    offer = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"no material is called {name!r}: {offer}'struck materials' lists all {len(materials())}"
+
+
+def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
+    if damping not in {"own", "heard"}:
+        raise MaterialError(f"damping is {damping!r}: give 'own' or 'heard'")
+    if damping == "heard" and "heard" not in entry:
+        raise MaterialError(
+            f"{name} has no published set 'as heard': take damping='own', or give a Rayleigh set"
+        )
+    own = InternalFriction(loss_tangent=entry["loss_tangent"])
+    return Material(
+        name=name,
+        density=entry["density"],
+        youngs_modulus=entry["youngs_modulus"],
+        poisson_ratio=entry["poisson_ratio"],
+        damping=Rayleigh(**entry["heard"]) if damping == "heard" else own,
+        source=entry["source"],
+    )

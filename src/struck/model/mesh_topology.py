@@ -1,0 +1,203 @@
+"""Pieces of a surface: edges, the parts they connect, and which lie inside which."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Edges:
+    """Edges of a triangle surface.
+
+    Parameters
+    ----------
+    ends : array (E, 2)
+        Vertices, the lower number first.
+    faces_at : array (E,)
+        How many faces share the edge.
+    balance : array (E,)
+        How many more faces run along it from its first end than from its second.
+    owner : array (3 F,)
+        The edge of each side of each face.
+    """
+
+    ends: Index
+    faces_at: Index
+    balance: Index
+    owner: Index
+
+    @property
+    def shared(self) -> NDArray[np.bool_]:
+        """Which edges join exactly two faces."""
+        return self.faces_at == 2
+
+    def pairs(self) -> tuple[Index, NDArray[np.bool_]]:
+        """Return the two faces at each shared edge (S, 2), and whether they agree (S,)."""
+        order = np.argsort(self.owner, kind="stable")
+        order = order[self.shared[self.owner[order]]]
+        return order.reshape(-1, 2) // 3, self.balance[self.shared] == 0
+
+
+def edges_of(faces: Index) -> Edges:
+    """Return the edges of `faces` (F, 3)."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    stride = faces.max() + 1
+    keys, owner, counts = np.unique(low * stride + high, return_inverse=True, return_counts=True)
+    direction = np.where(start < end, 1, -1)
+    return Edges(
+        ends=np.stack([keys // stride, keys % stride], axis=1),
+        faces_at=counts,
+        balance=np.bincount(owner, weights=direction).astype(np.int64),
+        owner=owner,
+    )
+
+
+def components(pairs: Index, count: int) -> Index:
+    """Return the component of each of `count` nodes, numbered in order of appearance."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def pieces(mesh: Mesh) -> Index:
+    """Return the number of the edge-connected piece of each face (F,), from 0 in file order."""
+    sides, _ = edges_of(mesh.faces).pairs()
+    return components(sides, len(mesh.faces))
+
+
+def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
+    """Tell which faces to flip, the fewest of each piece (F,); None on a one-sided surface.
+
+    Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
+    consistent copies. A two-sided piece falls into two mirrored halves.
+    """
+    sides, agree = edges.pairs()
+    second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
+    mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])
+    pairs = [np.c_[sides[:, 0], second], np.c_[sides[:, 0] + face_count, mirrored]]
+    kept, turned = components(np.concatenate(pairs), 2 * face_count).reshape(2, face_count)
+    if np.any(kept == turned):
+        return None
+    # A half holds as many faces as they are as its mirror image holds flipped.
+    as_they_are = np.bincount(kept, minlength=max(kept.max(), turned.max()) + 1)
+    ahead, behind = as_they_are[kept], as_they_are[turned]
+    return (ahead < behind) | ((ahead == behind) & (kept > turned))
+
+
+def volumes_of(mesh: Mesh, labels: Index) -> Array:
+    """Return the signed volume that each piece encloses, m^3 (P,).
+
+    Each is summed about its own middle: open pieces give what they enclose from there.
+    """
+    offsets = mesh.centroids - boxes_of(mesh, labels).middles[labels]
+    cones = np.einsum("ij,ij->i", offsets, mesh.area_vectors) / 3
+    return np.bincount(labels, weights=cones).astype(np.float64)
+
+
+def bodies(mesh: Mesh) -> list[Index]:
+    """Return the faces of each separate body, cavities with the body around them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        A closed surface.
+
+    Returns
+    -------
+    list of arrays
+        Indices of faces, one array a body, in file order.
+    """
+    labels = pieces(mesh)
+    owner = _owners(mesh, labels)
+    return [np.flatnonzero(owner[labels] == body) for body in np.unique(owner)]
+
+
+def submesh(mesh: Mesh, faces: Index) -> Mesh:
+    """Return the surface made of some `faces`, without the vertices that they do not use."""
+    used, renumbered = np.unique(mesh.faces[faces], return_inverse=True)
+    return Mesh(points=mesh.points[used], faces=renumbered.reshape(-1, 3), up=mesh.up)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Boxes:
+    """Bounding boxes of pieces, by their `lowest` and `highest` corners, m (P, 3)."""
+
+    lowest: Array
+    highest: Array
+
+    @property
+    def middles(self) -> Array:
+        """Centres, m (P, 3)."""
+        return (self.lowest + self.highest) / 2
+
+    @property
+    def extents(self) -> Array:
+        """Longest edges, m (P,)."""
+        return (self.highest - self.lowest).max(axis=1)
+
+    def nested(self) -> Iterator[tuple[int, Index]]:
+        """Yield each box that holds others, and those."""
+        order = np.argsort(self.lowest[:, 0])
+        starts = self.lowest[order, 0]
+        for box in range(len(order)):
+            low, high = self.lowest[box], self.highest[box]
+            near = order[np.searchsorted(starts, low[0]) : np.searchsorted(starts, high[0])]
+            held = (self.lowest[near] > low) & (self.highest[near] < high)
+            if held.all(axis=1).any():
+                yield box, near[held.all(axis=1)]
+
+
+def boxes_of(mesh: Mesh, labels: Index) -> Boxes:
+    """Return the bounding boxes of the pieces that `labels` (F,) numbers."""
+    lowest = np.full((labels.max() + 1, 3), np.inf)
+    highest = -lowest
+    corners = mesh.points[mesh.faces]
+    np.minimum.at(lowest, labels, corners.min(axis=1))
+    np.maximum.at(highest, labels, corners.max(axis=1))
+    return Boxes(lowest=lowest, highest=highest)
+
+
+def nesting(mesh: Mesh, labels: Index) -> tuple[Index, Index]:
+    """Return pairs of pieces (inner, shell) where the first lies inside the second."""
+    first = mesh.points[mesh.faces[np.unique(labels, return_index=True)[1], 0]]
+    inner: list[Index] = [np.empty(0, np.int64)]
+    shells: list[Index] = [np.empty(0, np.int64)]
+    for shell, suspects in boxes_of(mesh, labels).nested():
+        winding = _winding_numbers(mesh, labels == shell, first[suspects])
+        enclosed = suspects[np.abs(winding) > 0.5]
+        inner.append(enclosed)
+        shells.append(np.full(len(enclosed), shell))
+    return np.concatenate(inner), np.concatenate(shells)
+
+
+def _owners(mesh: Mesh, labels: Index) -> Index:
+    """Return the piece that bounds from outside the body of each piece (P,)."""
+    inner, shells = nesting(mesh, labels)
+    owner = np.arange(labels.max() + 1)
+    depths = np.bincount(inner, minlength=len(owner))
+    order = np.argsort(depths[shells], kind="stable")
+    inner, shells = inner[order], shells[order]
+    cavity = depths[inner] % 2 == 1
+    owner[inner[cavity]] = shells[cavity]  # the deepest shell around it is written last
+    return owner
+
+
+def _winding_numbers(mesh: Mesh, chosen: NDArray[np.bool_], points: Array) -> Array:
+    """Return how often the chosen faces wind around `points` (Barill et al. 2018)."""
+    import igl
+
+    faces = np.ascontiguousarray(mesh.faces[chosen])
+    return np.atleast_1d(igl.fast_winding_number(mesh.points, faces, points))

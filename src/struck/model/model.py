@@ -1,0 +1,297 @@
+"""The modal model: the one thing that every source makes and every player reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.errors import MaterialError, OptionError
+from struck.model.contact import Contact, Place, located
+from struck.model.damping import Damping, Each, natural_at, ringing
+from struck.model.gains import Gains, Radiation, ShapeGains, canonical_signs
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.modes import Stiffness, changed
+from struck.model.provenance import Provenance
+from struck.model.residual import Residual
+from struck.modes import Modes
+from struck.radiation import by_name
+from struck.tables import modes_table
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+XYZ = ("x (m)", "y (m)", "z (m)")
+_KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
+_RINGING = ("frequencies", "natural_frequencies", "decays")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModalModel:
+    """Frequencies, decays and gains of a body.
+
+    Parameters
+    ----------
+    frequencies : array (M,)
+        Ringing (damped) frequencies in the order of the natural ones, Hz.
+    natural_frequencies : array (M,)
+        Ascending, Hz.
+    decays : array (M,)
+        Amplitude decay rates, 1/s.
+    gains : Gains
+        Drive over contacts and output over listeners.
+    material, mass, centre, inertia, geometry
+        None where unknown, as for recordings; kg, m and kg m^2.
+    supported, tensioned : bool
+        Whether it is held somewhere; whether tension, not its stiffness, drives it back.
+    complete_to : float
+        No mode below this frequency is missing, Hz.
+    poisson_slopes, errors : array (M,) or None
+        As in `Modes`.
+    places : mapping
+        Contacts by name, m, each (3,).
+    coordinates : tuple of str
+        Names and units of a contact's axes.
+    residual, provenance
+        What recordings have beside their modes; method, versions, what was dropped, references.
+    """
+
+    frequencies: Array
+    natural_frequencies: Array
+    decays: Array
+    gains: Gains
+    material: Material | None = None
+    mass: float | None = None
+    centre: Array | None = None
+    inertia: Array | None = None
+    geometry: Mesh | None = None
+    supported: bool = False
+    tensioned: bool = False
+    complete_to: float
+    poisson_slopes: Array | None = None
+    errors: Array | None = None
+    places: Mapping[str, Array] = field(default_factory=dict)
+    coordinates: tuple[str, ...] = XYZ
+    residual: Residual | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+
+    @classmethod
+    def of(
+        cls,
+        modes: Modes,
+        material: Material,
+        *,
+        radiation: Radiation | None = None,
+        lowest: float = 20.0,
+        places: Mapping[str, Array] | None = None,
+    ) -> ModalModel:
+        """Make a model of undamped modes.
+
+        The material's damping gives the decays, `radiation` the outputs (radiated power unless
+        given); modes below `lowest` Hz are dropped and counted; `places` are contacts by name, m.
+        """
+        radiation = radiation or by_name("power")
+        kept = np.flatnonzero(modes.frequencies >= lowest)
+        below = len(modes.frequencies) - len(kept)
+        natural = modes.frequencies[kept]
+        shapes = modes.shapes[:, :, kept]
+        signs = canonical_signs(modes.surface, shapes)
+        formula = None if modes.formula is None else modes.formula.chosen(kept).signed(signs)
+        model = cls(
+            frequencies=natural,
+            natural_frequencies=natural,
+            decays=np.zeros_like(natural),
+            gains=ShapeGains.radiating(
+                modes.surface, shapes * signs, natural, modes.centre, radiation, formula
+            ),
+            material=material,
+            geometry=modes.surface,
+            poisson_slopes=modes.poisson_slopes[kept],
+            errors=modes.errors[kept],
+            places=places or {},
+            coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
+            provenance=modes.provenance.extended(
+                references=radiation.references,
+                dropped=(f"{below} modes lie below {lowest:g} Hz",) * (below > 0),
+                radiation=radiation.name,
+            ),
+            **{name: getattr(modes, name) for name in _KEPT},
+        )
+        return model.damped(material.damping)
+
+    @classmethod
+    def from_modes(
+        cls,
+        points: ArrayLike,
+        faces: ArrayLike,
+        frequencies: ArrayLike,
+        shapes: ArrayLike,
+        *,
+        material: Material,
+        mass: float,
+        centre: ArrayLike,
+        inertia: ArrayLike,
+        complete_to: float = 0.0,
+        radiation: Radiation | None = None,
+        places: Mapping[str, Array] | None = None,
+        method: str = "modes of another program",
+        up: str = "z",
+    ) -> ModalModel:
+        """Make a model of modes that another program computed: `Modes.given`, then `of`."""
+        surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
+        bulk = {"mass": mass, "centre": centre, "inertia": inertia}
+        told = {"complete_to": complete_to, "method": method}
+        modes = Modes.given(surface, frequencies, shapes, **bulk, **told)
+        return cls.of(modes, material, radiation=radiation, lowest=0.0, places=places)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the gains are Pa/(N s), not relative."""
+        return self.gains.calibrated
+
+    @property
+    def t60(self) -> Array:
+        """Times to fall by 60 dB, s (M,)."""
+        return np.log(1000) / np.maximum(self.decays, np.finfo(float).tiny)
+
+    def contact(self, at: Place = None, direction: Place = None) -> Contact:
+        """Find a contact on the body.
+
+        Parameters
+        ----------
+        at : str, array (3,) or None
+            A name of `places`, "vertex:120", a point in m, or None for the loudest.
+        direction : array (3,), optional
+            Of the push; the inward normal unless given.
+
+        Raises
+        ------
+        ContactError
+            When there is no such place, or the point is off the body.
+        """
+        if self.geometry is None or not isinstance(self.gains, ShapeGains):
+            return Contact.recorded(at, self.places, self.coordinates)
+        if at is None:  # what a mode gives off until it has died away goes with 1 / decay
+            lasting = 1 / np.maximum(self.decays, 1e-3 * self.natural_frequencies)
+            point = self.gains.loudest(lasting)
+        else:
+            point = located(self.geometry, self.places, at, len(self.coordinates))
+        return Contact.on(self.gains.locator, self.geometry, point, direction)
+
+    def damped(self, damping: Damping) -> ModalModel:
+        """Return a copy with other losses; overdamped modes are dropped and counted."""
+        every = damping.decays(self.natural_frequencies)
+        kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
+        lost = len(every) - len(kept)
+        model = self._chosen(kept, self._stiffness()) if lost else self
+        return replace(
+            model,
+            frequencies=ringing(model.natural_frequencies, every[kept]),
+            decays=every[kept],
+            material=None if self.material is None else self.material.damped(damping),
+            provenance=self.provenance.extended(
+                dropped=(f"{lost} modes are overdamped and do not ring",) if lost else ()
+            ),
+        )
+
+    def scaled(self, factor: float) -> ModalModel:
+        """Return the same body `factor` times as large: frequencies fall as 1/factor.
+
+        Raises
+        ------
+        OptionError
+            When the factor does not exceed 0.
+        """
+        if not (np.isfinite(factor) and factor > 0):
+            raise OptionError(f"factor is {factor}: a size must exceed 0")
+        return self._remade(self._stiffness(factor), self.material, size=factor)
+
+    def tuned(self, *, lowest: float) -> ModalModel:
+        """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
+
+        Raises
+        ------
+        MaterialError
+            When none of its modes can ring that low.
+        """
+        own = Each(rates=self.decays[0]) if self.material is None else self.material.damping
+        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
+
+    def made_of(self, material: Material | str) -> ModalModel:
+        """Return the same body of another isotropic material.
+
+        With the same Poisson's ratio exactly (2002, section 3.3); with another to first order in
+        the shapes: `errors` grows by what that may cost, `complete_to` falls as far as a mode
+        from beyond it can have come down.
+
+        Raises
+        ------
+        MaterialError
+            When the material is unknown, or the model has none to start from.
+        """
+        wanted = Material.named(material) if isinstance(material, str) else material
+        if self.material is None:
+            raise MaterialError("this model's own material is unknown: compute or fit it anew")
+        after = changed(self._stiffness(), self.material, wanted)
+        model = self._remade(after, wanted, density=wanted.density / self.material.density)
+        return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
+
+    def expanded(self) -> ModalModel:
+        """Return the model with a mode for each product of its gains, as resonators need them."""
+        if self.gains.rank == 1:
+            return self
+        every = {name: np.tile(getattr(self, name), self.gains.rank) for name in _RINGING}
+        return replace(self, **every, gains=self.gains.expanded(), poisson_slopes=None, errors=None)
+
+    def cite(self) -> str:
+        """Return the papers behind this model, one a line."""
+        return self.provenance.cite()
+
+    def _repr_html_(self) -> str:
+        return modes_table(self.frequencies, self.t60, self.decays, self.errors)
+
+    def _stiffness(self, size: float = 1) -> Stiffness:
+        return Stiffness(
+            frequencies=self.natural_frequencies / size,
+            poisson_slopes=self.poisson_slopes,
+            errors=self.errors,
+            complete_to=self.complete_to / size,
+            tensioned=self.tensioned,
+        )
+
+    def _remade(
+        self, modes: Stiffness, material: Material | None, *, size: float = 1, density: float = 1
+    ) -> ModalModel:
+        """Return the body with other natural frequencies, put in order, size or density."""
+        order = np.argsort(modes.frequencies, kind="stable")
+        weight = density * size**3
+        step = size if self.coordinates == XYZ[: len(self.coordinates)] else 1
+        model = replace(
+            self._chosen(order, modes, size=size, density=density),
+            complete_to=modes.complete_to,
+            material=material,
+            mass=None if self.mass is None else self.mass * weight,
+            centre=None if self.centre is None else self.centre * size,
+            inertia=None if self.inertia is None else self.inertia * weight * size**2,
+            geometry=None if self.geometry is None else self.geometry.scaled(size),
+            places={name: point * step for name, point in self.places.items()},
+            residual=None,
+        )
+        return model.damped(Each(rates=model.decays) if material is None else material.damping)
+
+    def _chosen(
+        self, kept: Index, modes: Stiffness, *, size: float = 1, density: float = 1
+    ) -> ModalModel:
+        """Return a copy with some modes, in the order of `kept`."""
+        natural, slopes, errors = modes.frequencies[kept], modes.poisson_slopes, modes.errors
+        return replace(
+            self,
+            frequencies=natural,
+            natural_frequencies=natural,
+            decays=self.decays[kept],
+            gains=self.gains.changed(natural, kept, size, density),
+            poisson_slopes=None if slopes is None else slopes[kept],
+            errors=None if errors is None else errors[kept],
+        )

@@ -1,0 +1,110 @@
+"""How natural frequencies follow the material, without a new decomposition.
+
+With the same Poisson's ratio they go with sqrt(E / density) (2002, section 3.3). With another, the
+energy of unchanged stresses counts: in compliances, 2 (1 + nu) / E for shear and
+3 (1 - 2 nu) / E for bulk, it is linear in nu, and so is 1 / f^2. The stored slope d ln f / d nu
+gives the line. It is exact for stretched, sheared and evenly bent parts; keeping the shapes instead
+(Rayleigh's quotient) errs by 1 % on every bent bar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import MaterialError
+from struck.model.material import Material
+
+Array = NDArray[np.float64]
+# Largest relative error of the first-order formula for a unit change of Poisson's ratio, squared,
+# as found on bars, plates, shells and solids (tests/physics/test_materials.py).
+_SECOND_ORDER = 0.7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stiffness:
+    """What a change of material needs to know of the modes.
+
+    Parameters
+    ----------
+    frequencies : array (M,)
+        Natural, Hz.
+    poisson_slopes : array (M,) or None
+        d ln f / d nu at constant Young's modulus.
+    errors : array (M,) or None
+        Relative.
+    complete_to : float
+        No mode below is missing, Hz.
+    tensioned : bool
+        Whether a tension, which stays, drives the body back, not the material's stiffness.
+    """
+
+    frequencies: Array
+    poisson_slopes: Array | None
+    errors: Array | None
+    complete_to: float
+    tensioned: bool = False
+
+
+def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
+    """Return the modes of the same body made of `new` instead of `old`.
+
+    Raises
+    ------
+    MaterialError
+        When Poisson's ratio differs and the slopes are unknown, or both tension and stiffness
+        drive the body back.
+    """
+    lightness = old.density / new.density
+    if modes.tensioned:
+        _require_slack(modes)
+        new = replace(new, youngs_modulus=old.youngs_modulus, poisson_ratio=old.poisson_ratio)
+    if np.isclose(old.poisson_ratio, new.poisson_ratio, rtol=0, atol=1e-9):
+        factor = float(np.sqrt(new.youngs_modulus / old.youngs_modulus * lightness))
+        return Stiffness(
+            frequencies=modes.frequencies * factor,
+            poisson_slopes=modes.poisson_slopes,
+            errors=modes.errors,
+            complete_to=modes.complete_to * factor,
+            tensioned=modes.tensioned,
+        )
+    if modes.poisson_slopes is None or not np.isfinite(modes.poisson_slopes).all():
+        raise MaterialError(
+            f"Poisson's ratio would change from {old.poisson_ratio:g} to {new.poisson_ratio:g}, "
+            "and these modes do not tell how they follow it: compute them anew"
+        )
+    return _first_order(modes, modes.poisson_slopes, old, new, lightness)
+
+
+def _require_slack(modes: Stiffness) -> None:
+    if modes.poisson_slopes is None or not np.isfinite(modes.poisson_slopes).all():
+        raise MaterialError(
+            "tension and stiffness together drive this body back, and the modes do not tell their "
+            "shares: compute them anew with the other material"
+        )
+
+
+def _first_order(
+    modes: Stiffness, slopes: Array, old: Material, new: Material, lightness: float
+) -> Stiffness:
+    step = new.poisson_ratio - old.poisson_ratio
+    least, greatest = _extreme_factors(old, new, lightness)
+    stretch = new.youngs_modulus / old.youngs_modulus * lightness
+    compliance = np.clip(1 - 2 * slopes * step, stretch / greatest**2, stretch / least**2)
+    carried = np.zeros_like(slopes) if modes.errors is None else np.nan_to_num(modes.errors)
+    return Stiffness(
+        frequencies=modes.frequencies * np.sqrt(stretch / compliance),
+        poisson_slopes=slopes / compliance,
+        errors=carried + _SECOND_ORDER * step**2,
+        complete_to=modes.complete_to * least,
+    )
+
+
+def _extreme_factors(old: Material, new: Material, lightness: float) -> tuple[float, float]:
+    """Bound any frequency's change: no strain follows more than bulk or shear alone."""
+    bulk = new.bulk_modulus / old.bulk_modulus
+    shear = new.shear_modulus / old.shear_modulus
+    extremes = np.sqrt(np.array([min(bulk, shear), max(bulk, shear)]) * lightness)
+    return float(extremes[0]), float(extremes[1])

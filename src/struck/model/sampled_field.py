@@ -1,0 +1,273 @@
+"""Gains of a model sampled at contacts and listeners: what files of timbre fields hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.errors import OptionError
+from struck.model.contact import Place
+from struck.model.gains import Gains, ShapeGains
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.survey import Survey
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
+from struck.recordings.fields.origin import RECORDED, Origin
+from struck.recordings.fields.recorded_places import (
+    recorded_contacts,
+    recorded_listeners,
+    unexpanded,
+)
+from struck.recordings.fields.single_point import SinglePoint
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+WAYS = ("field", "table")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledField:
+    """The gains of every contact with every listener.
+
+    Parameters
+    ----------
+    frequencies, decays : array (M,)
+        Ringing, Hz, and 1/s.
+    contacts : array (P, D)
+        Coordinates u, or u and v, or x, y, z in m.
+    listeners : array (Q, 3)
+        Body coordinates, m.
+    gains : array (P, Q, M), complex
+        Relative to the arrival time r/c, with r from the centre.
+    centre : array (3,)
+        Where the sound seems to come from, m.
+    symmetry : str
+        "none" or "axial", as in `Survey`.
+    calibrated : bool
+        Whether gains are Pa/(N s), not relative.
+    coordinates : tuple of str
+        Names and units of a contact's coordinates.
+    title : str
+    way : str
+        How its model interpolates: "field" or "table", as for `model`.
+    radius : float
+        Of a ball about the centre that holds the body, m; 0 where it is not known.
+    origin : Origin or None
+        What the model tells that gains were sampled from; None of gains that were measured.
+    """
+
+    frequencies: Array
+    decays: Array
+    contacts: Array
+    listeners: Array
+    gains: Complex
+    centre: Array
+    symmetry: str = "none"
+    calibrated: bool = False
+    coordinates: tuple[str, ...] = ()
+    title: str = ""
+    way: str = "field"
+    radius: float = 0.0
+    origin: Origin | None = None
+
+    @classmethod
+    def of(
+        cls,
+        model: ModalModel,
+        contacts: ArrayLike | Sequence[Place] | None = None,
+        listeners: ArrayLike | None = None,
+    ) -> SampledField:
+        """Take the gains of a model at contacts (P, D) and listeners (Q, 3).
+
+        Contacts of a body with a surface may be places by name too; pushes go inward. Unless given,
+        they are those that were recorded.
+
+        Raises
+        ------
+        ContactError
+            On a contact off the body, or a listener inside it.
+        OptionError
+            When contacts or listeners have another shape, or are not given and none were recorded,
+            or gains are not finite.
+        """
+        places, directions = _touched(model, _given("contacts", contacts, model.gains))
+        heard = np.asarray(_given("listeners", listeners, model.gains), np.float64)
+        if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
+            raise OptionError(f"listeners have shape {heard.shape}: give x, y, z of each, m")
+        drives = model.gains.at(places, directions)
+        gains = np.einsum("prm,qrm->pqm", drives, model.gains.toward(heard))
+        if not np.isfinite(gains).all():
+            raise OptionError("the model has gains that are not finite: fit or analyze it again")
+        return cls(
+            frequencies=model.frequencies,
+            decays=model.decays,
+            contacts=places,
+            listeners=heard,
+            gains=gains,
+            centre=_centre(model),
+            symmetry="axial" if _is_axial(model.gains) else "none",
+            calibrated=model.calibrated,
+            coordinates=model.coordinates,
+            way="table" if isinstance(unexpanded(model.gains), TimbreTable) else "field",
+            radius=float(getattr(unexpanded(model.gains), "radius", 0.0)),
+            origin=Origin.of(model),
+        )
+
+    def survey(self) -> Survey:
+        """Return the gains as of a measurement.
+
+        Raises
+        ------
+        OptionError
+            When contacts have three coordinates.
+        """
+        if self.contacts.shape[1] > 2:
+            raise OptionError(
+                "its contacts have 3 coordinates, and fields are interpolated over 1 or 2: give "
+                "`contacts` as coordinates on the surface, or use `gains` as they are"
+            )
+        return Survey.full(
+            self.contacts,
+            self.listeners,
+            self.gains,
+            self.frequencies,
+            centre=self.centre,
+            symmetry=self.symmetry,
+            calibrated=self.calibrated,
+        )
+
+    def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
+        """Return a model that interpolates between contacts and between listeners.
+
+        One contact without coordinates, heard at one place, is a `SinglePoint`. Contacts that are
+        points in space are called "contact 1", "contact 2" ...: between them nothing is known.
+
+        Parameters
+        ----------
+        way : str, optional
+            "field": a product for each mode (`TimbreField`); "table": all gains, linear in between
+            (`TimbreTable`), for contacts and listeners on grids. The field's own unless given.
+        radius : float, optional
+            As for `TimbreField.of`, m. The field's own unless given.
+
+        Raises
+        ------
+        OptionError
+            On an unknown way, or places that do not suit it.
+        """
+        chosen = self.way if way is None else way
+        if chosen not in WAYS:
+            raise OptionError(f"way is {chosen!r}: give one of {', '.join(WAYS)}")
+        natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
+        order = np.argsort(natural, kind="stable")
+        ordered = replace(
+            self,
+            frequencies=self.frequencies[order],
+            decays=self.decays[order],
+            gains=self.gains[:, :, order],
+        )
+        numbered, places = _numbered(ordered)
+        origin = Origin() if self.origin is None else self.origin.chosen(order)
+        gains = _interpolated(numbered, chosen, self.radius if radius is None else radius)
+        return ModalModel(
+            frequencies=ordered.frequencies,
+            natural_frequencies=natural[order],
+            decays=ordered.decays,
+            gains=gains if self.origin is None else origin.told_to(gains),
+            centre=self.centre,
+            complete_to=0.0,
+            errors=origin.errors,
+            places=places,
+            coordinates=numbered.coordinates or ("u", "v")[: numbered.contacts.shape[1]],
+            provenance=_sampled_from(origin, f"timbre {chosen} of sampled gains"),
+        )
+
+
+def _sampled_from(origin: Origin, method: str) -> Provenance:
+    told = origin.provenance
+    details = {"sampled_from": told.method} if told.method else {}
+    return Provenance(
+        method=method, references=told.references, dropped=told.dropped, details=details
+    )
+
+
+def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
+    """Return a field with contacts by number where they are points in space, and their names.
+
+    A contact without coordinates is the recorded one; of several it is that which a model called
+    so, else that of most energy.
+    """
+    count, axes = field.contacts.shape
+    if axes in {1, 2}:
+        known = None if field.origin is None else field.origin.place
+        if known is not None and known.shape == (axes,):
+            return field, {RECORDED: known}
+        energies = (np.abs(field.gains) ** 2 / np.maximum(field.decays, 1e-6)).sum(axis=(1, 2))
+        return field, {RECORDED: field.contacts[energies.argmax()]}
+    if axes == 0 and field.gains.shape[:2] == (1, 1):
+        return field, {RECORDED: field.contacts[0]}
+    numbers = np.arange(1.0, count + 1)[:, np.newaxis]
+    names = {f"contact {number}": numbers[number - 1] for number in range(1, count + 1)}
+    return replace(field, contacts=numbers, coordinates=("number of contact",)), names
+
+
+def _interpolated(field: SampledField, way: str, radius: float) -> Gains:
+    if not field.contacts.shape[1]:
+        distance = float(np.linalg.norm(field.listeners[0] - field.centre))
+        return SinglePoint(
+            outputs=field.gains[0, 0] * distance,
+            centre=field.centre,
+            is_calibrated=field.calibrated,
+        )
+    survey = field.survey()
+    return TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
+
+
+def _given(
+    name: str, places: ArrayLike | Sequence[Place] | None, gains: Gains
+) -> ArrayLike | Sequence[Place]:
+    """Return contacts or listeners as given, else those that were recorded."""
+    if places is not None:
+        return places
+    known = recorded_contacts(gains) if name == "contacts" else recorded_listeners(gains)
+    if known is None:
+        raise OptionError(
+            "a computed model has gains everywhere: give contacts= and listeners= to sample"
+        )
+    return known
+
+
+def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
+    """Return contacts (P, D) and the directions of pushes there (P, 3)."""
+    if isinstance(model.gains, ShapeGains) and model.geometry is not None:
+        found = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
+        return np.array([each.point for each in found]), np.array(
+            [each.direction for each in found]
+        )
+    places = np.asarray(contacts, np.float64)
+    if places.ndim != 2 or not len(places):
+        raise OptionError(f"contacts have shape {places.shape}: give the coordinates of each")
+    return places, np.zeros((len(places), 3))
+
+
+def _centre(model: ModalModel) -> Array:
+    """Return the point from which travel times count, m."""
+    gains = unexpanded(model.gains)
+    if isinstance(gains, TimbreTable):
+        return gains.centre * gains.size
+    if isinstance(gains, TimbreField | ShapeGains | SinglePoint):
+        return gains.centre
+    return np.zeros(3) if model.centre is None else model.centre
+
+
+def _is_axial(gains: Gains) -> bool:
+    """Tell whether only the azimuth between contact and listener matters."""
+    whole = unexpanded(gains)
+    if isinstance(whole, TimbreTable):
+        return whole.mirrored
+    return isinstance(whole, TimbreField) and whole.listener_part.mirrored

@@ -1,0 +1,206 @@
+"""Gains measured for pairs of contact and listener: what a timbre field is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.errors import OptionError
+from struck.model.air import AIR
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+SYMMETRIES = ("none", "axial")
+# Share of the extent within which two places are the same.
+_SAME = 1e-6
+
+
+def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> Array:
+    """Return places (n, 3), m, of spherical coordinates that broadcast.
+
+    The azimuth counts from the x axis to the y axis, the polar angle from the z axis, rad.
+    """
+    flat = np.asarray(radius, np.float64) * np.sin(polar)
+    x, y, z = np.broadcast_arrays(
+        flat * np.cos(azimuth), flat * np.sin(azimuth), np.asarray(radius) * np.cos(polar)
+    )
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def since_arrival(gains: Complex, frequencies: Array, decays: Array, distances: Array) -> Complex:
+    """Return gains as of the arrival r/c, of gains as of the moment of impact.
+
+    Parameters
+    ----------
+    gains : array (n, M)
+        Of recordings whose time counts from the impact on.
+    frequencies, decays : array (M,)
+        Hz and 1/s.
+    distances : array (n,)
+        From the centre to the listener of each recording, m.
+
+    Returns
+    -------
+    array (n, M)
+    """
+    travels = np.asarray(distances)[:, None] / AIR.sound_speed
+    return gains * np.exp((-decays + 2j * np.pi * frequencies) * travels)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Survey:
+    """What was recorded of a body: contacts, listeners, and the gains between some of them.
+
+    Parameters
+    ----------
+    contacts : array (P, D)
+        Coordinates u, or u and v, of places that were struck. With axial symmetry: height, or
+        height and azimuth, rad.
+    listeners : array (Q, 3)
+        Places of microphones in body coordinates, m.
+    pairs : array (n, 2)
+        Numbers of contact and listener of each recording.
+    gains : array (n, M), complex
+        Relative to the arrival time r/c, with r from the centre; see `since_arrival`.
+    frequencies : array (M,)
+        Ringing, Hz.
+    errors : array (n, M) or None
+        Standard errors of the gains, above 0: how much each counts. None: all count alike.
+    centre : array (3,)
+        Where the sound seems to come from, body coordinates, m.
+    symmetry : str
+        "none", or "axial": round about the z axis through the centre. Then only the azimuth between
+        contact and listener matters, whichever way round it is counted.
+    calibrated : bool
+        Whether gains are Pa/(N s), not relative.
+
+    Raises
+    ------
+    OptionError
+        When arrays do not fit each other, are not finite, or a pair names no place.
+    """
+
+    contacts: Array
+    listeners: Array
+    pairs: Index
+    gains: Complex
+    frequencies: Array
+    errors: Array | None = None
+    centre: Array
+    symmetry: str = "none"
+    calibrated: bool = False
+
+    def __post_init__(self) -> None:
+        _require_places(self)
+        _require_gains(self)
+
+    @classmethod
+    def full(
+        cls,
+        contacts: Array,
+        listeners: Array,
+        gains: Complex,
+        frequencies: Array,
+        *,
+        errors: Array | None = None,
+        centre: Array | None = None,
+        symmetry: str = "none",
+        calibrated: bool = False,
+    ) -> Survey:
+        """Take gains, and their errors, (P, Q, M) of every contact heard by every listener."""
+        return cls(
+            contacts=contacts,
+            listeners=listeners,
+            pairs=np.argwhere(np.ones(gains.shape[:2])),
+            gains=gains.reshape(-1, gains.shape[2]),
+            frequencies=frequencies,
+            errors=None if errors is None else errors.reshape(-1, gains.shape[2]),
+            centre=np.zeros(3) if centre is None else centre,
+            symmetry=symmetry,
+            calibrated=calibrated,
+        )
+
+    @cached_property
+    def places(self) -> Array:
+        """Listeners as seen from the centre, m (Q, 3)."""
+        return np.asarray(self.listeners - self.centre, np.float64)
+
+    @property
+    def turns(self) -> bool:
+        """Whether contacts lie all around an axially symmetric body."""
+        return self.symmetry == "axial" and self.contacts.shape[1] == 2
+
+    def folded(self) -> Survey:
+        """Return the survey with places that symmetry makes the same, or that are, as one.
+
+        With axial symmetry contacts keep their height alone, and listeners stand at the azimuth
+        from their contact, from 0 to pi.
+        """
+        contacts, places, pairs = self.contacts, self.places, self.pairs
+        if self.turns:
+            contacts, places = contacts[:, :1], _turned(places[pairs[:, 1]], contacts[pairs[:, 0]])
+            pairs = np.stack([pairs[:, 0], np.arange(len(pairs))], axis=1)
+        if self.symmetry == "axial":
+            places = places * [1, 0, 1] + np.abs(places) * [0, 1, 0]
+        contacts, contact = distinct(contacts)
+        places, place = distinct(places)
+        return replace(
+            self,
+            contacts=contacts,
+            listeners=places + self.centre,
+            pairs=np.stack([contact[pairs[:, 0]], place[pairs[:, 1]]], axis=1),
+        )
+
+
+def _turned(places: Array, contacts: Array) -> Array:
+    """Return places (n, 3) turned back by the azimuth of each contact (n, 2)."""
+    flat = (places[:, 0] + 1j * places[:, 1]) * np.exp(-1j * contacts[:, 1])
+    return np.stack([flat.real, flat.imag, places[:, 2]], axis=1)
+
+
+def distinct(places: Array) -> tuple[Array, Index]:
+    """Return each place once, and for every one given its number."""
+    step = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
+    rounded = np.round(places / step)
+    _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return places[first], number.reshape(-1)
+
+
+def _require_places(survey: Survey) -> None:
+    if survey.symmetry not in SYMMETRIES:
+        raise OptionError(f"symmetry is {survey.symmetry!r}: give one of {', '.join(SYMMETRIES)}")
+    contacts, listeners = survey.contacts, survey.listeners
+    if contacts.ndim != 2 or contacts.shape[1] not in {1, 2} or not len(contacts):
+        raise OptionError(f"contacts have shape {contacts.shape}: give one or two coordinates each")
+    if listeners.ndim != 2 or listeners.shape[1] != 3 or not len(listeners):
+        raise OptionError(f"listeners have shape {listeners.shape}: give x, y, z of each, m")
+    if not (np.isfinite(contacts).all() and np.isfinite(listeners).all()):
+        raise OptionError("a contact or a listener is not finite: give numbers")
+
+
+def _require_gains(survey: Survey) -> None:
+    pairs, gains = survey.pairs, survey.gains
+    if gains.ndim != 2 or gains.shape != (len(pairs), len(survey.frequencies)) or not gains.size:
+        raise OptionError(
+            f"gains have shape {gains.shape} for {len(pairs)} pairs and "
+            f"{len(survey.frequencies)} frequencies: give one of each"
+        )
+    if not np.isfinite(gains).all():
+        raise OptionError("gains are not finite: leave those recordings or modes out")
+    errors = survey.errors
+    if errors is not None and (errors.shape != gains.shape or not np.all(errors > 0)):
+        raise OptionError(
+            f"errors have shape {errors.shape} for gains {gains.shape}, or are not above 0: give a "
+            "standard error for each gain, or none"
+        )
+    counts = np.array([len(survey.contacts), len(survey.listeners)])
+    if pairs.shape[1:] != (2,) or (pairs < 0).any() or (pairs >= counts).any():
+        raise OptionError(
+            f"pairs name contacts up to {counts[0] - 1} and listeners up to {counts[1] - 1}: give "
+            "two such numbers for each recording"
+        )

@@ -1,0 +1,205 @@
+"""The full table of 2007: gains on a grid of contacts and listeners, quinti-linear in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import ContactError, OptionError
+from struck.model.gains import Gains
+from struck.model.survey import Survey, from_spherical
+from struck.recordings.fields.grids import Axis, Grid, combinations
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+SYSTEMS = ("spherical", "cartesian")
+_SAME = 1e-6  # share of the largest distance within which two places are the same
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimbreTable(Gains):
+    """Gains of a body as recorded for every contact with every listener, each its own.
+
+    A product for each contact: drives are the weights of linear interpolation over contacts,
+    outputs the gains from each, interpolated linearly over listeners (2007, section 2). Beyond the
+    grid counts its nearest place, from where sound falls as 1/r.
+
+    Parameters
+    ----------
+    contacts : Grid
+        Over u, or u and v.
+    listeners : Grid
+        Over distance, azimuth and polar angle from the centre, or over x, y, z from it.
+    gains : array (P, Q, M), complex
+        Relative to the arrival time r/c, so that what is interpolated has no travel phase.
+    system : str
+        "spherical" or "cartesian".
+    mirrored : bool
+        Whether listeners at azimuths a and -a hear the same.
+    centre : array (3,)
+        Body coordinates, m.
+    size : float
+        How many times larger the body has become.
+    """
+
+    contacts: Grid
+    listeners: Grid
+    gains: Complex
+    system: str
+    mirrored: bool
+    centre: Array
+    size: float = 1.0
+    is_calibrated: bool = False
+
+    @classmethod
+    def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
+        """Make the table of what was recorded.
+
+        A distance at which there is one listener alone is heard alike in all directions: as a point
+        inside the body.
+
+        Raises
+        ------
+        OptionError
+            When contacts or listeners form no grid, or pairs are missing.
+        """
+        if system not in SYSTEMS:
+            raise OptionError(f"system is {system!r}: give one of {', '.join(SYSTEMS)}")
+        folded = survey.folded()
+        mirrored = survey.symmetry == "axial"
+        gridded = _spherical if system == "spherical" else _cartesian
+        return cls(
+            contacts=_plain_grid(folded.contacts, "contacts"),
+            listeners=gridded(folded.places, mirrored=mirrored),
+            gains=_means(folded),
+            system=system,
+            mirrored=mirrored,
+            centre=survey.centre,
+            is_calibrated=survey.calibrated,
+        )
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.is_calibrated
+
+    @property
+    def directional(self) -> bool:
+        """Directions differ."""
+        return True
+
+    @property
+    def rank(self) -> int:
+        """How many products there are: as many as contacts."""
+        return len(self.gains)
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return the weights of contacts at coordinates (K, D): (K, P, M).
+
+        Raises
+        ------
+        ContactError
+            When the number of coordinates is wrong.
+        """
+        del directions
+        places = np.atleast_2d(np.asarray(points, np.float64))
+        if places.shape[1] != len(self.contacts.axes):
+            raise ContactError(
+                f"a contact has {places.shape[1]} coordinates: this table has "
+                f"{len(self.contacts.axes)}"
+            )
+        weights = self.contacts.weights(places)
+        return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
+
+    def toward(self, listeners: Array) -> Complex:
+        """Return gains at listeners (L, 3), relative to the arrival time r/c: (L, P, M)."""
+        places = np.atleast_2d(np.asarray(listeners, np.float64)) / self.size - self.centre
+        coordinates = _coordinates(places, self.system, mirrored=self.mirrored)
+        lowest = [axis.nodes[0] for axis in self.listeners.axes]
+        highest = [axis.nodes[-1] for axis in self.listeners.axes]
+        inside = np.clip(coordinates, lowest, highest)
+        reach = np.linalg.norm(inside, axis=1) if self.system == "cartesian" else inside[:, 0]
+        distances = np.linalg.norm(places, axis=1)
+        spread = np.minimum(reach / np.maximum(distances, np.finfo(np.float64).tiny), 1.0)
+        weights = self.listeners.weights(coordinates) * spread[:, None]
+        return np.einsum("lq,pqm->lpm", weights, self.gains)
+
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> TimbreTable:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+        del frequencies
+        gains = self.gains[:, :, modes] / (density * size**3)
+        return replace(self, gains=gains, size=self.size * size)
+
+
+def _coordinates(places: Array, system: str, *, mirrored: bool) -> Array:
+    """Return coordinates (L, 3) of places from the centre."""
+    x, y, z = places.T
+    if system == "cartesian":
+        return np.stack([x, np.abs(y) if mirrored else y, z], axis=1)
+    azimuth = np.arctan2(y, x)
+    polar = np.arctan2(np.hypot(x, y), z)
+    distance = np.linalg.norm(places, axis=1)
+    return np.stack([distance, np.abs(azimuth) if mirrored else azimuth, polar], axis=1)
+
+
+def _spherical(places: Array, *, mirrored: bool) -> Grid:
+    """Return the grid of listeners over distance, azimuth and polar angle."""
+    distance, azimuth, polar = _coordinates(places, "spherical", mirrored=mirrored).T
+    beside = np.sin(polar) > _SAME
+    axes = (
+        Axis.through(distance),
+        Axis.through(
+            azimuth[beside] if beside.any() else np.zeros(1), 0 if mirrored else 2 * np.pi
+        ),
+        Axis.through(polar),
+    )
+    nodes = combinations(axes)
+    reach = _SAME * distance.max()
+    gaps = np.linalg.norm(from_spherical(*nodes.T)[:, None] - places, axis=2)
+    level = np.abs(nodes[:, :1] - distance) <= reach
+    alone = np.count_nonzero(level, axis=1) == 1
+    sources = np.where(level, gaps, np.inf).argmin(axis=1)
+    missing = ~alone & (gaps.min(axis=1) > reach)
+    _require_complete(nodes, missing, "distance, azimuth, polar angle")
+    return Grid(axes=axes, sources=sources, count=len(places))
+
+
+def _cartesian(places: Array, *, mirrored: bool) -> Grid:
+    return _plain_grid(_coordinates(places, "cartesian", mirrored=mirrored), "listeners")
+
+
+def _plain_grid(places: Array, what: str) -> Grid:
+    """Return the grid whose nodes are places (n, axes), each of them one."""
+    axes = tuple(Axis.through(values) for values in places.T)
+    nodes = combinations(axes)
+    gaps = np.linalg.norm(nodes[:, None] - places, axis=2)
+    reach = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
+    _require_complete(nodes, gaps.min(axis=1) > reach, what)
+    return Grid(axes=axes, sources=gaps.argmin(axis=1), count=len(places))
+
+
+def _require_complete(nodes: Array, missing: NDArray[np.bool_], what: str) -> None:
+    if missing.any():
+        raise OptionError(
+            f"{np.count_nonzero(missing)} of {len(nodes)} places of the grid were not recorded, "
+            f"the first at {nodes[missing][0].tolist()} ({what}): record them, or use a TimbreField"
+        )
+
+
+def _means(survey: Survey) -> Complex:
+    """Return the mean gain of each pair (P, Q, M)."""
+    shape = len(survey.contacts), len(survey.listeners), len(survey.frequencies)
+    sums, counts = np.zeros(shape, np.complex128), np.zeros(shape[:2])
+    np.add.at(sums, tuple(survey.pairs.T), survey.gains)
+    np.add.at(counts, tuple(survey.pairs.T), 1)
+    if not counts.all():
+        contact, listener = np.argwhere(counts == 0)[0]
+        raise OptionError(
+            f"{np.count_nonzero(counts == 0)} of {counts.size} pairs were not recorded, the first "
+            f"contact {contact} with listener {listener}: record them, or use a TimbreField"
+        )
+    return sums / counts[:, :, None]

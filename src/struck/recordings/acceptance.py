@@ -1,0 +1,253 @@
+"""Whether a take is taken: one clean hit after a quiet lead-in, neither clipped nor cut short."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.files.sound import Sound
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.01
+"""Between the lead-in that is kept and the hit, s."""
+FULL = 0.9995
+"""Share of full scale from which a sample counts as clipped."""
+_BLOCK = 0.001  # s, in which an onset is found
+_ONSET_OVER_NOISE, _ONSET_UNDER_PEAK = 12.0, 30.0  # dB
+_BURST, _BURST_UNDER_PEAK = 15.0, 40.0  # dB, of a noise in the lead-in
+_SECOND_BLOCK, _SECOND_LOOK = 0.005, 8  # s and blocks; a second hit exceeds all blocks before it
+_SECOND_RISE, _SECOND_UNDER_PEAK = 6.0, 30.0  # dB
+_FLAT, _TOPS = 4, 3  # samples at the very same maximum, and how often
+_DROPPED = 0.005  # s of exact zeros
+_SILENT = 1e-12  # of full scale: keeps logarithms finite
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Levels at which a take is taken.
+
+    Parameters
+    ----------
+    quietest, loudest : float
+        Of its peak in every channel, dB of full scale.
+    above_noise : float
+        How far its peak lies at least over the root mean square of the ambient sound, dB.
+    """
+
+    quietest: float = -40.0
+    loudest: float = -1.0
+    above_noise: float = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """What was found.
+
+    Parameters
+    ----------
+    reason : str
+        Why the take is refused, and the way out; empty when it is taken.
+    sound : Sound or None
+        What is kept: the lead-in, a margin of `MARGIN` and what follows the hit.
+    peak : float
+        Of the loudest channel, dB of full scale.
+    above_noise : float
+        Peak over ambient sound in the worst channel, dB.
+    """
+
+    reason: str = ""
+    sound: Sound | None = None
+    peak: float = 0.0
+    above_noise: float = 0.0
+
+
+def examined(
+    sound: Sound, *, lead_in: float, seconds: float, bounds: Bounds, channels: int = 1
+) -> Verdict:
+    """Judge a recording that begins with at least `lead_in` seconds of ambient sound.
+
+    Parameters
+    ----------
+    sound : Sound
+        1.0 at full scale.
+    lead_in, seconds : float
+        What has to be there before and after the hit, s.
+    bounds : Bounds
+    channels : int
+        How many there have to be.
+    """
+    samples = sound.samples.astype(np.float64)
+    rate, before = sound.sample_rate, round(lead_in * sound.sample_rate)
+    if len(samples) != channels:
+        return Verdict(reason=f"it has {len(samples)} channels instead of {channels}")
+    if samples.shape[1] <= before:
+        return Verdict(
+            reason=f"it is cut short: it lasts {sound.duration:.2f} s, the lead-in alone "
+            f"{lead_in:g} s; look whether the device still records"
+        )
+    hit = _onset(samples, before, rate)
+    checks = (
+        _clipped(samples),
+        _disturbed(samples, before, rate),
+        _levels(samples, before, bounds),
+        _late(hit, samples.shape[1], rate, seconds),
+        "" if hit is None else _dropped(samples, before, hit, rate),
+        "" if hit is None else _twice(samples, hit, rate),
+    )
+    reason = next(filter(None, checks), "")
+    if reason or hit is None:
+        return Verdict(reason=reason)
+    first = max(0, hit - before - round(MARGIN * rate))
+    kept = samples[:, first : hit + round(seconds * rate)]
+    return Verdict(
+        sound=Sound(samples=kept.astype(np.float32), sample_rate=rate),
+        peak=float(_peaks(samples).max()),
+        above_noise=float(_above(samples, before).min()),
+    )
+
+
+def _onset(samples: Array, before: int, rate: int) -> int | None:
+    """Return the first sample of the hit, by the first channel that hears it; None without one."""
+    size = max(1, round(_BLOCK * rate))
+    noises = _level(samples[:, :before])
+    levels = _blocks(samples[:, before:], size)
+    thresholds = np.maximum(
+        noises + _ONSET_OVER_NOISE, levels.max(axis=1, initial=-np.inf) - _ONSET_UNDER_PEAK
+    )
+    found = np.flatnonzero((levels >= thresholds[:, None]).any(axis=0))
+    return before + int(found[0]) * size if len(found) else None
+
+
+def _clipped(samples: Array) -> str:
+    """Tell of samples at full scale, and of tops that are flat below it."""
+    for number, channel in enumerate(np.abs(samples), 1):
+        full = np.count_nonzero(channel >= FULL)
+        if full:
+            return (
+                f"channel {number} is clipped: {full} samples at full scale; turn the gain down, "
+                "or strike more softly"
+            )
+        top = channel.max()
+        runs = _runs(channel == top) if top > 0 else np.zeros(0, int)
+        if np.count_nonzero(runs >= _FLAT) >= _TOPS:
+            return (
+                f"channel {number} is clipped before the converter: {np.count_nonzero(runs)} tops "
+                f"are flat at {20 * np.log10(top):.1f} dB; turn the preamplifier down"
+            )
+    return ""
+
+
+def _disturbed(samples: Array, before: int, rate: int) -> str:
+    """Tell of a noise in the lead-in, such as a hit before its cue."""
+    levels = _blocks(samples[:, :before], max(1, round(10 * _BLOCK * rate)))
+    if levels.shape[1] < 2:
+        return ""
+    loudest = levels.argmax(axis=1)
+    rises = levels.max(axis=1) - np.percentile(levels, 20, axis=1)
+    depths = _peaks(samples) - levels.max(axis=1)
+    wrong = np.flatnonzero((rises > _BURST) & (depths < _BURST_UNDER_PEAK))
+    if not len(wrong):
+        return ""
+    return (
+        f"something sounds {0.01 * loudest[wrong[0]]:.2f} s into the lead-in, which has to hold "
+        "ambient sound alone: keep still, and strike after the cue"
+    )
+
+
+def _levels(samples: Array, before: int, bounds: Bounds) -> str:
+    """Tell of a channel that hears no hit, or one too quiet or too loud."""
+    after = _peaks(samples[:, before:])
+    noises = _level(samples[:, :before])
+    for number, (peak, noise) in enumerate(zip(after, noises, strict=True), 1):
+        which = f"channel {number}"
+        if peak - noise < bounds.above_noise:
+            return (
+                f"{which} hears no hit: its peak is {peak - noise:.0f} dB over the ambient sound, "
+                f"and {bounds.above_noise:g} dB are needed; strike harder, come nearer, or quiet "
+                "the room"
+            )
+        if peak < bounds.quietest:
+            return (
+                f"{which} is too quiet: its peak is {peak:.1f} dB of full scale, below "
+                f"{bounds.quietest:g} dB; turn the gain up"
+            )
+        if peak > bounds.loudest:
+            return (
+                f"{which} is too loud: its peak is {peak:.1f} dB of full scale, above "
+                f"{bounds.loudest:g} dB; turn the gain down"
+            )
+    return ""
+
+
+def _late(hit: int | None, length: int, rate: int, seconds: float) -> str:
+    if hit is None:
+        return "no hit was found after the lead-in: strike at the cue, harder or nearer"
+    rest = (length - hit) / rate
+    if round(rest * rate) >= round(seconds * rate):
+        return ""
+    return (
+        f"it ends {rest:.2f} s after the hit, and {seconds:g} s are planned: strike sooner after "
+        "the cue, or plan more patience or fewer seconds"
+    )
+
+
+def _dropped(samples: Array, before: int, hit: int, rate: int) -> str:
+    """Tell of stretches of zeros that the ambient sound does not have."""
+    for number, channel in enumerate(samples, 1):
+        usual = _runs(channel[:before] == 0).max(initial=0)
+        longest = _runs(channel[hit:] == 0).max(initial=0)
+        if usual < before and longest > max(_DROPPED * rate, 4 * usual):
+            return (
+                f"channel {number} has lost samples: {1000 * longest / rate:.0f} ms are exact "
+                "zeros; close other programs, or use larger buffers"
+            )
+    return ""
+
+
+def _twice(samples: Array, hit: int, rate: int) -> str:
+    """Tell of a second hit: a block louder than all just before it, in all that rises fast."""
+    size = round(_SECOND_BLOCK * rate)
+    levels = _blocks(np.diff(samples[:, hit:]), size).max(axis=0)
+    first = _SECOND_LOOK
+    if len(levels) <= first:
+        return ""
+    windows = np.lib.stride_tricks.sliding_window_view(levels[:-1], first)
+    rises = levels[first:] - windows.max(axis=1)
+    loud = levels[first:] > levels.max() - _SECOND_UNDER_PEAK
+    found = np.flatnonzero((rises > _SECOND_RISE) & loud)
+    if not len(found):
+        return ""
+    return (
+        f"it is struck twice, {(found[0] + first) * _SECOND_BLOCK:.2f} s apart: let the hammer "
+        "bounce off, and strike once"
+    )
+
+
+def _peaks(samples: Array) -> Array:
+    """Return the peak of each channel, dB of full scale."""
+    return 20 * np.log10(np.abs(samples).max(axis=1, initial=0.0) + _SILENT)
+
+
+def _level(samples: Array) -> Array:
+    """Return the root mean square of each channel, dB of full scale."""
+    return 20 * np.log10(np.sqrt(np.square(samples).mean(axis=1)) + _SILENT)
+
+
+def _above(samples: Array, before: int) -> Array:
+    return _peaks(samples[:, before:]) - _level(samples[:, :before])
+
+
+def _blocks(samples: Array, size: int) -> Array:
+    """Return the level of each whole block of each channel, dB (C, blocks)."""
+    whole = samples[:, : samples.shape[1] // size * size]
+    powers = np.square(whole.reshape(len(samples), -1, size)).mean(axis=2)
+    return 10 * np.log10(powers + _SILENT**2)
+
+
+def _runs(wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the lengths of all stretches where something holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
+    return edges[1::2] - edges[::2]

@@ -1,0 +1,252 @@
+"""From recordings to a model: takes, shared poles, gains over contact and listener."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from struck.analysis.cached_steps import Stages, fingerprint, holding
+from struck.errors import OptionError, RecordingError
+from struck.files.cache import opened
+from struck.fitting.gathering import Gathered
+from struck.fitting.outcome import Fitting
+from struck.fitting.room import may_be_of_room, reverberation
+from struck.model.exponentials import Ringing
+from struck.model.gains import Gains
+from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.sampled_field import WAYS
+from struck.model.survey import Survey
+from struck.model.timbre_field import TimbreField
+from struck.model.timbre_table import TimbreTable
+from struck.progress import Progress, silent
+from struck.recordings.fields.single_point import SinglePoint
+from struck.recordings.gain_table import Recorded, Recording
+from struck.recordings.poles.fit import fit_poles
+from struck.recordings.poles.fitted import CLEAR, Fitted
+from struck.recordings.residual_sound import remainder
+from struck.recordings.takes.take import Take
+
+Array = NDArray[np.float64]
+
+RECORDED = "recorded"
+"""The default contact of a model from recordings."""
+_REFERENCES = {
+    "shared": ("roy1989", "golub1973", "corbett2007"),
+    "corbett2007": ("corbett2007", "steiglitz1965"),
+}
+_NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
+_RINGING = holding("poles", Ringing)
+
+
+def fit_recordings(
+    recordings: Recording | Sequence[Recording],
+    *,
+    contacts: ArrayLike | None = None,
+    listeners: ArrayLike | Sequence[ArrayLike] | None = None,
+    manifest: str | os.PathLike[str] | None = None,
+    symmetry: str | None = None,
+    centre: ArrayLike | None = None,
+    radius: float = 0.0,
+    way: str = "field",
+    method: str = "shared",
+    modes: int | None = 64,
+    onsets: Sequence[Sequence[float]] | None = None,
+    room: float | Recording | None = None,
+    residual: bool = False,
+    force: bool = False,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> Fitting:
+    """Fit a model to recordings of one object; see `struck.fit`.
+
+    Returns
+    -------
+    Fitting
+    """
+    _require(way, radius, modes)
+    recorded = Recorded.of(
+        recordings,
+        contacts=contacts,
+        listeners=listeners,
+        manifest=manifest,
+        symmetry=symmetry,
+        centre=centre,
+        progress=progress,
+    )
+    _require_use(recorded, way, radius)
+    seconds = None if room is None else reverberation(room)
+    told = {"method": method, "budget": modes, "onsets": onsets}
+    fitted = _fitted(recorded.takes, told, cache, progress)
+    _require_modes(fitted, recorded, force=force)
+    fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
+    return _made(fitted, recorded, seconds, way, radius, method, residual=residual)
+
+
+def _fitted(
+    takes: Sequence[Take],
+    told: dict[str, Any],
+    cache: bool | str | os.PathLike[str],  # noqa: FBT001 - as of the verb
+    progress: Progress,
+) -> Fitted:
+    """Fit poles, taking up what an earlier run has finished."""
+    stages = Stages(cache=opened(choice=cache), progress=progress)
+    heard = fingerprint([(take.samples, take.sample_rate) for take in takes])
+
+    def kept(name: str, compute: Callable[[], Ringing]) -> Ringing:
+        return stages.kept(_RINGING, compute, name=name, takes=heard, **told)
+
+    return fit_poles(takes, **told, progress=progress, kept=kept)
+
+
+def _require(way: str, radius: float, modes: int | None) -> None:
+    if modes is not None and not (isinstance(modes, int | np.integer) and modes >= 1):
+        raise OptionError(f"modes is {modes!r}: give a whole number of at least 1, or None for all")
+    if way not in WAYS:
+        raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
+    if not (np.isfinite(radius) and radius >= 0):
+        raise OptionError(f"radius is {radius}: that of a ball that holds the body, m, at least 0")
+
+
+def _require_use(recorded: Recorded, way: str, radius: float) -> None:
+    if recorded.contacts is not None or recorded.listeners is not None:
+        return
+    idle = {"way": way != "field", "radius": radius > 0, "symmetry": recorded.symmetry != "none"}
+    given = [name for name, asked in idle.items() if asked]
+    if given:
+        raise OptionError(
+            f"{given[0]} says how gains differ from place to place, and nobody told the places: "
+            "give contacts, listeners or a manifest"
+        )
+
+
+def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
+    if len(fitted.frequencies) and (fitted.verdict.modal or force):
+        return
+    names = recorded.takes[0].name
+    if len(recorded.takes) > 1:
+        names = f"{names} and {len(recorded.takes) - 1} more"
+    if fitted.verdict.modal:
+        raise RecordingError(
+            f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "
+            "energy: record louder or nearer, or fit for playing, with modes=64"
+        )
+    advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
+    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{advice}")
+
+
+def _by_natural_frequency(fitted: Fitted) -> Fitted:
+    order = np.argsort(np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)), kind="stable")
+    names = ("frequencies", "decays", "frequency_errors", "decay_errors")
+    return replace(
+        fitted,
+        **{name: getattr(fitted, name)[order] for name in names},
+        gains=fitted.gains[:, order],
+        gain_errors=fitted.gain_errors[:, order],
+    )
+
+
+def _with_room_told(fitted: Fitted, seconds: float | None) -> Fitted:
+    """Note which modes may be the room's."""
+    if seconds is None or not (count := may_be_of_room(fitted.decays, seconds).sum()):
+        return fitted
+    note = (
+        f"{count} of {len(fitted.decays)} modes die away nearly as fast as the room, T60 "
+        f"{seconds:.2g} s, or faster: they may be its own; those that stay when the object is "
+        "moved are not"
+    )
+    return replace(fitted, notes=(*fitted.notes, note))
+
+
+def _made(
+    fitted: Fitted,
+    recorded: Recorded,
+    seconds: float | None,
+    way: str,
+    radius: float,
+    method: str,
+    *,
+    residual: bool,
+) -> Fitting:
+    gathered = Gathered.of(fitted, recorded)
+    survey, gains = _gains(gathered, recorded, way, radius)
+    rest = remainder(fitted, recorded, gathered)
+    places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
+    model = ModalModel(
+        frequencies=fitted.frequencies,
+        natural_frequencies=np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)),
+        decays=fitted.decays,
+        gains=gains,
+        centre=recorded.centre,
+        complete_to=0.0,
+        errors=fitted.frequency_errors / fitted.frequencies,
+        places=places,
+        coordinates=() if survey is None else _axes(recorded),
+        residual=rest if residual else None,
+        provenance=_provenance(fitted, recorded, gains, method, gathered),
+    )
+    return Fitting(
+        model=model,
+        fitted=fitted,
+        recorded=recorded,
+        survey=survey,
+        lead=gathered.lead,
+        room=None if seconds is None else may_be_of_room(fitted.decays, seconds),
+        residual=rest,
+    )
+
+
+def _gains(
+    gathered: Gathered, recorded: Recorded, way: str, radius: float
+) -> tuple[Survey | None, Gains]:
+    if recorded.contacts is None and recorded.listeners is None:
+        outputs = gathered.in_one_point()
+        return None, SinglePoint(outputs=outputs, centre=recorded.centre)
+    survey = gathered.survey(recorded)
+    if way == "table":
+        return survey, TimbreTable.of(survey)
+    return survey, TimbreField.of(survey, radius=radius)
+
+
+def _axes(recorded: Recorded) -> tuple[str, ...]:
+    return recorded.coordinates or ("u",)
+
+
+def _loudest(survey: Survey, decays: Array) -> Array:
+    """Return the contact whose recordings hold most energy."""
+    energies = (np.abs(survey.gains) ** 2 / np.maximum(decays, 1e-6)).sum(axis=1)
+    return survey.contacts[survey.pairs[energies.argmax(), 0]]
+
+
+def _provenance(
+    fitted: Fitted, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
+) -> Provenance:
+    notes = fitted.notes + tuple(getattr(gains, "notes", ()))
+    hits = len(np.unique(gathered.hits))
+    details: dict[str, object] = {
+        "recordings": len(recorded.takes),
+        "hits": hits,
+        "channels": int(np.bincount(gathered.hits).max()),
+        "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
+        "rank_error": _middle(getattr(gains, "rank_errors", None)),
+    }
+    references = _REFERENCES[method]
+    if isinstance(gains, TimbreField):
+        references += ("rasmussen2006",)
+    return Provenance(
+        method=f"fit of {hits} hit{'s' if hits > 1 else ''} by {_NAMES[method]}",
+        references=references,
+        dropped=notes,
+        details={name: value for name, value in details.items() if value is not None},
+    )
+
+
+def _middle(errors: Array | None) -> float | None:
+    """Return the median of the errors that are known."""
+    known = np.zeros(0) if errors is None else errors[np.isfinite(errors)]
+    return float(np.round(np.median(known), 5)) if known.size else None

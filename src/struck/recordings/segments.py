@@ -1,0 +1,192 @@
+"""Takes cut into the stretches that ring freely, one a hit."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import RecordingError
+from struck.recordings.noise import Noise
+from struck.recordings.onsets import Hit
+from struck.recordings.takes.checks import clipped, lead_in
+from struck.recordings.takes.segment import Segment
+from struck.recordings.takes.take import Take
+
+Array = NDArray[np.float64]
+
+_QUANTUM = 1e-5
+"""Of the peak: no recording is taken to be quieter."""
+_LOOKED_AT = 65536
+_SHORTEST, _LONGEST = 0.05, 30.0
+_SPOILT = 0.05
+"""So long after its onset a hit may be clipped, s."""
+_BLOCK = 0.05
+_OVER_NOISE = 2.0
+_FAINT = 1e-3
+"""Of the energy of a take's loudest hit: 30 dB below it, a hit is none of those that were meant."""
+_GRID = 32
+"""Lengths are multiples of one over this, s: alike ones are transformed together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What a row of gains belongs to: channel of a hit of a take, counted from 0.
+
+    Parameters
+    ----------
+    take, hit, channel : int
+        Which.
+    onset : float
+        When the hit began, s in the take.
+    time : float
+        From when on the gains count, s in the take.
+    """
+
+    take: int
+    hit: int
+    channel: int
+    onset: float
+    time: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stretch:
+    """One hit of a take."""
+
+    take: int
+    number: int
+    hit: Hit
+    samples: Array
+    noise: Noise
+    before: Array
+    sample_rate: int
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows of its channels."""
+        onset, time = self.hit.onset / self.sample_rate, self.hit.start / self.sample_rate
+        for channel in range(len(self.samples)):
+            yield Row(take=self.take, hit=self.number, channel=channel, onset=onset, time=time)
+
+
+def cut(
+    takes: Sequence[Take], hits: Sequence[Sequence[Hit]], *, attack: bool = False
+) -> list[Stretch]:
+    """Cut each take at its hits, and each hit where it is over.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+    hits : sequence of sequences of Hit
+        Of each take.
+    attack : bool
+        Whether hits begin as soon as they are heard, or when they ring freely.
+
+    Raises
+    ------
+    RecordingError
+        When a take has no hit, or none that is long enough and not clipped throughout.
+    """
+    found = []
+    for number, (take, own) in enumerate(zip(takes, hits, strict=True)):
+        if not own:
+            raise RecordingError(
+                f"no hit was found in {take.name}: no moment at which many frequencies rise at "
+                "once; give its onsets, or leave it out"
+            )
+        begun = [replace(hit, start=hit.arrival) for hit in own] if attack else own
+        stretches = list(_stretches(number, take, begun))
+        if not stretches:
+            raise RecordingError(
+                f"no hit of {take.name} rings freely for {_SHORTEST} s: record single hits that "
+                "are not clipped"
+            )
+        found += stretches
+    return found
+
+
+def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
+    """Return segments, those of one length together, and what their rows belong to."""
+    alike: dict[tuple[int, int], list[Stretch]] = defaultdict(list)
+    for stretch in stretches:
+        alike[stretch.samples.shape[1], stretch.before.shape[1]].append(stretch)
+    segments: list[Segment] = []
+    rows: list[Row] = []
+    for own in alike.values():
+        segments.append(
+            Segment.of(
+                np.concatenate([each.samples for each in own]),
+                own[0].sample_rate,
+                Noise.joined([each.noise for each in own]),
+                len(rows),
+                np.concatenate([each.before for each in own]),
+            )
+        )
+        rows += [row for each in own for row in each.rows()]
+    return segments, rows
+
+
+def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch]:
+    before = lead_in(take, hits)
+    floor = max((_QUANTUM * float(np.abs(take.samples).max())) ** 2, _step(take) ** 2 / 12)
+    quiet = before if before.shape[1] else take.samples
+    measure = Noise.heard_in if before.shape[1] else Noise.quietest
+    noise = measure(quiet, take.sample_rate, floor)
+    flat = clipped(take)
+    loudness = [_loudness(take, hit) for hit in hits]
+    for place, hit in enumerate(hits):
+        if loudness[place] < _FAINT * max(loudness):
+            continue
+        whole = _unclipped(hit, flat, take.sample_rate)
+        end = _over(take, whole, noise)
+        if end - whole.start >= _SHORTEST * take.sample_rate:
+            yield Stretch(
+                take=number,
+                number=place,
+                hit=whole,
+                samples=take.samples[:, whole.start : end],
+                noise=noise,
+                before=before,
+                sample_rate=take.sample_rate,
+            )
+
+
+def _step(take: Take) -> float:
+    """Return the least difference between samples: that of 16 bits makes noise of its own."""
+    middle = int(np.abs(take.samples).max(axis=0).argmax())
+    values = np.unique(take.samples[:, max(0, middle - _LOOKED_AT // 8) :][:, :_LOOKED_AT])
+    return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
+
+
+def _loudness(take: Take, hit: Hit) -> float:
+    """Return the energy of a hit's first moments."""
+    last = min(hit.end, hit.start + round(_SPOILT * take.sample_rate))
+    return float((take.samples[:, hit.start : last] ** 2).sum())
+
+
+def _unclipped(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
+    """Begin after the last clipped sample; never, if that is late."""
+    spoilt = np.flatnonzero(flat[hit.onset : hit.end])
+    if not len(spoilt):
+        return hit
+    last = int(spoilt[-1])
+    start = hit.onset + last + 1 if last < _SPOILT * sample_rate else hit.end
+    return replace(hit, start=max(hit.start, start))
+
+
+def _over(take: Take, hit: Hit, noise: Noise) -> int:
+    """Return where a hit is over: twice as late as it falls into the noise, on a coarse grid."""
+    size = round(_BLOCK * take.sample_rate)
+    end = min(hit.end, hit.start + round(_LONGEST * take.sample_rate))
+    count = (end - hit.start) // size
+    if count < 1:
+        return hit.start
+    blocks = take.samples[:, hit.start : hit.start + count * size].reshape(-1, count, size)
+    loud = ((blocks**2).sum(axis=2) > _OVER_NOISE * noise.energy(size)[:, None]).any(axis=0)
+    last = count - int(np.argmax(loud[::-1])) if loud.any() else 0
+    end = min(end, hit.start + 2 * (last + 1) * size)
+    grid = take.sample_rate / _GRID
+    return hit.start + int(int((end - hit.start) / grid) * grid)

@@ -1,0 +1,1 @@
+"""Pictures and pages for people: charts, reports of fits and models, the gallery."""

@@ -1,0 +1,185 @@
+"""Models and sounds told to people: a few lines of text, or one HTML page that plays."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from struck.files.sound import Sound
+from struck.model.gains import ExpandedGains, ShapeGains
+from struck.model.html import document, picture
+from struck.model.model import ModalModel
+from struck.tables import modes_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from struck.model.timbre_field import TimbreField
+    from struck.model.timbre_table import TimbreTable
+
+_ROWS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Exhibit:
+    """A body with what a person would see and hear of it.
+
+    Parameters
+    ----------
+    title, text : str
+    model : ModalModel
+    sounds : sequence of (caption, Sound)
+    picture : Figure
+    spectrograms : sequence of Figure
+        One for each sound, or none.
+    """
+
+    title: str
+    text: str
+    model: ModalModel
+    sounds: Sequence[tuple[str, Sound]]
+    picture: Figure
+    spectrograms: Sequence[Figure] = ()
+
+
+def summary(model: ModalModel) -> list[str]:
+    """Return what a model holds, a line each."""
+    material = model.material
+    lines = [f"{len(model.frequencies)} modes, {_completeness(model)}"]
+    if model.errors is not None and np.isfinite(model.errors).any():
+        middle, worst = np.nanmedian(model.errors), np.nanmax(model.errors)
+        lines.append(
+            f"errors    half of the frequencies within {100 * middle:.2g} %, "
+            f"all within {100 * worst:.2g} %"
+        )
+    if material is not None:
+        lines.append(
+            f"material  {material.name}: {material.density:g} kg/m3, "
+            f"E = {material.youngs_modulus / 1e9:g} GPa, Poisson {material.poisson_ratio:g}, "
+            f"{material.damping}"
+        )
+    if model.mass is not None:
+        lines.append(f"mass      {model.mass:.4g} kg")
+    if model.geometry is not None:
+        size = " x ".join(f"{edge:.4g}" for edge in _size(model))
+        lines.append(f"size      {size} m, {model.geometry.up} up")
+    lines.append(f"gains     {_unit(model)}")
+    if not isinstance(model.gains, ShapeGains):
+        lines += _recorded(model)
+    lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
+    lines.append(f"method    {model.provenance.method}")
+    lines += [f"          {name}: {value}" for name, value in model.provenance.details.items()]
+    return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
+
+
+def _completeness(model: ModalModel) -> str:
+    if not model.complete_to:
+        return "others may be missing"
+    return f"none missing up to {model.complete_to:.0f} Hz"
+
+
+def _unit(model: ModalModel) -> str:
+    if not model.calibrated:
+        return "relative"
+    return "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
+
+
+def _recorded(model: ModalModel) -> list[str]:
+    """Return what is known of recordings that gains were made of."""
+    from struck.model.timbre_field import TimbreField
+    from struck.model.timbre_table import TimbreTable
+    from struck.recordings.fields.single_point import SinglePoint
+
+    gains = model.gains.products if isinstance(model.gains, ExpandedGains) else model.gains
+    if isinstance(gains, SinglePoint):
+        return ["recorded  at one place, from one; the microphone counts as 1 m away"]
+    if isinstance(gains, TimbreTable):
+        return [_table(model, gains)]
+    if isinstance(gains, TimbreField):
+        return _field(model, gains)
+    return []
+
+
+def _table(model: ModalModel, table: TimbreTable) -> str:
+    ranges = [(axis.nodes[0], axis.nodes[-1]) for axis in table.contacts.axes]
+    contacts, listeners, _ = table.gains.shape
+    places = f"{_counted(contacts, 'contact')} with {_counted(listeners, 'listener')}"
+    return f"recorded  a table of {places}{_over(model, ranges)}"
+
+
+def _field(model: ModalModel, field: TimbreField) -> list[str]:
+    part = field.contact_part
+    ranges = list(zip(part.lowest, part.lowest + part.spans, strict=True))
+    inside = len(field.listener_part.inside.places)
+    places = _counted(len(part.contacts), "contact")
+    places += f" and {_counted(inside, 'listener')} inside" if inside else ""
+    lines = [f"recorded  a field of {places}{_over(model, ranges)}"]
+    errors = field.rank_errors[np.isfinite(field.rank_errors)]
+    if errors.size:
+        lines.append(
+            f"rank      gains are products of contact and listener to "
+            f"{100 * np.median(errors):.2g} % in half of the modes, to "
+            f"{100 * errors.max():.2g} % in all"
+        )
+    return lines + [f"note      {note}" for note in field.notes]
+
+
+def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
+    """Return where one may strike, by coordinate."""
+    names = model.coordinates
+    told = [
+        f"{name} from {low:.4g} to {high:.4g}"
+        for name, (low, high) in zip(names, ranges, strict=False)
+    ]
+    told += [f"{name} all around" for name in names[len(ranges) :]]
+    return f", {', '.join(told)}" if told else ""
+
+
+def _counted(count: int, thing: str) -> str:
+    return f"{count} {thing}{'s' * (count != 1)}"
+
+
+def _size(model: ModalModel) -> list[float]:
+    if model.geometry is None:
+        return []
+    low, high = model.geometry.bounds
+    return (high - low).tolist()
+
+
+def page(
+    title: str,
+    introduction: str,
+    exhibits: Sequence[Exhibit],
+    links: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return one HTML page that shows and plays the exhibits, with titles of other pages."""
+    more = " &middot; ".join(
+        f'<a href="{html.escape(name)}">{html.escape(text)}</a>' for name, text in links.items()
+    )
+    sections = "\n".join(_section(exhibit) for exhibit in exhibits)
+    return document(title, f"<p>{html.escape(introduction)}</p>\n<nav>{more}</nav>\n{sections}")
+
+
+def _section(exhibit: Exhibit) -> str:
+    model = exhibit.model
+    count = min(_ROWS, len(model.frequencies))
+    errors = None if model.errors is None else model.errors[:count]
+    table = modes_table(model.frequencies[:count], model.t60[:count], model.decays[:count], errors)
+    facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
+    sounds = "".join(
+        f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"
+        f"{picture(caption, figure) if figure else ''}</figure>"
+        for (caption, sound), figure in zip_longest(exhibit.sounds, exhibit.spectrograms)
+    )
+    return (
+        f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
+        f'<div class="sounds">{sounds}</div>{picture(exhibit.title, exhibit.picture)}'
+        f"<details><summary>{count} of {len(model.frequencies)} modes</summary>"
+        f"<p>{facts}</p>{table}</details></section>"
+    )

@@ -1,0 +1,290 @@
+"""A surface as shaded, coloured triangles seen from one side, farthest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from struck.geometry import Surface
+from struck.model.gains import Gains
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+Array = NDArray[np.float64]
+
+_COLOURS = "RdBu_r"  # diverges from white, and the colour-blind can read it
+MOST_FACES = 20_000
+"""Surfaces of more faces are drawn with about so many."""
+
+_FEWEST_FACES = 3_000
+_EXAGGERATION = 0.06
+_ELEVATION = np.deg2rad(24)
+_SHARP = np.cos(np.deg2rad(40))
+_CLAY = np.array([0.80, 0.81, 0.83])
+_LIGHT = np.array([-0.42, 0.58, 0.70])
+_OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
+
+
+class Body(Protocol):
+    """What a picture needs of a model."""
+
+    @property
+    def frequencies(self) -> Array:
+        """Hz (M,)."""
+        ...
+
+    @property
+    def decays(self) -> Array:
+        """1/s (M,)."""
+        ...
+
+    @property
+    def material(self) -> Material | None:
+        """What it is made of, where known."""
+        ...
+
+    @property
+    def mass(self) -> float | None:
+        """kg, where known."""
+        ...
+
+    @property
+    def gains(self) -> Gains:
+        """Of which those with mode shapes on a surface can be drawn."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Painter:
+    """A surface with a point of view.
+
+    Parameters
+    ----------
+    surface : Mesh
+        What is drawn.
+    sources : sparse matrix (V, all vertices of the body)
+        Weights that make values at its vertices of values at the body's.
+    view : array (3, 3)
+        Unit vectors to the right, upward and toward the eye.
+    remark : str
+        What was done to draw it faster, if anything.
+    """
+
+    surface: Mesh
+    sources: sparse.csr_array
+    view: Array
+    remark: str = ""
+
+    @classmethod
+    def of(cls, surface: Mesh) -> Painter:
+        """Look at a surface from above its longer side."""
+        drawn = _thinned(surface) if len(surface.faces) > MOST_FACES else surface
+        sources, remark = sparse.eye_array(len(surface.points), format="csr"), ""
+        if len(drawn.faces) < len(surface.faces):
+            remark = f"\ndrawn with {len(drawn.faces):,} of {len(surface.faces):,} faces"
+            sources = _interpolation(surface, drawn.points)
+        return cls(surface=drawn, sources=sources, view=_view(surface), remark=remark)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the picture."""
+        width, height = np.ptp(self._frame(), axis=0)
+        return float(width / height)
+
+    def paint(self, axes: Axes, shape: Array | None = None) -> None:
+        """Draw the body at rest, or as a mode displaces it.
+
+        Parameters
+        ----------
+        axes : Axes
+            Emptied of all else.
+        shape : array (V, 3), optional
+            Of the mode, at the vertices of the whole body.
+        """
+        if shape is None:
+            self._draw(axes, self.surface, None)
+            return
+        moves = self.sources @ shape
+        moves = moves / max(np.linalg.norm(moves, axis=1).max(), np.finfo(float).tiny)
+        normals = _corner_normals(self.surface)
+        outward = np.einsum("fcd,fcd->fc", moves[self.surface.faces], normals)
+        sign = 1.0 if outward.max() >= -outward.min() else -1.0
+        points = self.surface.points + sign * _EXAGGERATION * self.surface.extent * moves
+        self._draw(axes, Mesh(points=points, faces=self.surface.faces), sign * outward)
+
+    @property
+    def panel(self) -> tuple[float, float]:
+        """Width and height of a picture with its titles, inches: alike in area for all bodies."""
+        width = float(np.clip(2.3 * np.sqrt(self.aspect), 1.5, 5.0))
+        return width, float(np.clip(width / self.aspect, 1.0, 4.5)) + 0.5
+
+    def paint_panels(
+        self,
+        figure: Figure | SubFigure,
+        shapes: Sequence[Array],
+        titles: Sequence[str],
+        captions: Sequence[str],
+        *,
+        columns: int,
+    ) -> None:
+        """Draw modes side by side, a title above and a caption below each, and the scale."""
+        panels = figure.subplots(-(-len(shapes) // columns), columns, squeeze=False)
+        for axes, shape, title, caption in zip(panels.flat, shapes, titles, captions, strict=False):
+            self.paint(axes, shape)
+            axes.set_title(title, fontsize=10)
+            place = {"transform": axes.transAxes, "ha": "center", "va": "top"}
+            axes.text(0.5, 0.0, caption, fontsize=8, color=_FAINT, **place)
+        for axes in panels.flat[len(shapes) :]:
+            axes.set_axis_off()
+        _explain_colours(figure, list(panels.flat), self.remark)
+
+    def _frame(self) -> Array:
+        """Return the corners (2, 2) of what must be seen, m."""
+        flat = self.surface.points @ self.view[:2].T
+        margin = _EXAGGERATION * self.surface.extent * 1.05
+        return np.stack([flat.min(axis=0) - margin, flat.max(axis=0) + margin])
+
+    def _draw(self, axes: Axes, surface: Mesh, values: Array | None) -> None:
+        from matplotlib.collections import PolyCollection, TriMesh
+        from matplotlib.tri import Triangulation
+
+        corners = _corners(surface, np.zeros(surface.faces.shape) if values is None else values)
+        places, colours = _seen(corners, self.view, coloured=values is not None)
+        outline = PolyCollection(list(places), facecolors=_OUTLINE, edgecolors=_OUTLINE)
+        outline.set(linewidth=1.6, rasterized=True, joinstyle="round")
+        numbers = np.arange(3 * len(places)).reshape(-1, 3)
+        across, upward = places.reshape(-1, 2).T
+        shades = TriMesh(Triangulation(across, upward, numbers))
+        shades.set(facecolor=colours.reshape(-1, 3), rasterized=True)
+        for collection in (outline, shades):
+            axes.add_collection(collection, autolim=False)
+        (left, bottom), (right, top) = self._frame()
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        axes.set_axis_off()
+
+
+def columns_for(count: int, width: float) -> int:
+    """Return how many panels of a width go into a row of at most 12 inches, the rows alike."""
+    most = max(1, min(count, int(12 / width), 6 if count > 4 else 4))
+    return -(-count // -(-count // most))
+
+
+def _explain_colours(figure: Figure | SubFigure, panels: list[Axes], remark: str) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    scale = ScalarMappable(Normalize(-1, 1), _COLOURS)
+    bar = figure.colorbar(scale, ax=panels, location="bottom", shrink=0.5, aspect=45, pad=0.03)
+    bar.set_ticks([-1, 0, 1], labels=["inward", "0", "outward"], fontsize=8)
+    bar.set_label(
+        f"displacement along the normal, share of the largest (exaggerated in the shapes){remark}",
+        fontsize=8,
+    )
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def _view(surface: Mesh) -> Array:
+    up = "xyz".index(surface.up)
+    first, second = (up + 1) % 3, (up + 2) % 3
+    size = np.ptp(surface.bounds, axis=0)
+    around = np.deg2rad(-62 if size[first] >= size[second] else -28)
+    toward = np.zeros(3)
+    toward[[first, second]] = np.cos(_ELEVATION) * np.array([np.cos(around), np.sin(around)])
+    toward[up] = np.sin(_ELEVATION)
+    right = np.cross(np.eye(3)[up], toward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def _thinned(surface: Mesh) -> Mesh:
+    """Collapse short edges until few enough faces are left."""
+    import igl
+
+    points, faces = np.asfortranarray(surface.points), np.asfortranarray(surface.faces)
+    moved, left, _, _ = igl.decimate(points, faces, MOST_FACES)
+    fewer = np.asarray(left, np.int64)
+    if not len(fewer):  # a surface that is no manifold is drawn whole
+        return surface
+    return Mesh(points=np.asarray(moved, np.float64), faces=fewer, up=surface.up)
+
+
+def _interpolation(surface: Mesh, points: Array) -> sparse.csr_array:
+    """Return weights (K, V) of the vertices around the nearest places of `points` (K, 3)."""
+    faces, weights = Surface(surface).barycentric(points)
+    rows = np.repeat(np.arange(len(points)), 3)
+    entries = (weights.ravel(), (rows, surface.faces[faces].ravel()))
+    return sparse.csr_array(entries, shape=(len(points), len(surface.points)))
+
+
+def _corners(surface: Mesh, values: Array) -> Array:
+    """Return place, normal and one of `values` (F, 3) at all corners, small enough (F, 3, 7)."""
+    places, normals = surface.points[surface.faces], _corner_normals(surface)
+    corners = np.concatenate([places, normals, values[:, :, None]], axis=2)
+    while len(corners) < _FEWEST_FACES:
+        corners = _quartered(corners)
+    return corners
+
+
+def _corner_normals(surface: Mesh) -> Array:
+    """Return unit normals at the corners of all faces (F, 3, 3), smooth but for sharp edges.
+
+    A corner takes the mean of the faces around its vertex that turn little from its own.
+    """
+    corners, normals = surface.faces.ravel(), surface.face_normals
+    owners = np.repeat(np.arange(len(surface.faces)), 3)
+    shape = (len(surface.points), len(surface.faces))
+    around = sparse.csr_array((np.ones(len(corners)), (corners, owners)), shape=shape)[corners]
+    mine = np.repeat(owners, np.diff(around.indptr))
+    alike = np.einsum("kd,kd->k", normals[mine], normals[around.indices]) > _SHARP
+    shares = surface.area_vectors[around.indices] * alike[:, None]
+    means = np.add.reduceat(shares, around.indptr[:-1])
+    lengths = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
+    return (means / lengths).reshape(-1, 3, 3)
+
+
+def _quartered(corners: Array) -> Array:
+    """Split each triangle at the middles of its edges: smoother shades on coarse surfaces."""
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    (a, b, c), (ab, bc, ca) = corners.swapaxes(0, 1), middles.swapaxes(0, 1)
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(part, axis=1) for part in parts])
+
+
+def _seen(corners: Array, view: Array, *, coloured: bool) -> tuple[Array, Array]:
+    """Return the triangles that face the eye, farthest first, and the colours of their corners.
+
+    Shapes are (F, 3, 2) and (F, 3, 3).
+    """
+    places = corners[:, :, :3] @ view.T
+    first, second = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+    facing = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0
+    places, corners = places[facing], corners[facing]
+    order = np.argsort(places[:, :, 2].mean(axis=1))
+    values, normals = corners[order, :, 6], corners[order, :, 3:6] @ view.T
+    base = _coloured(values) if coloured else np.broadcast_to(_CLAY, normals.shape)
+    return places[order, :, :2], _lit(base, normals)
+
+
+def _coloured(values: Array) -> Array:
+    import matplotlib as mpl
+
+    return mpl.colormaps[_COLOURS]((values + 1) / 2)[..., :3]
+
+
+def _lit(base: Array, normals: Array) -> Array:
+    """Return colours under soft light from above and the left, with a little gloss."""
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    light = _LIGHT / np.linalg.norm(_LIGHT)
+    half = light + np.array([0.0, 0.0, 1.0])
+    diffuse = 0.5 + 0.5 * (normals @ light)
+    gloss = np.clip(normals @ (half / np.linalg.norm(half)), 0, 1) ** 40
+    return np.clip(base * (0.45 + 0.58 * diffuse[..., None]) + 0.16 * gloss[..., None], 0, 1)

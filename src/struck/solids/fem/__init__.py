@@ -1,0 +1,1 @@
+"""Finite elements: stiffness and mass, eigenpairs, and their errors."""

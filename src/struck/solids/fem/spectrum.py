@@ -1,0 +1,253 @@
+"""All eigenpairs below a bound, a slice of the spectrum at a time.
+
+One factorisation K - shift M = L D L^T serves twice: its inertia counts the eigenvalues below the
+shift, and block Lanczos with it finds those on both sides. The count between two shifts then says
+how many there must be between them, so that none is missed and none is taken twice (Grimes, Lewis
+& Simon 1994, section 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import SolverError
+from struck.progress import Progress, silent
+from struck.solids.fem.assembly import System
+from struck.solids.fem.factorisation import Factor, Factoriser
+from struck.solids.fem.lanczos import Eigenpairs, Mass, block_lanczos
+
+Array = NDArray[np.float64]
+# Modes that one factorisation finds at most; beyond, keeping all vectors apart takes over.
+SLICE_LIMIT = 200
+_TRIES = 12
+# Equal eigenvalues come out closer to each other than this share of them.
+_SPLIT = 1e-7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shift:
+    """A factorised K - value M, and how many elastic eigenvalues lie below."""
+
+    value: float
+    below: int
+    factor: Factor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reached:
+    """Below `value` lie `count` elastic eigenvalues."""
+
+    value: float
+    count: int
+
+
+class Spectrum:
+    """The elastic eigenpairs of a body.
+
+    Parameters
+    ----------
+    system : System
+    known : array (n, k)
+        The rigid motions, which are left out and not counted; none of a body that is held.
+    factorise : Factoriser
+    limit : int
+        How many eigenpairs one factorisation serves at most.
+    progress : callable
+        Told the stage and the fraction of all eigenpairs found.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        known: Array,
+        factorise: Factoriser,
+        limit: int = SLICE_LIMIT,
+        progress: Progress = silent,
+    ) -> None:
+        self._system = system
+        self._known = known
+        self._factorise = factorise
+        self._limit = max(limit, 4)
+        self._progress = progress
+        self._done = 0.0
+        self._told = 0.0
+        self._mass = Mass(system.mass_matrix())
+
+    def shift(self, value: float) -> Shift:
+        """Factorise at a shift.
+
+        Raises
+        ------
+        SolverError
+            When it lies on an eigenvalue too exactly to tell the sides apart.
+        """
+        self._tell("factor", self._done)
+        for nudge in (0.0, 1e-6, -1e-6):
+            try:
+                factor = self._factorise(self._system.shifted(value * (1 + nudge)))
+            except SolverError as error:
+                last = error
+            else:
+                below = max(factor.negative - self._known.shape[1], 0)
+                return Shift(value=value * (1 + nudge), below=below, factor=factor)
+        raise last
+
+    def _tell(self, stage: str, fraction: float) -> None:
+        # Slices that turn out shorter than planned must not turn progress back.
+        self._told = max(self._told, fraction)
+        self._progress(stage, self._told)
+
+    def near(
+        self,
+        shift: Shift,
+        below: int,
+        above: int,
+        share: float = 1.0,
+        least: float = -np.inf,
+    ) -> Eigenpairs:
+        """Return the nearest eigenpairs, so many below and above a shift.
+
+        `share` is what part of all the work they are; none should lie below `least`.
+        """
+        done = self._done
+        pairs = block_lanczos(
+            shift.factor.solve,
+            self._mass,
+            shift.value,
+            above,
+            self._known,
+            lambda fraction: self._tell("iterate", done + fraction * share),
+            below=below,
+            least=least,
+        )
+        self._done = min(done + share, 1.0)
+        return pairs
+
+    def up_to(self, end: Shift) -> Iterator[Eigenpairs]:
+        """Yield all eigenpairs below a shift, ascending: at once, or in slices when many.
+
+        Raises
+        ------
+        SolverError
+            When found and counted eigenvalues differ.
+        """
+        if end.below <= self._limit:
+            pairs = self.near(end, end.below, 0)
+            del end  # and its factor with it
+            yield pairs
+            return
+        goal = Reached(value=end.value, count=end.below)
+        del end
+        yield from self._slices(goal)
+
+    def _slices(self, goal: Reached) -> Iterator[Eigenpairs]:
+        """Yield what lies below each shift once the inertia there has confirmed it.
+
+        What a shift found above itself waits as `tail` for the next one's count.
+        """
+        last, tail, cut = Reached(value=-np.inf, count=0), _NONE, 0.0
+        while last.count + len(tail.values) < goal.count:
+            start = Reached(value=cut, count=last.count + len(tail.values))
+            shift = self._next(start, goal)
+            lower, upper = self._around(start, shift, goal)
+            if len(lower.values) and lower.values[0] <= cut:
+                # The tail missed some: what lies between the shifts is found from here, whole.
+                lower, tail = self._between(last, shift), _NONE
+            last = Reached(value=shift.value, count=shift.below)
+            del shift  # and its factor with it
+            yield from (part for part in (tail, lower) if len(part.values))
+            del lower
+            tail, cut = _cut(upper, last.value, goal.value, goal.count - last.count)
+            del upper
+            self._done = (last.count + len(tail.values)) / goal.count
+        yield tail
+
+    def _around(self, start: Reached, shift: Shift, goal: Reached) -> tuple[Eigenpairs, Eigenpairs]:
+        """Return what lies between `start` and a shift, and as many above as make a slice."""
+        below = shift.below - start.count
+        above = min(max(self._limit - below, self._limit // 4), goal.count - shift.below)
+        if not below + above:
+            return _NONE, _NONE
+        # A quarter of what lies above may be left to the next slice.
+        share = (below + 3 * above // 4) / goal.count
+        pairs = self.near(shift, below, above, share, start.value)
+        return _kept(pairs, slice(below)), _kept(pairs, slice(below, None))
+
+    def _between(self, last: Reached, shift: Shift) -> Eigenpairs:
+        pairs = self.near(shift, shift.below - last.count, 0, 0.0, last.value)
+        if pairs.values[0] <= last.value:
+            raise SolverError(
+                f"{shift.below - last.count} modes exist between {_hertz(last.value):.6g} and "
+                f"{_hertz(shift.value):.6g} Hz, but not all were found: change band= slightly, or "
+                "report this body"
+            )
+        return pairs
+
+    def _next(self, start: Reached, goal: Reached) -> Shift:
+        """Return a shift with about half a slice between it and what was reached."""
+        target = start.count + min(self._limit, goal.count - start.count) / 2
+        shift = self.shift(_predicted(target, start, goal))
+        for _ in range(_TRIES):
+            if shift.below - start.count <= 0.8 * self._limit:
+                break
+            farthest = Reached(value=shift.value, count=shift.below)
+            del shift  # and its factor with it
+            shift = self.shift(_predicted(target, start, farthest))
+        if shift.below < start.count:
+            raise SolverError(
+                f"{start.count} modes were found up to {_hertz(start.value):.6g} Hz but "
+                f"{shift.below} counted up to {_hertz(shift.value):.6g} Hz: change band= "
+                "slightly, or report this body"
+            )
+        return shift
+
+
+_NONE = Eigenpairs(values=np.zeros(0), vectors=np.zeros((0, 0)))
+
+
+def _predicted(target: float, start: Reached, end: Reached) -> float:
+    """Return where the count should reach `target`: it grows as a power of the eigenvalue.
+
+    The power of thin walls, 1, stands where nothing is known yet; in bars it is less, in lumps
+    more (Weyl's law).
+    """
+    power = 1.0
+    if start.count:
+        power = np.log(end.count / start.count) / np.log(end.value / start.value)
+    value = end.value * (target / end.count) ** (1 / power)
+    # Strictly between, however steep the count is.
+    width = end.value - start.value
+    return float(np.clip(value, start.value + 0.02 * width, end.value - 0.02 * width))
+
+
+def _kept(pairs: Eigenpairs, chosen: slice) -> Eigenpairs:
+    # A copy, so that the rest can go.
+    return Eigenpairs(values=pairs.values[chosen], vectors=pairs.vectors[:, chosen].copy())
+
+
+def _cut(pairs: Eigenpairs, least: float, end: float, left: int) -> tuple[Eigenpairs, float]:
+    """Keep the pairs below `end`, or up to the widest gap among the last when more are `left`.
+
+    A cut through equal eigenvalues would leave their vectors unlike those of the next slice.
+    Return the pairs and where the cut lies.
+    """
+    values = pairs.values
+    if not len(values):
+        return pairs, least
+    if values[-1] > end or len(values) == left:
+        inside = int(np.searchsorted(values, end))
+        return _kept(pairs, slice(inside)), float(values[inside - 1]) if inside else least
+    gaps = np.diff(values, prepend=least)
+    last = 3 * len(values) // 4
+    while last and gaps[last:].max() < _SPLIT * values[-1]:
+        last //= 2
+    widest = last + int(np.argmax(gaps[last:]))
+    return _kept(pairs, slice(widest)), float(values[widest] - gaps[widest] / 2)
+
+
+def _hertz(value: float) -> float:
+    return float(np.sqrt(max(value, 0.0)) / (2 * np.pi))

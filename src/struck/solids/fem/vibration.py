@@ -1,0 +1,253 @@
+"""From a volume mesh and a material to certified modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.provenance import Provenance
+from struck.modes import Modes
+from struck.progress import Progress, silent
+from struck.solids import memory
+from struck.solids.certify import largest_residual, require_complete, require_one_piece
+from struck.solids.fem.assembly import System, assemble, gradients
+from struck.solids.fem.factorisation import Factoriser
+from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
+from struck.solids.fem.spectrum import Spectrum
+from struck.solids.search import Search, Solver
+from struck.solids.volume_mesh import VolumeMesh
+
+Array = NDArray[np.float64]
+# Relative errors (m,) of modes, from their eigenvalues (m,) and the movement of all nodes
+# (N, 3, m); many modes come slice by slice.
+Estimate = Callable[[Array, Array], Array]
+
+
+def vibration_modes(
+    mesh: VolumeMesh,
+    material: Material,
+    highest: float,
+    *,
+    fixed: NDArray[np.bool_] | None = None,
+    solver: Solver | None = None,
+    estimate: Estimate | None = None,
+    progress: Progress = silent,
+) -> Modes:
+    """Compute all modes of a body up to `highest`.
+
+    Parameters
+    ----------
+    mesh : VolumeMesh
+    material : Material
+    highest : float
+        End of the band, Hz.
+    fixed : array (N,) of bool, optional
+        Nodes that cannot move; without any the body floats freely.
+    solver : Solver, optional
+    estimate : callable, optional
+        Tells the relative errors (m,) of modes from their eigenvalues (m,) and the movement of
+        all nodes (N, 3, m); left out, errors are unknown.
+    progress : callable
+        Told the stage and its fraction done.
+
+    Returns
+    -------
+    Modes
+        Certified: counted by inertia, none missing up to `highest`.
+
+    Raises
+    ------
+    OptionError
+        When no mode lies below `highest`.
+    MeshError
+        When elements are inverted or parts hang together by a point.
+    SolverError
+        When the certificate fails, or memory does not suffice.
+    """
+    solver = solver or Solver()
+    progress("assemble", 0.0)
+    whole = assemble(mesh, material, lumped=solver.lumped)
+    movable = np.ones(len(mesh.nodes), bool) if fixed is None else ~fixed
+    system = whole if movable.all() else whole.free(movable)
+    sight = _Sight(
+        mesh=mesh,
+        material=material,
+        movable=movable,
+        surface=mesh.surface(),
+        estimate=estimate,
+    )
+    search = Search(
+        system=system,
+        motions=rigid_motions(mesh.nodes) if movable.all() else np.zeros((system.unknowns, 0)),
+        bound=(2 * np.pi * highest) ** 2,
+        solver=solver,
+        shown=3 * len(sight.surface[1]),
+        progress=progress,
+    )
+    # Nothing here may hold on to a slice's vectors while the next one is found.
+    seen = _joined(map(partial(_certified, search, sight), search.pairs()), search)
+    require_complete(seen.values, search.bound, search.counted)
+    return _as_modes(sight, whole, seen, highest, _provenance(mesh, search, seen))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """What is kept of some eigenpairs: values, shapes on the surface, and what is told of them."""
+
+    values: Array
+    shapes: Array
+    slopes: Array
+    errors: Array
+    residual: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sight:
+    """A body as its modes are looked at."""
+
+    mesh: VolumeMesh
+    material: Material
+    movable: NDArray[np.bool_]
+    surface: tuple[Mesh, NDArray[np.int64]]
+    estimate: Estimate | None
+
+    def of(self, pairs: Eigenpairs, residual: float) -> _Seen:
+        """Keep what is needed of a slice; its full vectors go."""
+        vectors = self._everywhere(pairs)
+        unknown = np.full(len(pairs.values), np.nan)
+        return _Seen(
+            values=pairs.values,
+            shapes=vectors[self.surface[1]],
+            slopes=poisson_slopes(self.mesh, self.material, pairs.values, vectors),
+            errors=unknown if self.estimate is None else self.estimate(pairs.values, vectors),
+            residual=residual,
+        )
+
+    def _everywhere(self, pairs: Eigenpairs) -> Array:
+        """Return the movement of all nodes (N, 3, m), of those that are held too."""
+        moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
+        if self.movable.all():
+            return moving
+        vectors = np.zeros((len(self.mesh.nodes), *moving.shape[1:]))
+        vectors[self.movable] = moving
+        return vectors
+
+
+def _certified(search: Search, sight: _Sight, pairs: Eigenpairs) -> _Seen:
+    search.progress("certify", 0.0)
+    require_one_piece(pairs.values, search.bound)
+    return sight.of(pairs, largest_residual(search.system, pairs))
+
+
+def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
+    """Put slices side by side as they come; shapes, the most of it, in their final place."""
+    none = np.zeros((0, 3, 0))
+    shapes, every = none, []
+    for part in parts:
+        if not every:
+            shapes = np.empty((*part.shapes.shape[:2], search.counted))
+        begun = sum(len(before.values) for before in every)
+        require_complete(part.values, np.inf, min(len(part.values), search.counted - begun))
+        shapes[:, :, begun : begun + len(part.values)] = part.shapes
+        every.append(replace(part, shapes=none))
+    return _Seen(
+        values=np.concatenate([part.values for part in every]),
+        shapes=shapes,
+        slopes=np.concatenate([part.slopes for part in every]),
+        errors=np.concatenate([part.errors for part in every]),
+        residual=max(part.residual for part in every),
+    )
+
+
+def _as_modes(
+    sight: _Sight, system: System, seen: _Seen, highest: float, provenance: Provenance
+) -> Modes:
+    mass, centre, inertia = mass_properties(system, sight.mesh.nodes)
+    return Modes(
+        frequencies=np.sqrt(seen.values) / (2 * np.pi),
+        surface=sight.surface[0],
+        shapes=seen.shapes,
+        mass=mass,
+        centre=centre,
+        inertia=inertia,
+        complete_to=highest,
+        poisson_slopes=seen.slopes,
+        errors=seen.errors,
+        supported=not sight.movable.all(),
+        provenance=provenance,
+    )
+
+
+def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
+    lumped = "lumped" if search.solver.lumped else "consistent"
+    method = "anderson1999" if search.small else "grimes1994"
+    return Provenance(
+        method=f"finite elements ({mesh.kind}, {lumped} mass)",
+        references=("zienkiewicz2013", method, "parlett1998"),
+        details={
+            "elements": f"{len(mesh.elements)} {mesh.kind}",
+            "nodes": len(mesh.nodes),
+            "unknowns": search.system.unknowns,
+            "largest_residual": seen.residual,
+            "sturm_count": search.counted,
+            "memory_forecast": f"{search.forecast / memory.GIB:.2f} GiB",
+        },
+    )
+
+
+def mass_properties(system: System, nodes: Array) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass and moments of inertia about it from the mass matrix."""
+    between = system.mass_matrix()
+    weights = np.asarray(between.sum(axis=0)).ravel()
+    mass = float(weights.sum())
+    centre = weights @ nodes / mass
+    offsets = nodes - centre
+    second = offsets.T @ (between @ offsets)
+    return mass, centre, np.trace(second) * np.eye(3) - second
+
+
+def poisson_slopes(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
+    """Return d ln f / d(Poisson's ratio) at constant Young's modulus for each mode (M,).
+
+    First-order perturbation: K = lambda D + mu B, so the energy of dilatation x'Dx of a mode
+    tells how its eigenvalue follows lambda and mu.
+    """
+    nu, young = material.poisson_ratio, material.youngs_modulus
+    dilatation = _dilatation(mesh, vectors)
+    rest = (values - material.first_lame * dilatation) / material.shear_modulus
+    first = young * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2
+    shear = -young / (2 * (1 + nu) ** 2)
+    return (first * dilatation + shear * rest) / (2 * values)
+
+
+def _dilatation(mesh: VolumeMesh, vectors: Array) -> Array:
+    """Return the integral of (div x)^2 of each mode (M,)."""
+    total = np.zeros(vectors.shape[2])
+    rule = mesh.element.stiffness_rule
+    for chunk in mesh.chunks(512):
+        chosen = np.arange(len(mesh.elements))[chunk]
+        slopes, weights = gradients(mesh, chosen, rule)
+        count, points, nodes, _ = slopes.shape
+        shapes = vectors[mesh.elements[chosen]].reshape(count, 3 * nodes, -1)
+        divergence = slopes.reshape(count, points, 3 * nodes) @ shapes
+        total += np.einsum("eq,eqm,eqm->m", weights, divergence, divergence, optimize=True)
+    return total
+
+
+def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None = None) -> float:
+    """Return the lowest natural frequency of a freely floating body, Hz."""
+    solver = solver or Solver()
+    system = assemble(mesh, material, lumped=solver.lumped)
+    motions = rigid_motions(mesh.nodes)
+    # Any shift below all frequencies will do; this one is the square of a travelling wave's.
+    speed = np.sqrt(material.youngs_modulus / material.density)
+    bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
+    spectrum = Spectrum(system, motions, Factoriser(solver.backend))
+    pairs = spectrum.near(spectrum.shift(-float(bound) / 400), 0, 1)
+    return float(np.sqrt(pairs.values[0]) / (2 * np.pi))

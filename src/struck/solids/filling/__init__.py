@@ -1,0 +1,1 @@
+"""Tetrahedra that fill any closed surface."""

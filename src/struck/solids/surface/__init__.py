@@ -1,0 +1,1 @@
+"""Closed surfaces: tests, repair and signed distance."""

@@ -1,0 +1,235 @@
+"""Signed distance to a surface, and the body it bounds: solid, hollow, or a sheet with a wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.geometry import Closest, Surface, barycentric
+from struck.model.mesh import Mesh
+from struck.model.mesh_topology import edges_of
+from struck.solids.filling.lattice import Lattice
+from struck.solids.tetrahedra import stuffed
+from struck.solids.volume_mesh import VolumeMesh
+
+if TYPE_CHECKING:
+    import igl
+
+Array = NDArray[np.float64]
+_INSIDE = 0.5
+# Order of the expansion far away, and how many radii away that is: libigl's own.
+_ORDER, _ACCURACY = 2, 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Body:
+    """What fills a closed surface: all of it, or a wall inside it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed surface.
+    wall : float, optional
+        Thickness of the wall, m; without it the body is solid.
+    """
+
+    mesh: Mesh
+    wall: float | None = None
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return Surface(self.mesh)
+
+    @cached_property
+    def _winding(self) -> igl.FastWindingNumberBVH:
+        import igl
+
+        hierarchy = igl.FastWindingNumberBVH()
+        hierarchy.init(
+            np.ascontiguousarray(self.mesh.points), np.ascontiguousarray(self.mesh.faces), _ORDER
+        )
+        return hierarchy
+
+    @cached_property
+    def bounds(self) -> Array:
+        """Corners of a box around the body, m (2, 3)."""
+        return self.mesh.bounds
+
+    @cached_property
+    def thickness(self) -> float:
+        """Of the wall, or of a plate with the same volume and surface, m."""
+        whole = self.mesh.volume
+        solid = 2 * whole / float(self.mesh.areas.sum())
+        return solid if self.wall is None else min(self.wall, solid)
+
+    def distance(self, points: Array) -> Array:
+        """Return the signed distance to the surface, negative inside, m (K,).
+
+        The sign is that of the winding number (Barill et al. 2018).
+        """
+        winding = self._winding.winding_number(np.ascontiguousarray(points), _ACCURACY)
+        length, _, _ = self._surface.closest(points)
+        return np.where(np.atleast_1d(winding) > _INSIDE, -length, length)
+
+    def depths(self, points: Array) -> Array:
+        """Return 1-Lipschitz functions, all negative in the material alone, m (K, 1 or 2)."""
+        distance = self.distance(points)
+        surfaces = [distance] if self.wall is None else [distance, -distance - self.wall]
+        return np.stack(surfaces, axis=1)
+
+    def onto(self, surface: float, points: Array) -> Array:
+        """Return points near one of the bounding surfaces moved onto it the shortest way (K, 3).
+
+        Surface 0 is the given one, surface 1 the inner face of the wall, 0.5 halfway between.
+        """
+        length, _, nearest = self._surface.closest(points)
+        if surface == 0 or self.wall is None:
+            return nearest
+        share = np.divide(surface * self.wall, length, out=np.zeros_like(length), where=length > 0)
+        return nearest + (points - nearest) * share[:, None]
+
+    def stuffed(self, spacing: float) -> VolumeMesh:
+        """Fill the body with linear tetrahedra on a lattice of `spacing`, m."""
+        return stuffed(self.depths, self.bounds, spacing, self.mesh.up)
+
+    def volume(self, spacing: float) -> float:
+        """Return the volume of the material, m^3: a wall's by samples `spacing` m apart."""
+        return self.mesh.volume if self.wall is None else sampled_volume(self, spacing)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sheet:
+    """A wall around an open surface: half of it on either side, square at the rim.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Surface with a rim, its faces oriented alike.
+    wall : float
+        Thickness, m.
+    """
+
+    mesh: Mesh
+    wall: float
+
+    @property
+    def bounds(self) -> Array:
+        """Corners of a box around the body, m (2, 3)."""
+        return self.mesh.bounds + np.array([[-0.5], [0.5]]) * self.wall
+
+    @property
+    def thickness(self) -> float:
+        """Of the wall, m."""
+        return self.wall
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return Surface(self.mesh)
+
+    @cached_property
+    def _rim(self) -> Rim:
+        return Rim(self.mesh)
+
+    def _height(self, points: Array) -> tuple[Array, Array]:
+        """Return the heights above the surface, m (K,), and the nearest points on it."""
+        length, faces, nearest = self._surface.closest(points)
+        weights = barycentric(self.mesh.points[self.mesh.faces[faces]], nearest)
+        # Blended normals: those of single faces jump at edges, and the sides with them.
+        normals = self.mesh.vertex_normals[self.mesh.faces[faces]]
+        above = np.einsum("kc,kcd,kd->k", weights, normals, points - nearest)
+        return np.where(above < 0, -length, length), nearest
+
+    def depths(self, points: Array) -> Array:
+        """Return depths below the upper face, the lower face and the rim, m (K, 3)."""
+        height, nearest = self._height(points)
+        past = self._rim.past(points, nearest)
+        return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
+
+    def onto(self, surface: float, points: Array) -> Array:
+        """Return points moved onto the upper face (0), the lower face (1) or the rim (2).
+
+        Halfway between the faces (0.5) lies the given surface.
+        """
+        height, nearest = self._height(points)
+        if surface == 2:
+            return points - self._rim.way(points, nearest)
+        share = np.divide(
+            (0.5 - surface) * self.wall, height, out=np.zeros_like(height), where=height != 0
+        )
+        return nearest + (points - nearest) * share[:, None]
+
+    def volume(self, spacing: float) -> float:
+        """Return the volume of the material, m^3, by samples `spacing` m apart."""
+        return sampled_volume(self, spacing)
+
+
+class Rim:
+    """The open edges of a surface whose faces are oriented alike."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        edges = edges_of(mesh.faces)
+        open_sides = np.flatnonzero(edges.faces_at[edges.owner] == 1)
+        face, side = np.divmod(open_sides, 3)
+        first, last = mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]
+        self._starts, ends = mesh.points[first], mesh.points[last]
+        self._ways = _unit(ends - self._starts)
+        self._lengths = np.linalg.norm(ends - self._starts, axis=1)
+        self._outward = _unit(np.cross(self._ways, mesh.face_normals[face]))
+        self._after = np.argsort(first)[np.argsort(np.argsort(last))]
+        self._before = np.argsort(self._after)
+        self._tree = Closest(mesh.points, np.stack([first, last], axis=1))
+
+    def past(self, points: Array, on_surface: Array) -> Array:
+        """Return how far points lie past the rim, negative on the surface's side, m (K,)."""
+        _, edge, nearest = self._tree.closest(on_surface)
+        along = np.linalg.norm(nearest - self._starts[edge], axis=1) / self._lengths[edge]
+        beside = np.where(along < _AT_CORNER, self._before[edge], edge)
+        beside = np.where(along > 1 - _AT_CORNER, self._after[edge], beside)
+        here, there = (
+            np.einsum("kd,kd->k", points - nearest, self._outward[e]) for e in (edge, beside)
+        )
+        # A corner that sticks out ends at either edge, one that goes in at both.
+        back = np.where(along < _AT_CORNER, -1.0, 1.0)[:, None] * self._ways[beside]
+        sticks_out = np.einsum("kd,kd->k", self._outward[edge], back) <= 0
+        return np.where(sticks_out, np.maximum(here, there), np.minimum(here, there))
+
+    def way(self, points: Array, on_surface: Array) -> Array:
+        """Return the way from the rim to points, along the surface there, m (K, 3)."""
+        _, edge, nearest = self._tree.closest(on_surface)
+        plane = np.stack([self._outward[edge], self._ways[edge]], axis=1)
+        return np.einsum("kad,kae,ke->kd", plane, plane, points - nearest)
+
+
+# Share of an edge that counts as its end.
+_AT_CORNER = 1e-9
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def sampled_volume(body: Body | Sheet, spacing: float) -> float:
+    """Return the volume where all depths are negative, m^3, by samples about `spacing` m apart.
+
+    Each surface counts by a step that rises over one cell, so its place is known far better
+    than the spacing; a thin wall, as their difference, takes samples about as close.
+    """
+    area = float(body.mesh.areas.sum())
+    fine = max(min(spacing, _SAMPLES_OF_WALL * body.thickness), np.sqrt(_COST * area / _MOST))
+    lattice = Lattice.over(body.bounds, fine)
+    width = float(np.cbrt(np.prod(lattice.cell)))
+    total = 0.0
+    for depths in lattice.sampled(body.depths):
+        beyond = np.clip(0.5 + depths / width, 0.0, 1.0)
+        # A slab may be thinner than the step, so its two faces add; a rim cuts it across.
+        slab = np.maximum(1.0 - beyond[..., :2].sum(axis=-1), 0.0)
+        total += float((slab * (1.0 - beyond[..., 2:]).prod(axis=-1)).sum())
+    return total * float(np.prod(lattice.cell)) / 2
+
+
+# Spacing over the wall, samples a square of the spacing, and most samples.
+_SAMPLES_OF_WALL, _COST, _MOST = 1.5, 32, 600_000

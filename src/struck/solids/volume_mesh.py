@@ -1,0 +1,170 @@
+"""Volume meshes: nodes and elements of one kind, in VTK's node order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import MeshError
+from struck.model.mesh import Mesh
+from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VolumeMesh:
+    """Nodes and elements of one kind.
+
+    Parameters
+    ----------
+    nodes : array (N, 3)
+        m.
+    elements : array (E, n)
+        Node indices in VTK's order for the kind.
+    kind : str
+        A key of ``ELEMENTS``: "tet4", "tet10", "hex8", "hex20", "wedge6" or "wedge15".
+    up : str
+        The axis that points up.
+
+    Raises
+    ------
+    MeshError
+        On an unknown kind, a wrong count of nodes an element, or indices out of range.
+    """
+
+    nodes: Array
+    elements: Index
+    kind: str
+    up: str = "z"
+
+    def __post_init__(self) -> None:
+        if self.kind not in ELEMENTS:
+            raise MeshError(f"elements of kind {self.kind!r} are unknown: use {sorted(ELEMENTS)}")
+        wanted = len(self.element.nodes)
+        if self.elements.ndim != 2 or self.elements.shape[1] != wanted or not len(self.elements):
+            raise MeshError(
+                f"{self.kind} elements have shape {self.elements.shape}, not (E, {wanted})"
+            )
+        if self.elements.min() < 0 or self.elements.max() >= len(self.nodes):
+            raise MeshError(f"elements name nodes outside 0 to {len(self.nodes) - 1}")
+
+    @property
+    def element(self) -> Element:
+        """The reference element of this kind."""
+        return ELEMENTS[self.kind]
+
+    @property
+    def corners(self) -> Index:
+        """Corner nodes of the elements (E, c)."""
+        return self.elements[:, : len(self.element.corners)]
+
+    def promoted(self) -> VolumeMesh:
+        """Return the quadratic mesh on the same corners, with straight edges."""
+        if self.kind not in PROMOTED:
+            return self
+        kind = PROMOTED[self.kind]
+        pairs = self.elements[:, np.array(ELEMENTS[kind].edges)]
+        edges, inverse = unique_rows(np.sort(pairs.reshape(-1, 2), axis=1))
+        middles = self.nodes[edges].mean(axis=1)
+        numbers = len(self.nodes) + inverse.reshape(len(self.elements), -1)
+        return replace(
+            self,
+            nodes=np.vstack([self.nodes, middles]),
+            elements=np.hstack([self.elements, numbers]),
+            kind=kind,
+        )
+
+    def straight(self) -> NDArray[np.bool_]:
+        """Tell which elements have all their mid-edge nodes halfway (E,)."""
+        if not self.element.edges:
+            return np.ones(len(self.elements), bool)
+        pairs = self.nodes[self.elements[:, np.array(self.element.edges)]]
+        middles = self.nodes[self.elements[:, len(self.element.corners) :]]
+        bow = np.linalg.norm(middles - pairs.mean(axis=2), axis=2)
+        length = np.linalg.norm(pairs[:, :, 1] - pairs[:, :, 0], axis=2)
+        return np.asarray((bow <= 1e-10 * length).all(axis=1))
+
+    def jacobians(self, points: Array, chosen: Index | slice = slice(None)) -> Array:
+        """Return dx/dxi at reference `points` (q, 3) of the `chosen` elements: (E, q, 3, 3)."""
+        return np.einsum(
+            "qnr,end->eqdr",
+            self.element.gradients(points),
+            self.nodes[self.elements[chosen]],
+            optimize=True,
+        )
+
+    def volume(self) -> float:
+        """Volume of the elements by quadrature, m^3."""
+        rule = self.element.mass_rule
+        parts = (
+            np.linalg.det(self.jacobians(rule.points, c)) @ rule.weights for c in self.chunks()
+        )
+        return float(sum(part.sum() for part in parts))
+
+    def chunks(self, size: int = 4096) -> Iterator[slice]:
+        """Yield slices of elements small enough to work on at a time."""
+        for start in range(0, len(self.elements), size):
+            yield slice(start, start + size)
+
+    def boundary_sides(self) -> list[Index]:
+        """Return the sides that belong to one element only: arrays (S, nodes of a side)."""
+        groups = []
+        for corners in sorted({len(side) for side in self.element.sides}):
+            sides = [
+                _with_middles(self.element, s) for s in self.element.sides if len(s) == corners
+            ]
+            every = self.elements[:, np.array(sides)].reshape(-1, len(sides[0]))
+            keys = side_keys(every[:, :corners], len(self.nodes))
+            _, first, counts = np.unique(keys, return_index=True, return_counts=True)
+            groups.append(every[first[counts == 1]])
+        return groups
+
+    def surface(self) -> tuple[Mesh, Index]:
+        """Return the boundary as triangles through all its nodes, and those nodes' numbers."""
+        triangles = np.vstack([_triangles(sides) for sides in self.boundary_sides() if len(sides)])
+        numbers, faces = np.unique(triangles, return_inverse=True)
+        points = self.nodes[numbers]
+        return Mesh(points=points, faces=faces.reshape(-1, 3), up=self.up), numbers
+
+
+def side_keys(corners: Index, nodes: int) -> Index:
+    """Return a number for each side (S,) that only sides with the same corners (S, c) share.
+
+    The three lowest corners tell a side, and three numbers below two million fit into one.
+    """
+    low, middle, high = np.sort(corners, axis=1)[:, :3].T
+    if nodes < 2**21:
+        return (low * nodes + middle) * nodes + high
+    _, pairs = unique_rows(np.stack([low, middle], axis=1))
+    return unique_rows(np.stack([pairs, high], axis=1))[1]
+
+
+def unique_rows(pairs: Index) -> tuple[Index, Index]:
+    """Return the distinct rows of integer `pairs` (P, 2) and where each row went."""
+    keys, inverse = np.unique(pairs[:, 0] * (pairs.max() + 1) + pairs[:, 1], return_inverse=True)
+    return np.stack(np.divmod(keys, pairs.max() + 1), axis=1), inverse
+
+
+def _with_middles(element: Element, side: tuple[int, ...]) -> tuple[int, ...]:
+    middles = {frozenset(edge): len(element.corners) + i for i, edge in enumerate(element.edges)}
+    around = zip(side, (*side[1:], side[0]), strict=True)
+    return side + tuple(middles[frozenset(edge)] for edge in around if element.edges)
+
+
+# Triangles that tile a side through its nodes, by the side's count of nodes (corners, then
+# middles); quadrilaterals are cut along one diagonal.
+_TILES = {
+    3: [(0, 1, 2)],
+    6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    4: [(0, 1, 2), (0, 2, 3)],
+    8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (7, 6, 3), (4, 5, 6), (4, 6, 7)],
+}
+
+
+def _triangles(sides: Index) -> Index:
+    return sides[:, np.array(_TILES[sides.shape[1]])].reshape(-1, 3)
