@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck import Material
-from struck.bird import bird
+from struck.report.gallery import bird
 from struck.solids import VolumeMesh
 from struck.solids.filling.filling import filled
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 
 MISSING = "CalculiX is not here (no ccx on PATH): on Debian, apt-get install calculix-ccx"
 COUNT = 50
@@ -58,7 +58,7 @@ def kept() -> tuple[VolumeMesh, NDArray[np.float64]]:
 
 def keep() -> None:
     """Ask CalculiX for what `kept` returns: a coarse mesh, so that the file stays small."""
-    mesh = filled(Body(mesh=bird(), wall=0.0063), "preview").mesh
+    mesh = filled(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh
     with tempfile.TemporaryDirectory() as folder:
         found = frequencies(mesh, Material.named("ceramic"), COUNT, Path(folder))
     elements = mesh.elements.astype(np.int32)

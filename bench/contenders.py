@@ -14,13 +14,12 @@ from numba import njit
 from numpy.typing import NDArray
 from peers import BLOCK, RATE, Call, Measure
 
-from struck.excitation.pushing import Push
-from struck.synth.memory import Index
+from struck.excitation.excitation import Push
+from struck.model.arrays import Index
+from struck.synth.blocks import make_block
 from struck.synth.poles import Poles
-from struck.synth.process import make_block
-from struck.synth.resonators import Resonators
+from struck.synth.resonators import Resonators, Stepped
 from struck.synth.sample_loop import kernel, samples_of
-from struck.synth.stepped import Stepped
 
 Array = NDArray[np.float64]
 TURN = 2e-3

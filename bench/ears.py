@@ -18,9 +18,8 @@ import numpy as np
 import peak
 
 from struck.ears.hearing import Hearing
-from struck.ears.listeners import Binaural, Listener, Stereo
-from struck.ears.sources import Emitter
-from struck.ears.trajectory import Trajectory
+from struck.ears.listeners import Binaural, Listener, Stereo, Trajectory
+from struck.ears.propagation import Emitter
 
 RATE, BODIES, SHARE = 48_000, 16, 0.10
 SECONDS = 1.0

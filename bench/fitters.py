@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.model.exponentials import best_gains
-from struck.recordings.corbett2007.method import fit_corbett2007
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.takes.take import Take
+from struck.recordings.corbett2007 import fit_corbett2007
+from struck.recordings.poles.search import fit_poles
+from struck.recordings.takes import Take
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

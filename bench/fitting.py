@@ -34,12 +34,12 @@ from numpy.typing import NDArray
 from recordings.scenes import LEAD, RATE, Scene, Score, Truth, body, paired, recorded, scene, score
 from recordings.scenes import pairs as pair_scene
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.fit import fit_poles
 from struck.recordings.poles.refinement import refine, with_best_gains
-from struck.recordings.takes.segment import Segment
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import fit_poles
+from struck.recordings.segments import Segment
+from struck.recordings.takes import Take
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -161,7 +161,7 @@ def table_of_positions() -> Scene:
     return recorded(frequencies, decays, both, 20, chance, seconds=1.5)
 
 
-def left_over(segment: Segment, noise: Array, ringing: Ringing) -> float:
+def left_over(segment: Segment, noise: Array, ringing: Exponentials) -> float:
     """Return the energy that a fit leaves, the noise's being 1."""
     left = (segment.residual(with_best_gains([segment], ringing)) ** 2).sum(axis=1)
     return float((left / noise**2).sum() / segment.samples.size)
@@ -198,9 +198,9 @@ def positions(rounds: int) -> None:
         verdict(f"{claim} ({name})", middle, met=middle >= DENSE)
 
 
-def silent(poles: Complex, channels: int) -> Ringing:
+def silent(poles: Complex, channels: int) -> Exponentials:
     """Return poles without gains."""
-    return Ringing(poles=poles, gains=np.zeros((channels, len(poles)), complex))
+    return Exponentials(poles=poles, gains=np.zeros((channels, len(poles)), complex))
 
 
 def whole_prototype() -> None:

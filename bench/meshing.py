@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck import Mesh
-from struck.bird import bird
 from struck.files.surfaces import load_body
+from struck.report.gallery import bird
 from struck.solids.filling import filling
-from struck.solids.surface.distance import Body
-from struck.solids.tetrahedra import stuffed
+from struck.solids.filling.stuffing import stuffed
+from struck.solids.surface.distance import FilledBody
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -97,7 +97,7 @@ def as_tetrahedra(job: Job, spacing: float) -> Run:
     """Fill the same surface on a lattice of `spacing`, m."""
 
     def work() -> tuple[Array, Index]:
-        body = Body(mesh=job.faces)
+        body = FilledBody(mesh=job.faces)
         mesh = stuffed(body.depths, body.bounds, spacing)
         return mesh.nodes, mesh.elements
 
@@ -110,7 +110,7 @@ def checked(job: Job, nodes: float) -> Run:
     filling.ACCURACIES = {"bench": goal}
 
     def work() -> tuple[Array, Index]:
-        mesh = filling.filled(Body(mesh=job.outer, wall=job.wall), "bench").mesh
+        mesh = filling.filled(FilledBody(mesh=job.outer, wall=job.wall), "bench").mesh
         numbers, local = np.unique(mesh.corners, return_inverse=True)
         return mesh.nodes[numbers], local.reshape(-1, 4)
 
@@ -123,7 +123,7 @@ CONTENDERS = {PEER: by_ftetwild, LINEAR: as_tetrahedra, WHOLE: checked}
 def job_of(path: str | None, size: float, wall: float) -> Job:
     """Return the bird, or the body of a file scaled to `size`, with its wall, m."""
     outer = bird() if path is None else load_body(path, size=size).mesh
-    faces, _ = Body(mesh=outer, wall=wall).stuffed(_FINENESS * wall).surface()
+    faces, _ = FilledBody(mesh=outer, wall=wall).stuffed(_FINENESS * wall).surface()
     return Job(outer=outer, wall=wall, faces=faces)
 
 

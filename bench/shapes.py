@@ -20,7 +20,7 @@ from skfem import Basis, ElementTriP2, MeshTri, condense
 from skfem.models.poisson import laplace, mass
 
 from struck.model.material import Material
-from struck.modes import Modes
+from struck.model.modes import Modes
 from struck.shapes import CircularMembrane, CircularPlate, PolygonMembrane, RectangularMembrane
 from struck.shapes.shape import Shape
 from struck.solids import Tube

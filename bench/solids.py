@@ -33,14 +33,14 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from struck import Material
-from struck.bird import bird
+from struck.report.gallery import bird
 from struck.solids import Block, VolumeMesh
 from struck.solids.fem.assembly import System, assemble
 from struck.solids.fem.factorisation import factorise
 from struck.solids.fem.lanczos import Mass, block_lanczos, rigid_motions
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling import filling
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 
 Array = NDArray[np.float64]
 WALL, BAND, COUNT = 0.0063, 47e3, 50
@@ -127,10 +127,10 @@ def _spent() -> Cost:
 def stages(case: Case, path: Path) -> tuple[str, dict[str, Cost]]:
     """Go the whole way from surface to certified modes; keep the mesh for the contenders."""
     watch, surface = Stopwatch(), bird()
-    Body.depths = watch.within("distance", Body.depths)
+    FilledBody.depths = watch.within("distance", FilledBody.depths)
     watch("mesh")
     filling.ACCURACIES = {"bench": filling.Accuracy(nodes=case.asked, most=200_000, error=1.0)}
-    mesh = filling.filled(Body(mesh=surface, wall=WALL), "bench")
+    mesh = filling.filled(FilledBody(mesh=surface, wall=WALL), "bench")
     modes = vibration_modes(mesh.mesh, MATERIAL, BAND, progress=watch)
     watch("")
     np.savez(path, nodes=mesh.mesh.nodes, elements=mesh.mesh.elements)

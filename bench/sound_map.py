@@ -15,8 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from struck import ModalModel, analyze, sound_map
-from struck.perception.heard import Heard
-from struck.perception.sonic_distance import band_excess, erb_distance
+from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance
 from struck.report.charts import save
 from struck.report.sound_map_picture import sound_map_picture
 from struck.shapes import RectangularPlate
@@ -55,7 +54,7 @@ def worst_of_a_grid(plate: ModalModel, side: int, straight: bool) -> float:  # n
     Played by their signed gains, straight between the four around, or by the nearest one at the
     level that it should have; its grid stands in the middles of its cells.
     """
-    hearing, random = Heard.at(plate), np.random.default_rng(1)
+    hearing, random = HeardModel.at(plate), np.random.default_rng(1)
     shares = random.uniform(0, 1, (CONTACTS, 2))
     true = played(hearing, shares)
     if straight:
@@ -67,7 +66,7 @@ def worst_of_a_grid(plate: ModalModel, side: int, straight: bool) -> float:  # n
     return float(erb_distance(*excess).max())
 
 
-def between(hearing: Heard, places: Array, side: int) -> Array:
+def between(hearing: HeardModel, places: Array, side: int) -> Array:
     """Return what lies straight between the four nodes around places (K, 2)."""
     corner = np.minimum(np.floor(places), side - 2)
     told = 0.0
@@ -78,7 +77,7 @@ def between(hearing: Heard, places: Array, side: int) -> Array:
     return np.asarray(told)
 
 
-def played(hearing: Heard, shares: Array) -> Array:
+def played(hearing: HeardModel, shares: Array) -> Array:
     """Return the amplitudes of pushes from above at shares (K, 2) of both sides."""
     points = np.column_stack([shares * SIZE, np.full(len(shares), 0.0015)])
     return hearing.amplitudes(points, np.tile([0.0, 0.0, -1.0], (len(points), 1)))

@@ -7,8 +7,8 @@ import numpy as np
 
 import struck
 from struck import Mesh
-from struck.bird import bird, written
 from struck.errors import RepairWarning
+from struck.report.gallery import bird, written
 
 whole = bird()
 random = np.random.default_rng(1)

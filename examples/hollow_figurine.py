@@ -4,7 +4,7 @@ from pathlib import Path
 
 import struck
 from struck import Strike
-from struck.bird import bird, written
+from struck.report.gallery import bird, written
 
 written(bird(), Path("bird.obj"))  # any closed OBJ, STL, PLY, OFF, GLB or glTF file will do
 

@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from struck.ears.head import Head
-from struck.ears.heads import SphereHead
+from struck.ears.heads import Head, SphereHead
 from struck.ears.measured_head import MeasuredHead
 from struck.ears.sphere import woodworth_delay
 

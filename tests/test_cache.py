@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from struck.analysis.analysis import model_of_modes
 from struck.errors import FileFormatError, OptionError
 from struck.files import atomic, model_file
 from struck.files.cache import Cache, CacheWarning, opened, user_folder
@@ -187,7 +188,7 @@ def test_a_hundred_damaged_model_files_are_all_found(tmp_path: Path) -> None:
 def small_model() -> ModalModel:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    return ModalModel.from_modes(
+    return model_of_modes(
         points,
         faces,
         [100.0, 200.0],

@@ -13,7 +13,7 @@ import struck
 from struck.cli.command import Result
 from struck.cli.compare import declare_compare
 from struck.errors import ContactError, FileFormatError, OptionError
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 from struck.shapes import Bar
 from struck.solids import Block
 

@@ -16,7 +16,7 @@ from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import filled
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 from tests.dirty_bodies import CLEAN, VERSIONS
 
 EVERY = [(name, number) for name in CLEAN for number in range(5)]
@@ -30,7 +30,7 @@ REFUSED = {("cube", "lidless"), ("cylinder", "lidless")}
 
 def frequencies(mesh: Mesh, highest: float) -> NDArray[np.float64]:
     """Return the frequencies of a body of steel, Hz."""
-    elements = filled(Body(mesh=mesh), "preview").mesh.promoted()
+    elements = filled(FilledBody(mesh=mesh), "preview").mesh.promoted()
     return vibration_modes(elements, Material.named("steel"), highest).frequencies
 
 

@@ -15,8 +15,8 @@ from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.model.gains import Gains
-from struck.rendering import render
 from struck.scene.body import Action
+from struck.scene.render import render
 from tests.test_rendering import BLOCK, FREQUENCIES, TOP, block
 
 SCRAPE = Scrape(path=[TOP, (-0.05, 0.01, 0.05)], speed=0.2, load=1.0, radius=1e-3)
@@ -101,7 +101,7 @@ def test_sounds_of_unsaid_length_end_when_all_has_died_away() -> None:
 
 
 def test_pushes_without_end_need_a_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("struck.driven.LONGEST_UNSAID", 2.0)
+    monkeypatch.setattr("struck.scene.one_body.LONGEST_UNSAID", 2.0)
     endless = replace(SCRAPE, repeat="back")
     with pytest.raises(OptionError, match=r"not ended after 2 s.*seconds="):
         render(BLOCK, endless)
@@ -126,7 +126,7 @@ class Products(Gains):
 
 
 def test_expanded_gains_sound_the_same() -> None:
-    from struck.driven import Driven
+    from struck.scene.one_body import Driven
 
     model = replace(BLOCK, gains=Products()).expanded()
     assert len(model.frequencies) == 3 * len(FREQUENCIES)

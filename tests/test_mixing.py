@@ -17,8 +17,8 @@ from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.model.air import AIR
 from struck.model.gains import ShapeGains
-from struck.rendering import render
 from struck.scene.body import Body
+from struck.scene.render import render
 from tests.test_rendering import BLOCK, TOP
 
 Array = NDArray[np.float64]

@@ -11,6 +11,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import struck
 from struck import InternalFriction, Material, ModalModel, Rayleigh, Strike
+from struck.analysis.analysis import model_of_modes
 from struck.errors import ContactError, MaterialError, OptionError
 from struck.solids import Block, VolumeMesh
 
@@ -60,7 +61,7 @@ def test_modes_of_another_program_sound_the_same() -> None:
     ours = struck.analyze(volume, steel, band=BAND)
     surface = ours.geometry
     frequencies, shapes = _external_modes(mesh, steel, surface.points)
-    theirs = ModalModel.from_modes(
+    theirs = model_of_modes(
         surface.points,
         surface.faces,
         frequencies,
@@ -77,7 +78,7 @@ def test_modes_of_another_program_sound_the_same() -> None:
 
 
 def test_our_own_modes_given_from_outside_render_the_same_samples(block: ModalModel) -> None:
-    copy = ModalModel.from_modes(
+    copy = model_of_modes(
         block.geometry.points,
         block.geometry.faces,
         block.natural_frequencies,
@@ -110,7 +111,7 @@ def test_modes_that_do_not_fit_are_refused(block: ModalModel) -> None:
         (frequencies, np.where(shapes == shapes.max(), np.nan, shapes)),
     ):
         with pytest.raises(OptionError):
-            ModalModel.from_modes(points, faces, wrong_frequencies, wrong_shapes, **facts)
+            model_of_modes(points, faces, wrong_frequencies, wrong_shapes, **facts)
 
 
 def test_other_damping_is_arithmetic(block: ModalModel) -> None:
@@ -156,7 +157,7 @@ def test_tuned_rings_at_the_wanted_frequency(block: ModalModel) -> None:
 
 
 def test_a_material_without_slopes_cannot_change_its_poisson_ratio(block: ModalModel) -> None:
-    copy = ModalModel.from_modes(
+    copy = model_of_modes(
         block.geometry.points,
         block.geometry.faces,
         block.natural_frequencies,

@@ -13,13 +13,14 @@ from matplotlib.collections import QuadMesh, TriMesh
 from matplotlib.figure import Figure
 from PIL import Image
 
+from struck.analysis.analysis import model_of_modes
 from struck.errors import FileFormatError, OptionError
 from struck.files.sound import Sound
 from struck.model.damping import InternalFriction, Measured
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
-from struck.recordings.fields.single_point import SinglePoint
+from struck.model.timbre_table import SinglePoint
 from struck.report import charts, surface_picture
 from struck.report.surface_picture import Painter
 
@@ -51,7 +52,7 @@ class Plain:
 
 
 def model(mesh: trimesh.Trimesh, *shapes: np.ndarray, material: Material = CLAY) -> ModalModel:
-    return ModalModel.from_modes(
+    return model_of_modes(
         mesh.vertices,
         mesh.faces,
         440.0 * np.arange(1, len(shapes) + 1),

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 
 
 class Terminal(io.StringIO):

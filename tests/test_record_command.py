@@ -13,8 +13,8 @@ import pytest
 from struck.cli.command import Result
 from struck.cli.record import Terminal, declare_record
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.live import binding
-from struck.progress import TerminalProgress
+from struck.live import device as binding
+from struck.model.provenance import TerminalProgress
 from struck.recordings.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 

@@ -10,14 +10,15 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.signal import oaconvolve
 
-from struck.driven import LONGEST_RING, SHORTEST_RING
+from struck.analysis.analysis import model_of_modes
 from struck.errors import ContactError, OptionError
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.damping import Rayleigh
 from struck.model.material import Material
 from struck.model.model import ModalModel
-from struck.rendering import render
+from struck.scene.one_body import LONGEST_RING, SHORTEST_RING
+from struck.scene.render import render
 
 GLASS = Material(
     name="test glass",
@@ -53,7 +54,7 @@ def block(frequencies: np.ndarray = FREQUENCIES, material: Material = GLASS) -> 
     waves = random.normal(size=(3, 3, len(frequencies))) * 15
     shapes = np.sin(np.einsum("vd,dem->vem", mesh.vertices, waves) + random.normal(size=3)[:, None])
     mass = 2500 * 0.2 * 0.1 * 0.1
-    return ModalModel.from_modes(
+    return model_of_modes(
         mesh.vertices,
         mesh.faces,
         frequencies,

@@ -10,8 +10,7 @@ from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
-from struck.model.timbre_table import TimbreTable
-from struck.recordings.fields.single_point import SinglePoint
+from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.report.model_page import summary
 
 HEIGHTS = np.array([[0.2], [0.5], [0.9]])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from struck.cli import main
+from struck.cli.analyze import add_shape, shape_named
 from struck.errors import OptionError
 from struck.model.material import Material
-from struck.shape_arguments import add_shape, shape_named
 from struck.shapes import (
     AnnularMembrane,
     Bar,

@@ -20,17 +20,17 @@ from struck.analysis.cached_steps import ELEMENTS, FILLING, MODES, SURFACE, Stag
 from struck.errors import FileFormatError, MeshError
 from struck.files import model_file
 from struck.files.cache import Cache, CacheWarning
-from struck.files.packing import from_bytes, to_bytes
+from struck.files.container import from_bytes, to_bytes
 from struck.files.surfaces import load_mesh
 from struck.model.damping import InternalFriction
 from struck.model.material import Material
 from struck.model.mesh import Mesh
+from struck.model.modes import Modes
 from struck.model.provenance import Provenance
-from struck.modes import Modes
 from struck.solids import Block, Tube
+from struck.solids.fem.spectrum import Solver
 from struck.solids.filling.filling import filled
-from struck.solids.search import Solver
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import VolumeMesh
 
 STEEL = Material.named("steel")
@@ -89,7 +89,7 @@ def test_modes_come_back_bit_for_bit() -> None:
 def test_elements_and_fillings_come_back_bit_for_bit() -> None:
     mesh = BLOCK.volume_mesh("preview")
     assert bits(ELEMENTS.unpack(ELEMENTS.pack(mesh))) == bits(mesh)
-    filling = filled(Body(mesh=Mesh(points=EGG.vertices, faces=EGG.faces)), "preview")
+    filling = filled(FilledBody(mesh=Mesh(points=EGG.vertices, faces=EGG.faces)), "preview")
     assert bits(FILLING.unpack(FILLING.pack(filling))) == bits(filling)
 
 

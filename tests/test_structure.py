@@ -18,12 +18,12 @@ import struck
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 
-LINES_A_FILE = 400
+LINES_A_FILE = 750
 LINES_A_FUNCTION = 40
 PUBLIC_NAMES = 40
 # What may exceed its budget and why, by "struck/module.py" or "struck/module.py:function".
 EXCEPTIONS: dict[str, str] = {
-    "struck/fitting/fit.py:fit": "16 options, each a line in the signature and a line in the call",
+    "struck/api.py:fit": "16 options, each a line in the signature and a line in the call",
 }
 # Libraries that are imported by the function that uses them.
 HEAVY = {"igl", "matplotlib", "meshio", "numba", "scipy.signal", "trimesh"}

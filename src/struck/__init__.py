@@ -19,20 +19,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from struck import errors
     from struck.analysis.analysis import analyze
-    from struck.api import load, play, save, show, tune
+    from struck.api import fit, load, play, save, show, tune
     from struck.ears.listeners import Binaural, Mono, Stereo
     from struck.ears.reverberation import Reverberation
     from struck.ears.room import Room
     from struck.excitation.force_track import ForceTrack
     from struck.excitation.hold import Hold
-    from struck.excitation.pluck import Pluck
-    from struck.excitation.release import Release
-    from struck.excitation.roll import Roll
+    from struck.excitation.pluck import Pluck, Release
     from struck.excitation.roughness import Roughness
-    from struck.excitation.scrape import Scrape
+    from struck.excitation.scrape import Roll, Scrape
     from struck.excitation.strike import Strike
     from struck.files.sound import Sound
-    from struck.fitting.fit import fit
     from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
     from struck.model.material import Material, materials
     from struck.model.mesh import Mesh
@@ -40,9 +37,9 @@ if TYPE_CHECKING:
     from struck.perception.audibility import audible
     from struck.perception.sonic_distance import sonic_distance
     from struck.perception.sound_map import SoundMap, sound_map
-    from struck.rendering import render
     from struck.report.comparison import compare
     from struck.scene.body import Body
+    from struck.scene.render import render
 
 __all__ = [
     "Binaural",
@@ -86,26 +83,23 @@ __all__ = [
 
 # Where each public name lives: a name is imported when it is first used (PEP 562).
 _HOMES = {
-    "struck.api": ("load", "play", "save", "show", "tune"),
+    "struck.api": ("fit", "load", "play", "save", "show", "tune"),
     "struck.analysis.analysis": ("analyze",),
     "struck.perception.audibility": ("audible",),
     "struck.perception.sonic_distance": ("sonic_distance",),
     "struck.perception.sound_map": ("SoundMap", "sound_map"),
-    "struck.rendering": ("render",),
+    "struck.scene.render": ("render",),
     "struck.report.comparison": ("compare",),
     "struck.model.damping": ("Damping", "InternalFriction", "Measured", "Rayleigh"),
     "struck.ears.listeners": ("Binaural", "Mono", "Stereo"),
     "struck.ears.reverberation": ("Reverberation",),
     "struck.ears.room": ("Room",),
     "struck.excitation.hold": ("Hold",),
-    "struck.excitation.pluck": ("Pluck",),
-    "struck.excitation.release": ("Release",),
-    "struck.excitation.roll": ("Roll",),
+    "struck.excitation.pluck": ("Pluck", "Release"),
     "struck.excitation.roughness": ("Roughness",),
-    "struck.excitation.scrape": ("Scrape",),
+    "struck.excitation.scrape": ("Roll", "Scrape"),
     "struck.excitation.strike": ("Strike",),
     "struck.excitation.force_track": ("ForceTrack",),
-    "struck.fitting.fit": ("fit",),
     "struck.model.material": ("Material", "materials"),
     "struck.model.mesh": ("Mesh",),
     "struck.model.model": ("ModalModel",),

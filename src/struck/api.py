@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.progress import Progress, silent
+from struck.model.provenance import Progress, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from struck.analysis.discretisation import Solid
     from struck.ears.listeners import Listener
-    from struck.files.sofa_field import Contacts
+    from struck.files.sofa_fields import Contacts
     from struck.live.player import Player
     from struck.model.material import Material
     from struck.model.model import ModalModel
+    from struck.recordings.gain_table import Recording
 
 
 def save(
@@ -53,9 +54,9 @@ def save(
     LossWarning
         When the model has what a ``.sofa`` file cannot hold: a residual, a shape, a material.
     """
-    from struck.files import any_model
+    from struck.files import model_file
 
-    any_model.save(model, path, contacts=contacts, listeners=listeners)
+    model_file.save_model(model, path, contacts=contacts, listeners=listeners)
 
 
 def load(path: str | os.PathLike[str]) -> ModalModel:
@@ -66,9 +67,9 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
     FileFormatError
         When the file is missing, damaged, no model, or of a newer version.
     """
-    from struck.files import any_model
+    from struck.files import model_file
 
-    return any_model.load(path)
+    return model_file.load_model(path)
 
 
 def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -86,9 +87,9 @@ def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figur
         When the folder is missing or the ending is no picture's.
     """
     from struck.excitation.strike import Strike
-    from struck.rendering import render
     from struck.report.charts import overview
     from struck.report.charts import save as save_picture
+    from struck.scene.render import render
 
     figure = overview(model, render(model, Strike()))
     if path is not None:
@@ -208,3 +209,115 @@ def tune(
         raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
     chosen = Material.named(material) if isinstance(material, str) else material
     return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
+
+
+def fit(
+    recordings: Recording | Sequence[Recording],
+    *,
+    contacts: ArrayLike | None = None,
+    listeners: ArrayLike | Sequence[ArrayLike] | None = None,
+    manifest: str | os.PathLike[str] | None = None,
+    symmetry: str | None = None,
+    centre: ArrayLike | None = None,
+    radius: float = 0.0,
+    way: str = "field",
+    method: str = "shared",
+    modes: int | None = 64,
+    onsets: Sequence[Sequence[float]] | None = None,
+    room: float | Recording | None = None,
+    residual: bool = False,
+    force: bool = False,
+    report: str | os.PathLike[str] | None = None,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> ModalModel:
+    """Fit a model to recordings of one object: all takes share its modes.
+
+    Parameters
+    ----------
+    recordings : path, Sound, or several of them
+        WAV, FLAC or AIFF files with any number of channels and hits, at one sample rate; or a
+        manifest (TOML or CSV), or the folder of one that `struck record` wrote.
+    contacts : array-like (recordings,), (recordings, 1) or (recordings, 2), optional
+        Coordinates of what was struck in each recording. Without contacts, listeners and manifest
+        the model is of a single point.
+    listeners : array-like (3,), or for each recording (3,) or (channels, 3), optional
+        Where its microphones were, body coordinates, m.
+    manifest : path, optional
+        The same for files, by name: TOML or CSV.
+    symmetry : str, optional
+        "none", or "axial" of a body round about the z axis.
+    centre : array-like (3,), optional
+        Where the sound seems to come from, m; the origin unless given.
+    radius : float
+        Of a ball about the centre that holds the body, m: listeners within it are inside.
+    way : str
+        "field": each mode a contact part times a listener part; "table": all gains, quinti-linear
+        in between, for contacts and listeners on grids (2007).
+    method : str
+        "shared", or "corbett2007" for the paper's own.
+    modes : int or None
+        Not more than these, those that explain most of the sound, the blow included; None for all
+        of what rings freely after it that are clear of the noise, by 19 dB of energy.
+    onsets : sequence of sequences of float, optional
+        Times of the hits in each recording, s; found unless given.
+    room : float, path or Sound, optional
+        Reverberation time T60 of the room, s, or a recording of a clap in it: modes that die away
+        nearly as fast, or faster, are told in the report and in `provenance` as perhaps its own.
+    residual : bool
+        Keep what the modes do not explain of the loudest hit, its attack and noise: `render` then
+        plays it with each strike.
+    force : bool
+        Make a model even of what is not the ringing of a struck object.
+    report : path, optional
+        Where to write an HTML page of how recordings and model sound and differ.
+    cache : bool or path
+        Where finished stages are kept: a fit that was stopped goes on from there. As in `analyze`.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Returns
+    -------
+    ModalModel
+        With relative gains, `errors` of its frequencies, and what was left out in `provenance`.
+
+    Raises
+    ------
+    RecordingError
+        When recordings are silent, too short, unlike, hold no hit or nothing that rings.
+    FileFormatError
+        When a file cannot be read or written, or the report is a recording.
+    OptionError
+        On places that do not fit the recordings, or arguments outside their bounds.
+
+    Notes
+    -----
+    `struck.recordings.fit.fit_recordings` returns errors of decays and gains, verdict and
+    residual too.
+    """
+    from struck.files.atomic import writable
+    from struck.recordings.fit import files_read, fit_recordings
+    from struck.report.fit_page import save_report
+
+    page = None if report is None else writable(report, unlike=files_read(recordings, manifest))
+    fitting = fit_recordings(
+        recordings,
+        contacts=contacts,
+        listeners=listeners,
+        manifest=manifest,
+        symmetry=symmetry,
+        centre=centre,
+        radius=radius,
+        way=way,
+        method=method,
+        modes=modes,
+        onsets=onsets,
+        room=room,
+        residual=residual,
+        force=force,
+        cache=cache,
+        progress=progress,
+    )
+    if page is not None:
+        save_report(fitting, page)
+    return fitting.model

@@ -16,7 +16,7 @@ from struck import ModalModel, Rayleigh, Sound, Strike
 from struck.errors import ContactError, FileFormatError, OptionError, RecordingError
 from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
-from struck.recordings.takes.segment import Segment
+from struck.recordings.segments import Segment
 from struck.report.comparison import Comparison, compare
 from struck.report.comparison_page import HEADINGS
 from struck.shapes import Bar

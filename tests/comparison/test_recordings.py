@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 import struck
 from struck import InternalFriction, ModalModel, Rayleigh, Sound, Strike
-from struck.comparison.heard import Heard
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.model.sampled_field import SampledField
-from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.takes.take import Take
+from struck.model.timbre_table import SinglePoint
+from struck.recordings.takes import Take
 from struck.report.comparison import compare
+from struck.report.comparison_sides import RecordedHit
 from struck.shapes import Bar
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 
@@ -85,7 +85,7 @@ def test_the_loudest_hit_is_heard_alone(bar: ModalModel) -> None:
     sound = struck_twice(bar)
     hits = [replace(ONE, time=0.3), replace(TWO, time=1.1, impulse=0.003)]
     early = struck.render(bar, hits, seconds=2.0, sample_rate=RATE)
-    last, first = Heard.of(sound).sound, Heard.of(early).sound
+    last, first = RecordedHit.of(sound).sound, RecordedHit.of(early).sound
     assert last.duration == pytest.approx(2.0 - 1.1 + 0.02, abs=0.002)
     assert np.array_equal(last.samples, sound.samples[:, -last.samples.shape[1] :])
     assert first.duration == pytest.approx(1.1 - 0.3, abs=0.002)
@@ -95,7 +95,7 @@ def test_levels_of_what_dies_at_once_count_as_of_the_same_moment(bar: ModalModel
     """A loss tangent of 0.01 takes 0.1 to 5 dB a millisecond from these modes."""
     dull = bar.damped(InternalFriction(loss_tangent=0.01))
     sound = struck.render(dull, replace(TWO, time=0.3), seconds=0.7, sample_rate=RATE)
-    heard = Heard.of(sound)
+    heard = RecordedHit.of(sound)
     assert heard.begins > 2e-4
     found = compare(dull, sound, strike=TWO)
     loud = found.other.levels[found.pairing.fitted] > -60

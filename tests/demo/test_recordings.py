@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import struck
-from struck.demo.recordings import NAME, recording
+from struck.report.gallery import NAME, recording
 
 
 def test_a_recorded_drum_becomes_a_model_and_a_page(tmp_path: Path) -> None:

@@ -9,10 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.ears.hearing import Hearing
-from struck.ears.listeners import Binaural, Listener, Mono, Stereo
+from struck.ears.listeners import Binaural, Course3, Listener, Mono, Stereo, Trajectory
+from struck.ears.propagation import Emitter
 from struck.ears.room import Room
-from struck.ears.sources import Emitter
-from struck.ears.trajectory import Course3, Trajectory
 from struck.errors import ContactError, OptionError
 from struck.model.air import AIR
 

@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.ears.aligning import aligned
-from struck.ears.hrtf import HrtfSet, bundled
-from struck.ears.measured_head import MeasuredFilters, MeasuredHead, prepare
+from struck.ears.measured_head import (
+    HrtfSet,
+    MeasuredFilters,
+    MeasuredHead,
+    aligned,
+    bundled,
+    prepare,
+)
 from struck.ears.sphere import arrival_delay, distance_gain
 from struck.errors import OptionError
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from struck.ears.optional import pyroomacoustics
-from struck.ears.room import BANDS, WALLS, Room, wall_materials
+from struck.ears.room import BANDS, WALLS, Room, pyroomacoustics, wall_materials
 from struck.errors import MissingDependencyError, OptionError
 from struck.model.air import AIR
 

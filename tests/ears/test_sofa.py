@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.ears import sofa
-from struck.ears.sofa import read_sofa
+from struck.ears import measured_head
+from struck.ears.measured_head import read_sofa
 from struck.errors import FileFormatError, MissingDependencyError
 
 DATA = Path(__file__).parent / "data"
@@ -192,4 +192,4 @@ def test_without_h5py_the_way_out_is_told(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingDependencyError, match=r"struck\[sofa\]"):
-        sofa.read_sofa(KEMAR)
+        measured_head.read_sofa(KEMAR)

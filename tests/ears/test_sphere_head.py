@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.ears.head import Filters, Head
-from struck.ears.heads import SimpleHead, SphereHead, WoodworthHead
+from struck.ears.heads import Filters, Head, SimpleHead, SphereHead, WoodworthHead
 from struck.ears.sphere import pressure, woodworth_delay
 from struck.errors import OptionError
 

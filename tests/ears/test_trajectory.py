@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.ears.trajectory import Trajectory
+from struck.ears.listeners import Trajectory
 from struck.errors import OptionError
 
 

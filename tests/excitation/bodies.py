@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from struck.analysis.analysis import model_of_modes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -38,7 +39,7 @@ def of(solid: trimesh.Trimesh) -> ModalModel:
 
 def model(mesh: Mesh, shapes: np.ndarray) -> ModalModel:
     """Return a model with given shapes and harmonic frequencies."""
-    return ModalModel.from_modes(
+    return model_of_modes(
         mesh.points,
         mesh.faces,
         200.0 * np.arange(1, shapes.shape[2] + 1),

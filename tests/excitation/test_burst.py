@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from struck.errors import FileFormatError, OptionError
+from struck.excitation.excitation import Excitation
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.hertz import Striker
 from struck.excitation.pluck import Pluck
 from struck.excitation.pulses import LEAD, transform
-from struck.excitation.pushing import Excitation
 from struck.excitation.strike import Strike
 from struck.files.wav import Recording, encode
 from tests.excitation.bodies import SIZE, plate

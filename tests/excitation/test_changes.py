@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from struck.excitation.excitation import Excitation
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.pluck import Pluck
-from struck.excitation.pushing import Excitation
 from struck.excitation.scrape import Scrape
-from struck.excitation.touch_log import TouchLog
-from struck.live.pushes import Started
+from struck.excitation.touch import TouchLog
+from struck.live.voices import Started
 from struck.model.model import ModalModel
 from tests.excitation.bodies import STEEL, plate
 

@@ -11,9 +11,8 @@ from scipy.signal import welch
 
 from struck.errors import OptionError
 from struck.excitation.friction import Rubbed, pressure_mean
-from struck.excitation.roll import Roll
 from struck.excitation.roughness import Roughness
-from struck.excitation.scrape import Scrape
+from struck.excitation.scrape import Roll, Scrape
 from tests.excitation.bodies import SIZE, plate
 
 PLATE = plate(40)

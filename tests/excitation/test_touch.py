@@ -12,8 +12,7 @@ import struck
 from struck.errors import ContactError, OptionError
 from struck.excitation.scrape import Scrape
 from struck.excitation.tool import Tool
-from struck.excitation.touch import Touching
-from struck.excitation.touch_log import TouchLog
+from struck.excitation.touch import Touching, TouchLog
 from tests.excitation.bodies import plate
 
 Array = NDArray[np.float64]

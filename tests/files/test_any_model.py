@@ -15,21 +15,18 @@ from struck.cli.analyze import described
 from struck.cli.command import Result
 from struck.cli.export import declare_export
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
-from struck.files import any_model, model_file
-from struck.files.sofa_field import load_sofa_field, save_sofa
-from struck.files.sofa_fields import load_sofa_responses
+from struck.files import model_file
+from struck.files.sofa_fields import load_sofa_field, load_sofa_responses, save_sofa
 from struck.model.damping import InternalFriction
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
-from struck.model.provenance import Provenance
+from struck.model.provenance import Provenance, TerminalProgress
 from struck.model.residual import Residual
-from struck.model.sampled_field import SampledField
+from struck.model.sampled_field import SampledField, recorded_contacts, recorded_listeners
 from struck.model.survey import from_spherical
 from struck.model.timbre_field import TimbreField
-from struck.progress import TerminalProgress
-from struck.recordings.fields.outgoing import ORDER, real_harmonics
-from struck.recordings.fields.recorded_places import recorded_contacts, recorded_listeners
-from struck.recordings.fields.single_point import SinglePoint
+from struck.model.timbre_table import SinglePoint
+from struck.model.waves import ORDER, real_harmonics
 from tests.live.hand import ball
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
 
@@ -90,13 +87,13 @@ MODELS = {
 def test_recorded_models_are_saved_without_being_told_where(kind: str, tmp_path: Path) -> None:
     """SOFA files pass sofar's verify, and round-trip to the last bit in frequency and decay."""
     model, path = MODELS[kind](), tmp_path / "model.sofa"
-    any_model.save(model, path)
+    model_file.save_model(model, path)
     read = verified(path)
     assert read.N.tobytes() == model.frequencies.tobytes()
     assert read.ModeDecay.tobytes() == model.decays.tobytes()
     if kind == "two products":
         return
-    again = any_model.load(path)
+    again = model_file.load_model(path)
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
     assert again.coordinates == model.coordinates
@@ -133,9 +130,9 @@ def test_default_listeners_of_a_field_tell_its_waves_apart() -> None:
 def test_points_on_a_surface_come_back_as_numbered_contacts(tmp_path: Path) -> None:
     model, path = ball(), tmp_path / "ball.sofa"
     with pytest.warns(LossWarning, match=r"ball\.sofa .* without its shape, its material: keep"):
-        any_model.save(model, path, contacts=["top", "side"], listeners=HEARD)
+        model_file.save_model(model, path, contacts=["top", "side"], listeners=HEARD)
     verified(path)
-    again = any_model.load(path)
+    again = model_file.load_model(path)
     assert sorted(again.places) == ["contact 1", "contact 2"]
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
@@ -163,11 +160,11 @@ def test_what_a_model_tells_of_its_gains_comes_back(tmp_path: Path) -> None:
         gains=replace(plain.gains, unmeasured=np.array([3, 7]), notes=("2 of 25 modes",)),
         provenance=Provenance(method="fit", references=("roy1989", "golub1973"), dropped=dropped),
     )
-    any_model.save(model, path)
+    model_file.save_model(model, path)
     read = verified(path)
     assert np.array_equal(read.ModeError, errors, equal_nan=True)
     assert model.cite() == read.GLOBAL_References
-    again = any_model.load(path)
+    again = model_file.load_model(path)
     assert again.errors is not None
     assert again.errors.tobytes() == errors.tobytes()
     assert again.cite() == model.cite()
@@ -209,26 +206,26 @@ def test_what_cannot_be_told_of_gains_is_refused(
 ) -> None:
     path = tmp_path / "vase.sofa"
     model = replace(field().model(radius=0.1), errors=np.full(25, 1e-4))
-    any_model.save(model, path)
+    model_file.save_model(model, path)
     with h5py.File(path, "r+") as file:
         change(file)
     with pytest.raises(FileFormatError, match=message):
-        any_model.load(path)
+        model_file.load_model(path)
 
 
 def test_unknown_papers_and_endless_notes_do_no_harm(tmp_path: Path) -> None:
     path, notes = tmp_path / "vase.sofa", tuple(f"{each} " * 500 for each in range(100))
     model = replace(field().model(), provenance=Provenance(references=("roy1989",), dropped=notes))
-    any_model.save(model, path)
+    model_file.save_model(model, path)
     with h5py.File(path, "r+") as file:
         file.attrs["ReferenceKeys"] = "roy1989 nobody2099"
-    again = any_model.load(path)
+    again = model_file.load_model(path)
     assert again.cite() == model.cite()
     kept = again.provenance.dropped
     assert 10 < len(kept) < 100
     assert kept[-1] == f"... and {101 - len(kept)} notes more"
     with pytest.raises(OptionError, match="Title has 70,000 bytes"):
-        any_model.export(model, path, title="x" * 70_000)
+        model_file.export(model, path, title="x" * 70_000)
 
 
 def test_gains_that_were_measured_tell_how_far_they_are_from_products(tmp_path: Path) -> None:
@@ -248,8 +245,8 @@ def test_listeners_inside_a_body_come_back(turned: bool, tmp_path: Path) -> None
     heard = np.concatenate([listeners(), [[0.05, 0.0, 0.05]]])
     gains = np.concatenate([whole_field.gains, 5 * whole_field.gains[:, :1]], axis=1)
     model = replace(whole_field, listeners=heard, gains=gains, radius=0.1).model()
-    any_model.save(model, tmp_path / "vase.sofa")
-    again = any_model.load(tmp_path / "vase.sofa")
+    model_file.save_model(model, tmp_path / "vase.sofa")
+    again = model_file.load_model(tmp_path / "vase.sofa")
     contacts, place = np.column_stack([HEIGHTS, [0.0] * 3])[:, : 1 + turned], heard[-1:]
     outer = model.gains.toward(from_spherical(0.5, 0.0, 1.1))
     for each in (model, again):
@@ -265,16 +262,16 @@ def test_a_residual_is_told_to_be_left_out(tmp_path: Path) -> None:
     rest = Residual(attack=np.ones(8, np.float32), sample_rate=8000, lead=0.0, **bands)
     model = replace(point(), residual=rest)
     with pytest.warns(LossWarning, match="without its residual"):
-        any_model.save(model, tmp_path / "mug.sofa")
+        model_file.save_model(model, tmp_path / "mug.sofa")
 
 
 @pytest.mark.parametrize("name", ["mug.wav", "mug.npz", "mug"])
 def test_models_go_to_files_of_models(name: str, tmp_path: Path) -> None:
     with pytest.raises(OptionError, match=r"models end in \.struck"):
-        any_model.save(point(), tmp_path / name)
-    any_model.save(point(), tmp_path / "mug.STRUCK")
+        model_file.save_model(point(), tmp_path / name)
+    model_file.save_model(point(), tmp_path / "mug.STRUCK")
     assert [path.name for path in tmp_path.iterdir()] == ["mug.STRUCK"]
-    assert len(any_model.load(tmp_path / "mug.STRUCK").frequencies) == 25
+    assert len(model_file.load_model(tmp_path / "mug.STRUCK").frequencies) == 25
 
 
 def struck_export(*arguments: object) -> Result:
@@ -308,7 +305,7 @@ def test_the_shell_exports_gains(saved: Path) -> None:
     found = load_sofa_field(path)
     assert found.frequencies.tobytes() == model.frequencies.tobytes()
     assert found.decays.tobytes() == model.decays.tobytes()
-    again = any_model.load(path)
+    again = model_file.load_model(path)
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
 
@@ -330,12 +327,12 @@ def test_the_shell_exports_responses(saved: Path, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 def test_responses_last_until_the_slowest_mode_has_fallen_by_60_db(tmp_path: Path) -> None:
     path, model = tmp_path / "ball.sofa", ball().damped(InternalFriction(loss_tangent=0.01))
-    any_model.export(
+    model_file.export(
         model, path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", sample_rate=8000
     )
     seconds = load_sofa_responses(path).samples.shape[2] / 8000
     assert seconds == pytest.approx(np.log(1000) / model.decays.min(), abs=1e-3)
-    any_model.export(
+    model_file.export(
         ball(),
         path,
         contacts=["top"],
@@ -358,14 +355,14 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_pa
     with pytest.raises(OptionError, match="holds modes, not samples"):
         struck_export(saved, "--seconds", 1)
     with pytest.raises(OptionError, match=r"or end in \.sofa"):
-        any_model.save(ball(), tmp_path / "other.struck", contacts=["top"])
+        model_file.save_model(ball(), tmp_path / "other.struck", contacts=["top"])
     assert list(tmp_path.iterdir()) == [saved]
 
 
 def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
     """As `struck info` tells it."""
-    any_model.save(field().model(), tmp_path / "vase.sofa")
-    told = described(any_model.load(tmp_path / "vase.sofa"), "")
+    model_file.save_model(field().model(), tmp_path / "vase.sofa")
+    told = described(model_file.load_model(tmp_path / "vase.sofa"), "")
     assert told.text.startswith("25 modes")
     assert told.facts["frequencies"] == field().frequencies.tolist()
     assert told.facts["decays"] == field().decays.tolist()
@@ -374,12 +371,12 @@ def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 def test_a_file_of_another_kind_is_no_model(tmp_path: Path) -> None:
     path = tmp_path / "ball.sofa"
-    any_model.export(
+    model_file.export(
         ball(), path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", seconds=0.01
     )
     with pytest.raises(FileFormatError, match="'GeneralFIR-E'"):
-        any_model.load(path)
+        model_file.load_model(path)
     with pytest.raises(FileFormatError, match="nowhere"):
-        any_model.load(tmp_path / "nowhere.struck")
-    any_model.save(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 2.0]])
-    assert len(any_model.load(path).frequencies)
+        model_file.load_model(tmp_path / "nowhere.struck")
+    model_file.save_model(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 2.0]])
+    assert len(model_file.load_model(path).frequencies)

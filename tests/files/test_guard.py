@@ -25,11 +25,8 @@ import trimesh
 
 from struck.errors import MeshError
 from struck.files import guard as guards
-from struck.files.contents import Contents
-from struck.files.frames import Frame, read_frame, write_frame
-from struck.files.guard import Guard, read_contents
-from struck.files.limits import Limits
-from struck.files.parts import Part
+from struck.files.archives import Part, ReadingLimits
+from struck.files.guard import Contents, Frame, Guard, read_contents, read_frame, write_frame
 from struck.files.surfaces import load_mesh
 
 MIB = 2**20
@@ -270,7 +267,7 @@ def test_messages_cannot_steer_a_terminal(tmp_path: Path, guard: Guard) -> None:
 SPEAK = f"""{guards._ALMOST_EMPTY_PACKAGE}
 import time, os, signal
 import numpy as np
-from struck.files.frames import read_frame, write_frame
+from struck.files.guard import read_frame, write_frame
 questions, answers = sys.stdin.buffer, sys.stdout.buffer
 write_frame(answers, {{"ready": True}})
 read_frame(questions, largest=0)
@@ -279,7 +276,7 @@ read_frame(questions, largest=0)
 
 def speaking(program: str, **limits: float) -> Guard:
     """Return a guard whose reader does what a program says once it is asked."""
-    return Guard(Limits(**limits), command=[sys.executable, "-c", SPEAK + program])  # type: ignore[arg-type]
+    return Guard(ReadingLimits(**limits), command=[sys.executable, "-c", SPEAK + program])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -374,7 +371,7 @@ def test_interrupted_question_is_not_answered_to_the_next(
 
 @linux
 def test_memory_is_bounded(tmp_path: Path) -> None:
-    guard = Guard(Limits(memory=300 * MIB))
+    guard = Guard(ReadingLimits(memory=300 * MIB))
     path = saved(tmp_path / "a.obj", "v 0 0 0\n" * 2_000_000)
     assert "more than 314572800 bytes of memory" in refused(guard, path)
 
@@ -390,7 +387,7 @@ def test_memory_is_bounded(tmp_path: Path) -> None:
 )
 def test_counts_are_bounded(tmp_path: Path, limits: dict[str, int], message: str) -> None:
     text = TETRAHEDRON.replace("f 3 1 4", "o b\nf 3 1 4") if "parts" in limits else TETRAHEDRON
-    guard = Guard(Limits(**limits))  # type: ignore[arg-type]
+    guard = Guard(ReadingLimits(**limits))  # type: ignore[arg-type]
     assert message in refused(guard, saved(tmp_path / "a.obj", text))
     guard.close()
 
@@ -691,7 +688,7 @@ def test_buffers_below_and_with_spaces_are_read(tmp_path: Path) -> None:
 def test_buffers_count_together(tmp_path: Path) -> None:
     saved(tmp_path / "b.bin", bytes(1000))
     path = gltf(tmp_path / "a.gltf", buffers=[{"uri": "b.bin", "byteLength": 4}] * 50)
-    guard = Guard(Limits(size=20_000))
+    guard = Guard(ReadingLimits(size=20_000))
     message = refused(guard, path)
     assert "and 20000 are read" in message
     guard.close()
@@ -702,7 +699,7 @@ def test_one_surface_placed_many_times_is_bounded(tmp_path: Path) -> None:
     header = json.loads(body.export(file_type="gltf", embed_buffers=True)["model.gltf"])
     header["nodes"] = [{"name": f"n{i}", "mesh": 0} for i in range(100)]
     header["scenes"] = [{"nodes": list(range(100))}]
-    guard = Guard(Limits(faces=50_000))
+    guard = Guard(ReadingLimits(faces=50_000))
     message = refused(guard, saved(tmp_path / "a.gltf", json.dumps(header)))
     assert "51200 faces or more, and 50000 are read" in message
     guard.close()

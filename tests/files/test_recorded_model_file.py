@@ -29,9 +29,8 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
-from struck.model.timbre_table import TimbreTable
+from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.radiation import by_name
-from struck.recordings.fields.single_point import SinglePoint
 from tests.files.test_model_file import SCHEMA, complaints
 from tests.recordings.fields.vases import HEIGHTS, RADIUS, Vase, listeners, noisy
 

@@ -13,8 +13,12 @@ import pytest
 
 from struck.errors import ContactError, FileFormatError, MissingDependencyError, OptionError
 from struck.files import sofa
-from struck.files.sofa_field import load_sofa_field, save_sofa
-from struck.files.sofa_fields import load_sofa_responses, save_sofa_responses
+from struck.files.sofa_fields import (
+    load_sofa_field,
+    load_sofa_responses,
+    save_sofa,
+    save_sofa_responses,
+)
 from struck.model.air import AIR
 from struck.model.model import ModalModel
 from struck.model.sampled_field import SampledField

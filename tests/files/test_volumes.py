@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from struck.errors import MeshError, MissingDependencyError, OptionError
-from struck.files.blocks import read_blocks
+from struck.files.archives import ReadingLimits
 from struck.files.guard import Guard
-from struck.files.limits import Limits
+from struck.files.mesh_formats import read_blocks
 from struck.files.volumes import load_volume
 
 KINDS = {
@@ -251,7 +251,7 @@ def test_reader_that_leaves_the_program(tmp_path: Path, monkeypatch: pytest.Monk
     path = one(tmp_path / "a.vtk", "tetra")
     monkeypatch.setattr(meshio.vtk, "read", leave)
     with pytest.raises(MeshError, match="SystemExit: 1 Error: no luck"):
-        read_blocks(path, Limits())
+        read_blocks(path, ReadingLimits())
 
 
 def test_missing_file_folder_and_extension(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_without_meshio_the_install_line(tmp_path: Path, monkeypatch: pytest.Mon
     path = one(tmp_path / "a.vtk", "tetra")
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(MissingDependencyError, match=r'pip install "struck\[volumes\]"'):
-        read_blocks(path, Limits())
+        read_blocks(path, ReadingLimits())
 
 
 def test_errors_of_the_reader_keep_their_kind(

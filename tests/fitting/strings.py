@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.files.sound import Sound
-from struck.recordings.takes.take import Take
+from struck.recordings.takes import Take
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,12 @@ import pytest
 import struck
 from struck import Strike
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.fitting.outcome import Fitting
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.timbre_field import TimbreField
-from struck.model.timbre_table import TimbreTable
-from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.fit import fit_recordings
-from struck.recordings.takes.take import Take
+from struck.model.timbre_table import SinglePoint, TimbreTable
+from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.takes import Take
 from tests.fitting.strings import (
     DECAYS,
     FREQUENCIES,

@@ -14,16 +14,21 @@ import soundfile
 from numpy.typing import NDArray
 
 from struck.errors import RecordingError
-from struck.fitting import report_pictures, report_places, report_tables
-from struck.fitting.outcome import Fitting
 from struck.model.survey import Survey
-from struck.recordings.fit import fit_recordings
-from struck.recordings.poles.verdict import Verdict
-from struck.recordings.takes.take import Take
+from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.poles.verdict import ModalVerdict
+from struck.recordings.takes import Take
+from struck.report import fit_page, fit_pictures, players
 from struck.report import fit_page as page_module
-from struck.report import players
 from struck.report.fit_page import report
-from struck.report.fit_pictures import Energies, Played, chosen_hits, hits_of, played, setting_in
+from struck.report.fit_pictures import (
+    Energies,
+    RenderedHit,
+    chosen_hits,
+    hits_of,
+    played,
+    setting_in,
+)
 
 Array = NDArray[np.float64]
 
@@ -112,7 +117,7 @@ def fitting() -> Fitting:
     return fit_recordings(takes, contacts=CONTACTS, cache=False)
 
 
-def loudest_of(fitting: Fitting) -> Played:
+def loudest_of(fitting: Fitting) -> RenderedHit:
     fitted, recorded = fitting.fitted, fitting.recorded
     return played(fitted, recorded, [LOUDEST], setting_in(fitted, recorded, fitting.lead))
 
@@ -137,12 +142,12 @@ def test_the_page_needs_no_other_file_and_is_whole(page: str, reader: Reader) ->
 
 def test_names_of_takes_are_text(reader: Reader) -> None:
     assert "i" not in reader.count
-    takes = reader.under(report_tables.TAKES)
+    takes = reader.under(fit_page.TAKES)
     assert [row[0] for row in takes] == [f"<i>{number}.wav" for number in range(len(CONTACTS))]
 
 
 def test_every_mode_stands_in_the_table_once(reader: Reader, fitting: Fitting) -> None:
-    rows = reader.under(report_tables.MODES)
+    rows = reader.under(fit_page.MODES)
     assert [row[0] for row in rows] == [str(number + 1) for number in range(len(FREQUENCIES))]
     assert [row[1] for row in rows] == [f"{each:.3f}" for each in fitting.model.frequencies]
     told = np.array([[float(row[column]) for column in (1, 4, 6)] for row in rows])
@@ -158,7 +163,7 @@ def test_every_mode_stands_in_the_table_once(reader: Reader, fitting: Fitting) -
 
 
 def test_takes_are_told_by_their_levels(reader: Reader, fitting: Fitting) -> None:
-    for row, take in zip(reader.under(report_tables.TAKES), fitting.recorded.takes, strict=True):
+    for row, take in zip(reader.under(fit_page.TAKES), fitting.recorded.takes, strict=True):
         assert row[1:3] == ["1", "1"]
         assert float(row[3]) == pytest.approx(20 * np.log10(np.abs(take.samples).max()), abs=0.05)
         assert float(row[4]) == pytest.approx(20 * np.log10(NOISE), abs=0.5)
@@ -207,12 +212,12 @@ def test_errors_that_the_method_does_not_tell_are_dashes(fitting: Fitting) -> No
     unknown = page_module._known(replace(fitting.model, errors=np.full(4, np.nan)))
     assert known.all()
     assert not unknown.any()
-    rows = report_tables.mode_table(fitting.fitted, unknown)
+    rows = fit_page.mode_table(fitting.fitted, unknown)
     assert [(row[3], row[5]) for row in rows] == [("-", "-")] * len(FREQUENCIES)
 
 
 def test_modes_not_measured_are_named() -> None:
-    rows = report_tables.place_columns(np.array([0.02, np.nan]), np.array([False, True]))
+    rows = fit_page.place_columns(np.array([0.02, np.nan]), np.array([False, True]))
     assert rows == [["2", "yes"], ["-", "not measured"]]
 
 
@@ -232,8 +237,8 @@ def test_what_does_not_ring_has_no_report() -> None:
     ],
 )
 def test_a_ratio_is_put_in_words(ratio: float, misfit: float, told: str) -> None:
-    verdict = Verdict(modal=True, reason="", signal_to_residual=ratio, signal_to_misfit=misfit)
-    lines = report_tables.verdict_lines(verdict, 3)
+    verdict = ModalVerdict(modal=True, reason="", signal_to_residual=ratio, signal_to_misfit=misfit)
+    lines = fit_page.verdict_lines(verdict, 3)
     assert lines[0].startswith("Modal")
     assert told in lines[1]
     assert f"{100 * 10 ** (-ratio / 10):.2g} %" in lines[1]
@@ -267,7 +272,7 @@ def test_long_sounds_are_shortened_to_their_share(fitting: Fitting) -> None:
 
 def test_spectrograms_share_their_colours(fitting: Fitting) -> None:
     hit = loudest_of(fitting)
-    panels = report_pictures.spectrograms(hit, 100.0).axes[:3]
+    panels = fit_pictures.spectrograms(hit, 100.0).axes[:3]
     assert [axes.get_title() for axes in panels] == ["original", "model", "residual"]
     images = [axes.collections[0] for axes in panels]
     assert len({image.get_clim() for image in images}) == 1
@@ -280,7 +285,7 @@ def test_spectrograms_share_their_colours(fitting: Fitting) -> None:
 
 def test_bars_of_ringing_times_reach_as_far_as_the_errors() -> None:
     errors = np.array([0.6, np.nan])
-    figure = report_pictures.ringing_times(FREQUENCIES[:2], DECAYS[:2], errors, RATE / 2)
+    figure = fit_pictures.ringing_times(FREQUENCIES[:2], DECAYS[:2], errors, RATE / 2)
     (bars,) = figure.axes[0].containers
     ends = bars.lines[2][0].get_segments()[0][:, 1]
     assert ends == pytest.approx(np.log(1000) / np.array([6.6, 5.4]))
@@ -290,14 +295,14 @@ def test_maps_show_the_shapes_of_modes() -> None:
     shapes = drives(CONTACTS)
     both = np.stack([shapes, 0.5 * shapes], axis=1).astype(complex)
     survey = Survey.full(CONTACTS[:, None], np.eye(3)[:2], both, FREQUENCIES)
-    levels = report_places.levels_at(survey, 0)
+    levels = fit_pictures.levels_at(survey, 0)
     true = 20 * np.log10(np.abs(shapes) / np.abs(shapes).max(axis=0))
     assert levels == pytest.approx(true, abs=1e-9)
-    heard = report_places.levels_at(survey, 1)
+    heard = fit_pictures.levels_at(survey, 1)
     assert heard[1] - heard[0] == pytest.approx(np.full(len(FREQUENCIES), -6.0206), abs=1e-3)
     lost = np.array([True, False, False, False])
-    figure = report_places.gain_map(
-        levels, FREQUENCIES, report_places.named(CONTACTS[:, None]), lost, "contact"
+    figure = fit_pictures.gain_map(
+        levels, FREQUENCIES, fit_pictures.named(CONTACTS[:, None]), lost, "contact"
     )
     axes = figure.axes[0]
     assert axes.get_yticklabels()[0].get_text() == "0.05"
@@ -308,7 +313,7 @@ def test_maps_show_the_shapes_of_modes() -> None:
 
 def test_the_loudest_channel_of_a_hit_is_chosen(fitting: Fitting) -> None:
     hit = loudest_of(fitting)
-    two = Played(
+    two = RenderedHit(
         take=0,
         onset=hit.onset,
         lead=hit.lead,

@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import fftconvolve
 
 from struck.errors import OptionError, RecordingError
-from struck.fitting.room import may_be_of_room, reverberation
 from struck.recordings.fit import fit_recordings
-from struck.recordings.takes.take import Take
+from struck.recordings.residual_sound import may_be_of_room, reverberation
+from struck.recordings.takes import Take
 from struck.report.fit_page import report
 from tests.fitting.strings import DECAYS, FREQUENCIES, ONSET, RATE, gains, noise, ringing, take
 

@@ -9,10 +9,9 @@ import pytest
 
 import struck
 from struck import Mono, Strike
-from struck.fitting.outcome import Fitting
 from struck.model.air import AIR
-from struck.recordings.fit import fit_recordings
-from struck.recordings.takes.take import Take
+from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.takes import Take
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 
 IMPACT, SECONDS = 0.3, 0.8

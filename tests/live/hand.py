@@ -13,7 +13,8 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from struck.live import running
+from struck.analysis.analysis import model_of_modes
+from struck.live import player
 from struck.live.callback import Shared
 from struck.live.feeder import Feeder
 from struck.live.player import Player
@@ -27,7 +28,7 @@ STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
 class HandFed(Feeder):
     """Fills when told to, not in a thread of its own."""
 
-    running = True
+    player = True
 
     def start(self) -> None:
         self.fill_up()
@@ -112,7 +113,7 @@ Make = Callable[..., HandPlayer]
 @pytest.fixture
 def by_hand(monkeypatch: pytest.MonkeyPatch) -> Make:
     """Return what makes players that have begun."""
-    monkeypatch.setattr(running, "Feeder", HandFed)
+    monkeypatch.setattr(player, "Feeder", HandFed)
 
     def make(models: ModalModel | Sequence[ModalModel], **options: Any) -> HandPlayer:  # noqa: ANN401 - of `Player`
         bodies = [models] if isinstance(models, ModalModel) else models
@@ -131,7 +132,7 @@ def ball(modes: int = 40, *, seed: int = 0, radius: float = 0.1) -> ModalModel:
     points = np.asarray(solid.vertices)
     waves = chance.normal(size=(3, 3, modes)) * 20
     shapes = np.sin(np.einsum("vd,dkm->vkm", points, waves) + chance.uniform(0, 6, (3, modes)))
-    return ModalModel.from_modes(
+    return model_of_modes(
         points,
         solid.faces,
         np.sort(chance.uniform(300, 15000, modes)),

@@ -11,9 +11,8 @@ import pytest
 
 from struck.errors import DeviceError, OptionError
 from struck.excitation.force_track import ForceTrack
-from struck.live import microphone
-from struck.live.device import COMPLETE, CONTINUE, PortAudio
-from struck.live.devices import Device
+from struck.live import recorder
+from struck.live.device import COMPLETE, CONTINUE, Device, PortAudio
 from tests.live.servers import RATE
 
 
@@ -21,7 +20,7 @@ def test_blocks_are_kept_until_there_are_enough() -> None:
     samples = np.zeros(100)
     table = np.array([samples.ctypes.data, 100, 0])
     signature = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_ulong, c_void_p, c_ulong, c_void_p)
-    callback = microphone._callback()
+    callback = recorder._microphone_callback()
     record = signature(callback.address)
     heard = np.random.default_rng(1).standard_normal(192).astype(np.float32)
     codes = [
@@ -34,7 +33,7 @@ def test_blocks_are_kept_until_there_are_enough() -> None:
 
 @pytest.mark.usefixtures("jack")
 def test_a_silent_device_records_silence() -> None:
-    sound = microphone.microphone(0.2)
+    sound = recorder.microphone(0.2)
     assert (sound.sample_rate, sound.samples.shape) == (RATE, (1, round(0.2 * RATE)))
     assert not sound.samples.any()
     ForceTrack(force=sound.samples[0], sample_rate=sound.sample_rate)
@@ -54,7 +53,7 @@ def deaf_and_mute(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("jack", "deaf_and_mute")
 @pytest.mark.parametrize("device", [None, 0, "system"])
 def test_a_microphone_that_cannot_play_records(device: int | str | None) -> None:
-    assert microphone.microphone(0.1, device=device).samples.shape == (1, round(0.1 * RATE))
+    assert recorder.microphone(0.1, device=device).samples.shape == (1, round(0.1 * RATE))
     with PortAudio() as portaudio:
         assert portaudio.devices() == []
         with pytest.raises(DeviceError, match="no audio device is named like 'other'") as caught:
@@ -73,7 +72,7 @@ def test_a_microphone_is_opened_for_input_alone_on_the_default_input() -> None:
             return whole(*given)
 
         library.Pa_OpenStream = open_stream
-        kept = microphone._callback()
+        kept = recorder._microphone_callback()
         table = np.zeros(3, np.int64)
         portaudio.open(
             kept.address, table.ctypes.data, sample_rate=RATE, block=256, channels=0, inputs=1
@@ -87,4 +86,4 @@ def test_a_microphone_is_opened_for_input_alone_on_the_default_input() -> None:
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), 601.0])
 def test_seconds_out_of_bounds_are_refused(seconds: float) -> None:
     with pytest.raises(OptionError, match=f"seconds is {seconds}"):
-        microphone.microphone(seconds)
+        recorder.microphone(seconds)

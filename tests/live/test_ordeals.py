@@ -15,8 +15,7 @@ import pytest
 
 import struck
 from struck.excitation.friction import rung
-from struck.excitation.roll import Roll
-from struck.excitation.scrape import Scrape
+from struck.excitation.scrape import Roll, Scrape
 from struck.live import limiter
 from struck.live.soak import Robot, busy_thread, repeated
 from struck.model.material import Material

@@ -11,7 +11,7 @@ import pytest
 
 import struck
 from struck.cli import main
-from struck.live import binding
+from struck.live import device as binding
 from struck.live.keys import places_by_key
 from tests.live.hand import ball
 

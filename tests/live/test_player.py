@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 import struck
 from struck.errors import ContactError, DeviceError, OptionError
+from struck.excitation.excitation import Push
 from struck.excitation.hold import Hold
 from struck.excitation.pulses import LEAD
-from struck.excitation.pushing import Push
-from struck.excitation.roll import Roll
-from struck.excitation.scrape import Scrape
+from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.live.limiter import DELAY, limiter
 from struck.model.material import Material

@@ -20,13 +20,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from struck.errors import DeviceError, MissingDependencyError
-from struck.live import binding, callback, limiter
+from struck.live import callback, limiter
+from struck.live import device as binding
 from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
-from struck.live.device import PortAudio
-from struck.live.devices import Device, choose
+from struck.live.device import Device, PortAudio, Stream, choose
 from struck.live.feeder import Feeder
 from struck.live.ring import Ring
-from struck.live.stream import Stream
 from tests.live.servers import BLOCK, RATE, Server, judge
 
 Array = NDArray[np.float64]

@@ -14,12 +14,12 @@ from struck.errors import DeviceError, RecordingError
 from struck.live import recorder
 from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW
 from struck.live.recorder import DeviceRecorder
-from struck.recordings.capture.capture import Take
+from struck.recordings.capture import CapturedTake
 from struck.recordings.capture_plan import Point
 from tests.live.servers import RATE
 from tests.test_record_command import struck_record
 
-TAKE = Take(point=Point(name="a", contact=(), listeners=(), hits=1), hit=1, attempt=1)
+TAKE = CapturedTake(point=Point(name="a", contact=(), listeners=(), hits=1), hit=1, attempt=1)
 
 
 def test_interleaved_blocks_are_kept_until_there_are_enough() -> None:

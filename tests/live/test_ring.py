@@ -12,9 +12,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.live import atomics, ring
+from struck.live import ring
 from struck.live.ring import Ring
-from struck.synth import addresses
+from struck.synth import memory
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -39,7 +39,7 @@ def count_spoiled(memory: Integers, records: int, integers: Integers, reals: Rea
 @njit(nogil=True)
 def add_repeatedly(counters: Integers, times: int) -> None:
     for _ in range(times):
-        atomics.add(counters, 0, 1)
+        ring.add(counters, 0, 1)
 
 
 def write(records: Ring, number: int, integers: Integers, reals: Reals) -> None:
@@ -113,8 +113,8 @@ def test_additions_of_two_threads_are_not_lost() -> None:
 @pytest.mark.parametrize(
     ("operation", "instruction"),
     [
-        (lambda array: atomics.load(array, 0), "load atomic i64, ptr"),
-        (lambda array: atomics.store(array, 0, 1), "store atomic i64 1, ptr"),
+        (lambda array: ring.load(array, 0), "load atomic i64, ptr"),
+        (lambda array: ring.store(array, 0, 1), "store atomic i64 1, ptr"),
     ],
     ids=["acquire", "release"],
 )
@@ -131,5 +131,5 @@ def test_loads_and_stores_are_ordered(
 
 def test_memory_is_reached_by_its_address() -> None:
     integers, reals = np.arange(4), np.linspace(0, 1, 4)
-    assert np.array_equal(addresses.integers_at(integers.ctypes.data, 4), integers)
-    assert np.array_equal(addresses.reals_at(reals.ctypes.data, 4), reals)
+    assert np.array_equal(memory.integers_at(integers.ctypes.data, 4), integers)
+    assert np.array_equal(memory.reals_at(reals.ctypes.data, 4), reals)

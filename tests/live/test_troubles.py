@@ -13,9 +13,9 @@ import pytest
 from struck.errors import ContactError, DeviceError, OptionError
 from struck.excitation.scrape import Scrape
 from struck.excitation.touch import Touching
+from struck.live.commands import MOST_WISHES, Wishes
 from struck.live.player import Player
-from struck.live.troubles import Troubles
-from struck.live.wishes import MOST_WISHES, Wishes
+from struck.live.voices import Troubles
 from struck.model.model import ModalModel
 from tests.live.hand import RATE, STEEL, Hand, Make, ball, by_hand
 

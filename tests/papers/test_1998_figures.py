@@ -7,12 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.excitation.release import Release
+from struck.excitation.pluck import Release, impact_amplitudes, impact_impulse, initial_amplitudes
 from struck.model.damping import InternalFriction
 from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.shapes import RectangularMembrane, String
-from struck.shapes.impact import impact_amplitudes, impact_impulse, initial_amplitudes
 
 Array = NDArray[np.float64]
 LOWEST, COUNT = 500.0, 400

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.modes import Modes
+from struck.model.modes import Modes
 from struck.solids import Tube
 from struck.solids.fem.vibration import vibration_modes
 from tests.physics.bodies import CHIME

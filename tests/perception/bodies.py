@@ -10,12 +10,14 @@ from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from struck.forms import TransverseShapes
+from struck.analysis.analysis import model_of_modes
 from struck.model.damping import InternalFriction
+from struck.model.gains import TransverseShapes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
-from struck.modes import Modes
+from struck.model.modes import Modes
+from struck.radiation import by_name
 from struck.shapes.skins import rectangle, slab
 
 Array = NDArray[np.float64]
@@ -48,7 +50,7 @@ def given(mesh: Mesh, frequencies: ArrayLike, heights: ArrayLike) -> ModalModel:
     """Return a body whose modes move along z by heights (V, M) at its vertices."""
     shapes = np.zeros((len(mesh.points), 3, np.shape(heights)[1]))
     shapes[:, 2] = heights
-    return ModalModel.from_modes(
+    return model_of_modes(
         mesh.points,
         mesh.faces,
         frequencies,
@@ -144,7 +146,7 @@ def clamped_plate(highest: float, *, spacing: float = 0.03) -> ModalModel:
         errors=unknown,
         supported=True,
     )
-    return ModalModel.of(modes, STEEL)
+    return ModalModel.of(modes, STEEL, radiation=by_name("power"))
 
 
 def random_contacts(mesh: Mesh, count: int, seed: int) -> tuple[Array, Array]:

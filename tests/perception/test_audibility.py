@@ -10,8 +10,7 @@ import pytest
 from struck.errors import OptionError
 from struck.model.model import ModalModel
 from struck.perception.audibility import audible, audible_modes
-from struck.perception.heard import Heard
-from struck.perception.sonic_distance import band_excess, erb_distance, sonic_distance
+from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance, sonic_distance
 from tests.perception.bodies import LEFT, RIGHT, chord, clamped_plate, hinged_bar, random_contacts
 
 
@@ -67,12 +66,12 @@ def test_a_model_of_what_is_heard_sounds_the_same_at_contacts_of_its_own(
     less = audible(plate, level=level)
     lost = len(plate.frequencies) - len(less.frequencies)
     assert lost > 0
-    hearing = Heard.at(plate, level=level)
+    hearing = HeardModel.at(plate, level=level)
     points, directions = random_contacts(plate.geometry, 200, seed=4)
     outputs = less.gains.toward(hearing.listeners)
     kept = np.isin(plate.natural_frequencies, less.natural_frequencies)
     full = hearing.intensities(points, directions)[:, 0]
-    solved = Heard(
+    solved = HeardModel(
         model=less,
         listeners=hearing.listeners,
         outputs=outputs,

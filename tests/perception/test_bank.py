@@ -11,8 +11,7 @@ import soundfile
 
 from struck.errors import FileFormatError, OptionError
 from struck.files.sound import Sound
-from struck.geometry import Surface
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
 from struck.perception.sound_map import SoundMap, sound_map
 from struck.perception.wav_bank import write_bank

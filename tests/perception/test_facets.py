@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from struck.analysis.analysis import model_of_modes
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
-from struck.perception.facets import Ear, Facets
-from struck.perception.heard import Heard
-from struck.perception.sonic_distance import erb_distance
+from struck.perception.covering import Ear, Facets
+from struck.perception.sonic_distance import HeardModel, erb_distance
 from struck.perception.sound_map import sound_map
 from struck.shapes.skins import rectangle, slab
 from tests.perception.bodies import STEEL, Plain, clamped_plate, given, random_contacts
@@ -39,7 +39,7 @@ def inside(facets: Facets, count: int, seed: int) -> tuple[Array, Array]:
 
 
 def looked_at(model: ModalModel) -> tuple[Ear, Facets]:
-    ear, mesh = Ear.of(Heard.at(model, level=LEVEL)), model.geometry
+    ear, mesh = Ear.of(HeardModel.at(model, level=LEVEL)), model.geometry
     return ear, Facets.of(ear, mesh.points[mesh.faces], -mesh.face_normals)
 
 
@@ -100,7 +100,7 @@ def test_halves_are_the_whole() -> None:
 def apart(model: ModalModel, threshold: float, seed: int) -> tuple[Array, float]:
     """Return how far 100 contacts are from what a map says, and its bound, dB."""
     made = sound_map(model, threshold, level=60)
-    hearing = Heard.at(model, made.listener, made.level)
+    hearing = HeardModel.at(model, made.listener, made.level)
     ear = Ear.of(hearing)
     points, directions = random_contacts(model.geometry, 100, seed)
     true = np.square(np.abs(hearing.gains(points, directions)[:, 0])) * hearing.weights
@@ -118,7 +118,7 @@ def ball() -> ModalModel:
     x, y, z = 10 * solid.vertices.T
     fields = [(x * y, z, x), (y * z, x**2, z * y), (x**3, y, z**2), (z, y * x, x * y * z)]
     shapes = np.stack([np.stack(field, axis=1) for field in fields], axis=2)
-    return ModalModel.from_modes(
+    return model_of_modes(
         solid.vertices,
         solid.faces,
         [400.0, 900.0, 2100.0, 5200.0],

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from struck.errors import ContactError, FileFormatError, OptionError
-from struck.geometry import Surface
+from struck.model.mesh import Surface
 from struck.model.model import ModalModel
 from struck.perception import covering
-from struck.perception.heard import Heard
-from struck.perception.sonic_distance import band_excess, erb_distance
+from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance
 from struck.perception.sound_map import SoundMap, sound_map
 from tests.perception.bodies import chord, clamped_plate, hinged_bar, random_contacts
 
@@ -21,7 +20,7 @@ Array = np.ndarray
 
 def apart(model: ModalModel, made: SoundMap, points: Array, directions: Array) -> Array:
     """Return how far what a map says of contacts is from what a model does, dB."""
-    hearing = Heard.at(model, made.listener, made.level)
+    hearing = HeardModel.at(model, made.listener, made.level)
     true = hearing.intensities(points, directions)[:, 0]
     told = np.square(np.abs([made.at(point) for point in points])) * hearing.weights
     return erb_distance(band_excess(model.frequencies, true), band_excess(model.frequencies, told))
@@ -186,7 +185,7 @@ def worst_of_a_grid(plate: ModalModel, side: int, *, straight: bool) -> float:
     Played either by their signed gains, straight between the four around, or by the one in the
     middle of the cell, made as loud as it should be, which is how sound maps play.
     """
-    hearing = Heard.at(plate)
+    hearing = HeardModel.at(plate)
     points, directions = random_contacts(plate.geometry, 6000, seed=8)
     top = np.flatnonzero(directions[:, 2] < -0.5)[:2000]
     points, directions = points[top], directions[top]

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck import Material
-from struck.shapes.bar import Bar
-from struck.shapes.sections import RectangularSection, RoundSection, Section
+from struck.shapes.bar import Bar, RectangularSection, RoundSection, Section
 from tests.physics.bodies import CHIME
 from tests.physics.reference import CHIME_RADIUS, CHIME_WALL, CHIMES, D3_FAMILIES
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from bench import calculix
 from struck import Material
-from struck.bird import bird
+from struck.report.gallery import bird
 from struck.solids import VolumeMesh, volume_mesh
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import filled
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 
 CERAMIC = Material.named("ceramic")
 _NODES = 35_000
@@ -30,7 +30,7 @@ with_calculix = pytest.mark.skipif(not calculix.installed(), reason=calculix.MIS
 
 @pytest.fixture(scope="module")
 def mesh() -> VolumeMesh:
-    return filled(Body(mesh=bird(), wall=0.0063), nodes=_NODES).mesh
+    return filled(FilledBody(mesh=bird(), wall=0.0063), nodes=_NODES).mesh
 
 
 @pytest.fixture(scope="module")

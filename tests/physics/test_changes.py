@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import struck
 from struck import Material, ModalModel, Rayleigh
 from struck.solids import VolumeMesh
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.search import Solver
 from tests.physics.bodies import ALUMINIUM, custom, distorted, grid
 
 Array = NDArray[np.float64]

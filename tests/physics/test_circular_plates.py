@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import jn_zeros
 
 from struck import Material
-from struck.shapes.circular_plate import CircularPlate
-from struck.shapes.plate_roots import plate_roots
+from struck.shapes.circular_plate import CircularPlate, plate_roots
 from struck.shapes.shape import Vibration
 from tests.physics import ritz_disk
 

@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.solids import Block
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import lowest_frequency, vibration_modes
 from struck.solids.filling.filling import filled
-from struck.solids.search import Solver
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import UNIT, box, grid
 from tests.physics.reference import CUBE
@@ -37,13 +37,13 @@ def check(mesh: VolumeMesh) -> None:
 
 
 def test_twelve_triangles_at_preview_are_as_good_as_promised_at_fine() -> None:
-    check(filled(Body(mesh=box(1, 1, 1)), "preview").mesh)
+    check(filled(FilledBody(mesh=box(1, 1, 1)), "preview").mesh)
 
 
 @pytest.mark.prove
 @pytest.mark.parametrize("accuracy", ["standard", "fine"])
 def test_twelve_triangles(accuracy: str) -> None:
-    check(filled(Body(mesh=box(1, 1, 1)), accuracy).mesh)
+    check(filled(FilledBody(mesh=box(1, 1, 1)), accuracy).mesh)
 
 
 def test_block_of_hexahedra() -> None:

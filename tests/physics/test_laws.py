@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from struck import Material
 from struck.solids import Block, Tube, VolumeMesh
-from struck.solids.curving import curved
 from struck.solids.fem.assembly import assemble
 from struck.solids.fem.factorisation import factorise
 from struck.solids.fem.lanczos import rigid_motions
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.linear import linear_tetrahedra
-from struck.solids.search import Solver
-from struck.solids.surface.distance import Body
-from struck.solids.tetrahedra import cells_in
+from struck.solids.filling.creases import curved
+from struck.solids.filling.stuffing import cells_in
+from struck.solids.surface.distance import FilledBody
+from struck.solids.volume_mesh import linear_tetrahedra
 from tests.physics.bodies import bumpy, custom
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def body(seed: int) -> VolumeMesh:
     """Return a random curved body, about every third one hollow."""
     surface = bumpy(seed)
     wall = 0.3 * np.ptp(surface.bounds, axis=0).min() if seed % 3 == 2 else None
-    filling = Body(mesh=surface, wall=wall)
+    filling = FilledBody(mesh=surface, wall=wall)
     spacing = surface.extent / 4 if wall is None else 0.75 * wall
     mesh, _ = curved(cells_in(filling.depths, filling.bounds, spacing), filling.onto)
     return mesh

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import jn_zeros
 
 from struck import Material
-from struck.shapes.annular_membrane import AnnularMembrane
-from struck.shapes.circular_membrane import CircularMembrane
+from struck.shapes.circular_membrane import AnnularMembrane, CircularMembrane
 from struck.shapes.rectangular_membrane import RectangularMembrane
 from struck.shapes.shape import Shape, Vibration
 from tests.physics import ritz_disk

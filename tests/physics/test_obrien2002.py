@@ -12,7 +12,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import struck
 from struck.solids import Block, VolumeMesh
-from struck.solids.linear import linear_tetrahedra
+from struck.solids.volume_mesh import linear_tetrahedra
 from tests.physics.bodies import ALUMINIUM, grid
 
 Array = NDArray[np.float64]

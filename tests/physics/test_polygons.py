@@ -19,7 +19,7 @@ from struck import Material
 from struck.shapes import PolygonMembrane
 from struck.shapes.particular_solutions import Trial
 from struck.shapes.polygon import plan_of
-from struck.shapes.polygon_modes import _all, _candidates
+from struck.shapes.polygon_membrane import _all, _candidates
 from struck.shapes.shape import Vibration
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import struck
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import filled
-from struck.solids.surface.distance import Body
+from struck.solids.surface.distance import FilledBody
 from tests.physics import reference, spheres
 from tests.physics.bodies import ALUMINIUM, ball
 
@@ -23,7 +23,7 @@ TORSIONAL = reference.TORSIONAL[2][0]
 
 def frequencies(accuracy: str, highest: float, *, subdivisions: int, wall: float | None) -> Array:
     """Return the frequencies up to `highest`, all in units of c_s / R."""
-    body = Body(mesh=ball(RADIUS, subdivisions), wall=wall)
+    body = FilledBody(mesh=ball(RADIUS, subdivisions), wall=wall)
     mesh = filled(body, accuracy).mesh
     return vibration_modes(mesh, ALUMINIUM, highest * UNIT).frequencies / UNIT
 

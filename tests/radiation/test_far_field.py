@@ -11,7 +11,7 @@ from scipy.special import eval_legendre, h1vp
 from struck.model.air import AIR
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
-from struck.radiation.skin import Skin
+from struck.radiation.on_surface import Skin
 from struck.radiation.spherical import sphere_efficiency
 from tests.radiation.bodies import ball, bending, box, fork, joined, radial, rod, swinging, tube
 

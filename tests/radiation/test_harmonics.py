@@ -6,8 +6,7 @@ import pytest
 from scipy.special import eval_legendre
 
 from struck.model.mesh import Mesh
-from struck.radiation.on_surface import COUNT, SurfaceHarmonics, laplacian
-from struck.radiation.skin import normal_velocities
+from struck.radiation.on_surface import COUNT, SurfaceHarmonics, laplacian, normal_velocities
 from tests.radiation.bodies import ball, bowl, box, radial
 
 

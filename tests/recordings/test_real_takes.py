@@ -19,11 +19,9 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.model.exponentials import best_gains, samples
-from struck.recordings.corbett2007.method import fit_corbett2007
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.fitted import Fitted
-from struck.recordings.takes.force import force_channels
-from struck.recordings.takes.take import Take
+from struck.recordings.corbett2007 import fit_corbett2007
+from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.takes import Take, force_channels
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,9 @@ from scipy.optimize import brentq
 
 from struck import Material
 from struck.errors import OptionError
-from struck.forms import TransverseShapes
-from struck.shapes.bar import Bar
+from struck.model.gains import TransverseShapes
+from struck.shapes.bar import Bar, GivenSection, RectangularSection, RoundSection, Section
 from struck.shapes.beam import ENDS
-from struck.shapes.sections import GivenSection, RectangularSection, RoundSection, Section
 from struck.solids.surface.closedness import require_closed
 from tests.shapes.legendre_beams import Timoshenko
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from struck import Material
 from struck.errors import OptionError
-from struck.shapes.circular_plate import CircularPlate
-from struck.shapes.plate_roots import EDGES
-from struck.shapes.round_forms import RoundForms
+from struck.shapes.circular_membrane import RoundForms
+from struck.shapes.circular_plate import EDGES, CircularPlate
 from tests.shapes.test_membranes import closed, disk_rule, from_identity
 
 Array = NDArray[np.float64]

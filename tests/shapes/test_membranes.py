@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from struck import Material
 from struck.errors import OptionError
-from struck.forms import Forms
+from struck.model.gains import Forms
 from struck.model.mesh import Mesh
-from struck.shapes.annular_membrane import AnnularMembrane
-from struck.shapes.circular_membrane import CircularMembrane
+from struck.shapes.circular_membrane import AnnularMembrane, CircularMembrane, RoundForms
 from struck.shapes.rectangular_membrane import RectangularMembrane
-from struck.shapes.round_forms import RoundForms
 from struck.shapes.shape import Shape
 
 Array = NDArray[np.float64]

@@ -15,14 +15,10 @@ from skfem.helpers import dot, grad
 from struck import Material
 from struck.errors import OptionError, SolverError
 from struck.shapes import PolygonMembrane
-from struck.shapes.bessel_kernels import pair, series, series_slope
-from struck.shapes.bessel_tables import irregular, regular
-from struck.shapes.fourier_bessel import PolygonForms
-from struck.shapes.particular_solutions import Found
-from struck.shapes.plan_elements import Triangulation
-from struck.shapes.plan_nodes import all_over, around
-from struck.shapes.polygon import plan_of
-from struck.shapes.polygon_modes import _merged, _proved
+from struck.shapes.bessel import irregular, pair, regular, series, series_slope
+from struck.shapes.particular_solutions import Found, PolygonForms
+from struck.shapes.polygon import Triangulation, all_over, around, plan_of
+from struck.shapes.polygon_membrane import _merged, _proved
 from struck.shapes.shape import Vibration
 from tests.shapes.test_membranes import closed
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.model.material import Material
 from struck.shapes import RectangularPlate
-from struck.shapes.ritz_forms import edge_polynomials
+from struck.shapes.rectangular_plate import edge_polynomials
 
 Array = NDArray[np.float64]
 STEEL = Material(density=7850.0, youngs_modulus=2e11, poisson_ratio=0.3)

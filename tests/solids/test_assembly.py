@@ -12,7 +12,7 @@ from skfem.models.elasticity import linear_elasticity
 from struck.errors import MeshError
 from struck.solids import VolumeMesh
 from struck.solids.fem.assembly import assemble
-from struck.solids.linear import linear_tetrahedra
+from struck.solids.volume_mesh import linear_tetrahedra
 from tests.physics.bodies import UNIT, distorted, grid
 
 ELEMENTS = {"tet4": skfem.ElementTetP1, "tet10": skfem.ElementTetP2}

@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from struck.solids.cutting import Cells
 from struck.solids.filling.lattice import Lattice
-from struck.solids.filling.stuffing import refined
+from struck.solids.filling.stuffing import Cells, refined
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
 
 Depths = Callable[[np.ndarray], np.ndarray]

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from struck import Mesh
-from struck.modes import Modes
-from struck.solids.convergence import ALONE, nodes_needed, stated_errors, with_shape
+from struck.model.modes import Modes
+from struck.solids.fem.error_estimates import ALONE, nodes_needed, stated_errors, with_shape
 from tests.physics.bodies import box
 
 Array = NDArray[np.float64]

@@ -7,19 +7,19 @@ import pytest
 from numpy.typing import NDArray
 
 from struck import Mesh
-from struck.solids.surface.distance import Sheet
+from struck.solids.surface.distance import WalledSheet
 from tests.physics.known import flat_sheet, turned
 
 WALL = 0.1
 
 
-def corner() -> Sheet:
+def corner() -> WalledSheet:
     """Return the square (-1, 1)^2 without its quarter x, y > 0, of few large faces."""
     points = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1)]
     squares = [(0, 1, 4, 3), (1, 2, 5, 4), (3, 4, 7, 6)]
     faces = [(a, b, c) for a, b, c, _ in squares] + [(a, c, d) for a, _, c, d in squares]
     flat = np.column_stack([np.array(points, float), np.zeros(len(points))])
-    return Sheet(mesh=Mesh(points=flat, faces=np.array(faces)), wall=WALL)
+    return WalledSheet(mesh=Mesh(points=flat, faces=np.array(faces)), wall=WALL)
 
 
 def scattered(count: int, reach: float) -> NDArray[np.float64]:
@@ -45,5 +45,5 @@ def test_points_move_onto_the_rim() -> None:
 
 
 def test_a_turned_square_keeps_its_volume() -> None:
-    sheet = Sheet(mesh=turned(flat_sheet(1.0)), wall=WALL)
+    sheet = WalledSheet(mesh=turned(flat_sheet(1.0)), wall=WALL)
     assert sheet.volume(0.02) == pytest.approx(WALL, rel=3e-3)

@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from struck import Mesh
 from struck.solids import VolumeMesh
-from struck.solids.curving import curved, flatness
-from struck.solids.filling.creases import Features
-from struck.solids.surface.distance import Body
-from struck.solids.tetrahedra import cells_in
+from struck.solids.filling.creases import Features, curved, flatness
+from struck.solids.filling.stuffing import cells_in
+from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ball, box
 
 TURN = Rotation.from_euler("xyz", [20, 33, 47], degrees=True)
@@ -24,7 +23,7 @@ def turned(mesh: Mesh) -> Mesh:
 
 
 def filled(mesh: Mesh, spacing: float, *, kept: bool) -> VolumeMesh:
-    body = Body(mesh=mesh)
+    body = FilledBody(mesh=mesh)
     cells = cells_in(body.depths, body.bounds, spacing)
     return curved(cells, body.onto, features=Features(mesh=mesh) if kept else None)[0]
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh
 from struck.solids.filling.lattice import Lattice
-from struck.solids.repair.exposure import INSIDE, winding
-from struck.solids.repair.inside import inside
-from struck.solids.surface.rebuilding import isosurface
+from struck.solids.surface.rebuilding import inside, isosurface
+from struck.solids.surface.shells import INSIDE, winding
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from struck.errors import SolverError
-from struck.solids import Block, memory
+from struck.solids import Block
+from struck.solids.fem import factorisation
+from struck.solids.fem.factorisation import available
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.memory import available
-from struck.solids.search import Solver
 from tests.physics.bodies import UNIT
 
 # The growth of the largest resident size from the assembled matrices on, and the forecast, bytes.
@@ -21,8 +22,8 @@ import sys
 from pathlib import Path
 from struck import Material
 from struck.solids import Block
-from struck.solids.search import Search
-from struck.solids.search import Solver
+from struck.solids.fem.spectrum import Search
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
 
 def status(name):
@@ -87,7 +88,7 @@ def test_hundreds_of_modes_of_a_table_top_in_bounded_memory() -> None:
 
 def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     stages: list[str] = []
-    monkeypatch.setattr(memory, "available", lambda: 2**20)
+    monkeypatch.setattr(factorisation, "available", lambda: 2**20)
     block = Block(size=(1, 1, 1), elements=(4, 4, 4)).volume_mesh()
     with pytest.raises(SolverError, match=r"needs about .* GiB .* are free: use a coarser mesh"):
         vibration_modes(
@@ -101,7 +102,7 @@ def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.Monke
 
 
 def test_nothing_is_refused_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "available", lambda: None)
+    monkeypatch.setattr(factorisation, "available", lambda: None)
     block = Block(size=(1, 1, 1), elements=(4, 4, 4)).volume_mesh()
     modes = vibration_modes(block, UNIT, 1.0, solver=Solver(dense_limit=0))
     assert str(modes.provenance.details["memory_forecast"]).endswith(" GiB")

@@ -9,14 +9,14 @@ import pytest
 import trimesh
 
 from struck import Mesh
-from struck.bird import bird
 from struck.errors import MeshError, OptionError
+from struck.report.gallery import bird
 from struck.solids import VolumeMesh
-from struck.solids.curving import curved, flatness
+from struck.solids.filling.creases import curved, flatness
 from struck.solids.filling.filling import ACCURACIES, filled, piece_count
+from struck.solids.filling.stuffing import cells_in
 from struck.solids.surface.closedness import is_closed, require_closed
-from struck.solids.surface.distance import Body
-from struck.solids.tetrahedra import cells_in
+from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import unique_rows
 from tests.physics.bodies import ball, box, grid
 
@@ -33,9 +33,9 @@ BODIES = {
 
 
 @cache
-def made(name: str) -> tuple[Body, VolumeMesh]:
+def made(name: str) -> tuple[FilledBody, VolumeMesh]:
     mesh, wall = BODIES[name]
-    body = Body(mesh=mesh(), wall=wall)
+    body = FilledBody(mesh=mesh(), wall=wall)
     return body, filled(body, "preview").mesh
 
 
@@ -45,11 +45,11 @@ def made(name: str) -> tuple[Body, VolumeMesh]:
         for name in BODIES
     ]
 )
-def case(request: pytest.FixtureRequest) -> tuple[Body, VolumeMesh]:
+def case(request: pytest.FixtureRequest) -> tuple[FilledBody, VolumeMesh]:
     return made(request.param)
 
 
-def test_the_surface_is_closed_and_two_sided(case: tuple[Body, VolumeMesh]) -> None:
+def test_the_surface_is_closed_and_two_sided(case: tuple[FilledBody, VolumeMesh]) -> None:
     body, mesh = case
     surface, _ = mesh.surface()
     assert is_closed(surface)
@@ -59,13 +59,15 @@ def test_the_surface_is_closed_and_two_sided(case: tuple[Body, VolumeMesh]) -> N
     assert (body.wall is None) == (surface.volume > 0.9 * body.mesh.volume)
 
 
-def test_elements_hang_together_by_faces_and_none_folds(case: tuple[Body, VolumeMesh]) -> None:
+def test_elements_hang_together_by_faces_and_none_folds(
+    case: tuple[FilledBody, VolumeMesh],
+) -> None:
     _, mesh = case
     assert piece_count(mesh) == 1
     assert flatness(mesh).min() > 0
 
 
-def test_boundary_nodes_lie_on_the_surface(case: tuple[Body, VolumeMesh]) -> None:
+def test_boundary_nodes_lie_on_the_surface(case: tuple[FilledBody, VolumeMesh]) -> None:
     body, mesh = case
     surface, _ = mesh.surface()
     depths = body.depths(surface.points)
@@ -89,12 +91,12 @@ def test_volume_is_that_of_darts() -> None:
 
 
 def test_a_box_keeps_its_edges() -> None:
-    mesh = filled(Body(mesh=box(0.1, 0.07, 0.05)), "preview").mesh
+    mesh = filled(FilledBody(mesh=box(0.1, 0.07, 0.05)), "preview").mesh
     assert mesh.volume() == pytest.approx(0.1 * 0.07 * 0.05, rel=1e-12)
 
 
 def test_tetrahedra_are_of_good_shape() -> None:
-    mesh = Body(mesh=ball(0.05, 4), wall=0.008).stuffed(0.006)
+    mesh = FilledBody(mesh=ball(0.05, 4), wall=0.008).stuffed(0.006)
     corners = mesh.nodes[mesh.elements]
     normals = [
         np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
@@ -108,7 +110,9 @@ def test_tetrahedra_are_of_good_shape() -> None:
 
 
 def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
-    thin, thick = (filled(Body(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.02))
+    thin, thick = (
+        filled(FilledBody(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.02)
+    )
     assert (thin.path, thick.path) == ("one layer", "stuffing")
     assert "the wall of 0.002 m is thinner than the lattice" in thin.reason
     assert thin.spacing > 0.002
@@ -118,14 +122,14 @@ def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
 @pytest.mark.prove
 def test_a_smooth_body_has_about_the_nodes_asked_for() -> None:
     most = ACCURACIES["preview"].most
-    smooth = Body(mesh=ball(0.05, 4), wall=0.002)
+    smooth = FilledBody(mesh=ball(0.05, 4), wall=0.002)
     half, whole = (filled(smooth, "preview", nodes=n).mesh for n in (most // 2, 4 * most // 5))
     assert len(half.nodes) < 0.7 * most < 0.9 * most < len(whole.nodes) <= most
 
 
 def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
     most = ACCURACIES["preview"].most
-    creased = Body(mesh=cached_bird(), wall=0.0063)
+    creased = FilledBody(mesh=cached_bird(), wall=0.0063)
     finest = filled(creased, "preview", nodes=10 * most)
     assert 0.8 * most < len(finest.mesh.nodes) <= most
 
@@ -142,7 +146,7 @@ def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
 def test_one_layer_follows_a_wall_of_a_sphere(wall: float, ratio: float) -> None:
     radius = 0.05
     cells = cells_in(
-        (body := Body(mesh=ball(radius, 5), wall=wall)).depths, body.bounds, ratio * wall
+        (body := FilledBody(mesh=ball(radius, 5), wall=wall)).depths, body.bounds, ratio * wall
     )
     mesh, short = curved(cells, body.onto)
     assert short == 0
@@ -163,7 +167,7 @@ def test_pieces_that_share_an_edge_count_apart() -> None:
 
 def test_a_wall_thicker_than_the_body_is_refused() -> None:
     with pytest.raises(MeshError, match=r"a wall of 0\.06 m leaves no cavity"):
-        filled(Body(mesh=ball(0.05, 3), wall=0.06), "preview")
+        filled(FilledBody(mesh=ball(0.05, 3), wall=0.06), "preview")
 
 
 def test_parts_too_thin_for_the_lattice_are_refused() -> None:
@@ -172,12 +176,12 @@ def test_parts_too_thin_for_the_lattice_are_refused() -> None:
     inner.invert()
     both = trimesh.util.concatenate([outer, inner])
     with pytest.raises(MeshError, match="need more than"):
-        filled(Body(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
+        filled(FilledBody(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
 
 
 def test_an_unknown_accuracy_is_refused() -> None:
     with pytest.raises(OptionError, match="preview, standard, fine"):
-        filled(Body(mesh=ball(0.05, 3)), "superb")
+        filled(FilledBody(mesh=ball(0.05, 3)), "superb")
 
 
 def test_unique_rows_are_numpys() -> None:

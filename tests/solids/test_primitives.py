@@ -19,11 +19,9 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from struck.errors import MeshError, OptionError, StruckError
-from struck.geometry import Surface
-from struck.solids.bodies import Block, Tube
-from struck.solids.extrusion import Extrusion
-from struck.solids.profiles import bell, bowl, wine_glass
-from struck.solids.revolution import Revolution, Stem
+from struck.model.mesh import Surface
+from struck.solids.bodies import Block, Extrusion, Tube
+from struck.solids.revolution import Revolution, Stem, bell, bowl, wine_glass
 from struck.solids.volume_mesh import VolumeMesh
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ import trimesh
 from struck.errors import MeshError
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import edges_of
-from struck.solids.repair.openings import closed, loops
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.repair import Repair, repaired
+from struck.solids.surface.welding import closed, loops
 
 
 def mesh(*bodies: trimesh.Trimesh) -> Mesh:

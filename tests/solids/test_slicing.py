@@ -11,9 +11,8 @@ from struck.solids import Block, VolumeMesh
 from struck.solids.fem.assembly import System, assemble
 from struck.solids.fem.factorisation import Factoriser, factorise
 from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
-from struck.solids.fem.spectrum import Shift, Spectrum
+from struck.solids.fem.spectrum import Shift, Solver, Spectrum
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.search import Solver
 from tests.physics.bodies import UNIT, grid
 
 Array = NDArray[np.float64]

@@ -9,12 +9,11 @@ from scipy.spatial.transform import Rotation
 from struck import Mesh
 from struck.errors import MeshError
 from struck.solids import Extrusion, VolumeMesh
-from struck.solids.curving import curved
-from struck.solids.cutting import Cells
 from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.creases import curved
 from struck.solids.filling.filling import filled, piece_count
-from struck.solids.surface.distance import Body
-from struck.solids.tetrahedra import cells_in, stuffed
+from struck.solids.filling.stuffing import Cells, cells_in, stuffed
+from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ALUMINIUM, ball, box, bumpy
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
 
@@ -45,14 +44,14 @@ def filled_points(mesh: VolumeMesh, points: np.ndarray) -> np.ndarray:
 
 
 def cells_of(mesh: Mesh, wall: float | None, spacing: float, halved: int = 0) -> Cells:
-    body = Body(mesh=mesh, wall=wall)
+    body = FilledBody(mesh=mesh, wall=wall)
     return cells_in(body.depths, body.bounds, spacing, halved=halved)
 
 
 @pytest.mark.prove
 def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
     solid = Extrusion(outline=ANGLE, height=0.05)
-    filling = filled(Body(mesh=surface_of(solid)), "standard")
+    filling = filled(FilledBody(mesh=surface_of(solid)), "standard")
     assert filling.mesh.volume() == pytest.approx(solid.volume, rel=5e-3)
     # Themselves up to 0.12 % above those of four times as many hexahedra.
     expected = vibration_modes(solid.volume_mesh("standard"), ALUMINIUM, 23e3).frequencies
@@ -63,7 +62,7 @@ def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
 
 def test_a_slot_narrower_than_the_lattice_stays_open() -> None:
     solid = Extrusion(outline=SLOTTED, height=0.03)
-    filling = filled(Body(mesh=surface_of(solid)), "standard")
+    filling = filled(FilledBody(mesh=surface_of(solid)), "standard")
     assert filling.spacing > RIGHT - LEFT
     assert filling.mesh.volume() == pytest.approx(solid.volume, rel=1e-2)
     across, along = np.meshgrid(np.linspace(0.012, 0.029, 9), np.linspace(0.002, 0.028, 9))
@@ -125,7 +124,7 @@ def test_no_dihedral_angle_is_sharp(mesh: Mesh, wall: float | None, spacing: flo
 
 
 def test_refined_and_curved_shapes_are_bounded() -> None:
-    body = Body(mesh=bumpy(3), wall=0.004)
+    body = FilledBody(mesh=bumpy(3), wall=0.004)
     cells = cells_in(body.depths, body.bounds, 0.012, halved=3000)
     angles = dihedral_angles(cells.points, cells.tetrahedra)
     mesh, short = curved(cells, body.onto)

@@ -13,12 +13,11 @@ from scipy import sparse
 
 from struck.errors import MeshError, OptionError, SolverError
 from struck.solids import Block, VolumeMesh
-from struck.solids.certify import largest_residual, require_complete
 from struck.solids.fem.assembly import System, assemble
 from struck.solids.fem.factorisation import factorise
 from struck.solids.fem.lanczos import Eigenpairs
+from struck.solids.fem.spectrum import Solver, largest_residual, require_complete
 from struck.solids.fem.vibration import lowest_frequency, vibration_modes
-from struck.solids.search import Solver
 from tests.physics.bodies import UNIT, grid
 
 Array = NDArray[np.float64]

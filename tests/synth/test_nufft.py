@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from struck.errors import OptionError
-from struck.synth.block_transform import BlockTransform
-from struck.synth.nufft_bounds import BLOCKS, HEAVIEST, suits, wins
+from struck.synth.block_transform import BLOCKS, HEAVIEST, BlockTransform, suits, wins
 
 RATE = 48000.0
 PROMISED = -120.0

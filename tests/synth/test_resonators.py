@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from struck.errors import OptionError
-from struck.excitation.pushing import Push
+from struck.excitation.excitation import Push
 from struck.synth.reference import ReferenceResonators
 from struck.synth.resonators import Resonators
 from tests.synth.scenes import RATE, Array, Bank, Complex, bank, decibels, exactly

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from struck.excitation.pushing import Push
+from struck.excitation.excitation import Push
 from struck.synth.resonators import Resonators
 from struck.synth.sample_loop import PUSHES, kernel, samples_of
 from tests.synth.scenes import RATE, Array, bank

@@ -14,29 +14,62 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.analysis.cached_steps import COARSE_MODES, MODEL, MODES, Stage, Stages
-from struck.analysis.discretisation import Discretised, Elements, FileOptions, Solid, discretised
+from struck.analysis.discretisation import Discretised, Elements, FileOptions, discretised
 from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import OptionError, StruckError
 from struck.files.cache import opened
-from struck.formula import by_formula
+from struck.model.arrays import Array
+from struck.model.gains import Radiation
 from struck.model.material import Material
+from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
-from struck.model.provenance import Provenance
-from struck.modes import Modes
-from struck.places import places_of
-from struck.progress import Progress, silent
+from struck.model.modes import Modes
+from struck.model.provenance import Progress, Provenance, silent
 from struck.radiation import by_name
 from struck.shapes.shape import Shape
-from struck.solids.convergence import ALONE, comparable, nodes_needed, stated_errors, with_shape
-from struck.solids.fem.error_estimates import residual_errors
+from struck.solids.fem.error_estimates import (
+    ALONE,
+    comparable,
+    nodes_needed,
+    residual_errors,
+    stated_errors,
+    with_shape,
+)
+from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.linear import linear_tetrahedra
-from struck.solids.search import Solver
-from struck.solids.volume_mesh import VolumeMesh
+from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
-__all__ = ["BAND", "METHODS", "Solid", "Source", "analyze"]
+# From a closed-form body and a material to a model, without elements.
 
-Array = NDArray[np.float64]
+
+def by_formula(
+    shape: Shape, material: Material, radiation: str, band: tuple[float, float], **given: object
+) -> ModalModel:
+    """Return the model of a shape; see `struck.analyze`.
+
+    Raises
+    ------
+    OptionError
+        When no mode lies within the band, or something is `given` that the shape tells itself.
+    """
+    for name, value in given.items():
+        if value is not None:
+            raise OptionError(
+                f"{name}= does not apply to {type(shape).__name__}, which tells it itself: leave "
+                "it out, or take method='fem'"
+            )
+    modes = shape.modes(material, band)
+    versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
+    provenance = modes.provenance.extended(body=repr(shape), versions=versions)
+    return ModalModel.of(
+        replace(modes, provenance=provenance),
+        material,
+        radiation=by_name(radiation),
+        lowest=band[0],
+        places={**places_of(modes.surface), **shape.places},
+    )
+
+
 Source = ElementsSource | Shape
 Fixed = ArrayLike | Callable[[Array], NDArray[np.bool_]]
 METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
@@ -286,3 +319,71 @@ def _input(body: Source) -> dict[str, object]:
         return {}
     path = Path(body)
     return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
+def model_of_modes(
+    points: ArrayLike,
+    faces: ArrayLike,
+    frequencies: ArrayLike,
+    shapes: ArrayLike,
+    *,
+    material: Material,
+    mass: float,
+    centre: ArrayLike,
+    inertia: ArrayLike,
+    complete_to: float = 0.0,
+    radiation: Radiation | None = None,
+    places: Mapping[str, Array] | None = None,
+    method: str = "modes of another program",
+    up: str = "z",
+) -> ModalModel:
+    """Make a model of modes that another program computed.
+
+    Parameters
+    ----------
+    points : array-like (V, 3)
+        Vertices of the surface, m.
+    faces : array-like (F, 3), int
+        Triangles of it, counter-clockwise seen from outside.
+    frequencies : array-like (M,)
+        Natural frequencies, Hz, ascending.
+    shapes : array-like (V, 3, M)
+        Mass-normalised mode shapes at the vertices, kg^-1/2.
+    material : Material
+    mass : float
+        kg.
+    centre : array-like (3,)
+        Centre of mass, m.
+    inertia : array-like (3, 3)
+        About the centre of mass, kg m^2.
+    complete_to : float
+        Hz: no mode below it is missing.
+    radiation : Radiation, optional
+        Radiated power unless given.
+    places : mapping of str to array (3,), optional
+        Contacts by name, m.
+    method : str
+        What made the modes, for `provenance`.
+    up : str
+        "y" or "z": the axis of the mesh that points upwards.
+
+    Raises
+    ------
+    OptionError
+        When numbers are not finite or do not fit each other.
+    MeshError
+        When the surface has none or impossible faces.
+    """
+    surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
+    modes = Modes.given(
+        surface,
+        frequencies,
+        shapes,
+        mass=mass,
+        centre=centre,
+        inertia=inertia,
+        complete_to=complete_to,
+        method=method,
+    )
+    radiation = radiation or by_name("power")
+    return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)

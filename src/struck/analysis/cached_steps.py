@@ -21,12 +21,11 @@ import numpy as np
 from struck.errors import StruckError
 from struck.files import model_file
 from struck.files.cache import Cache
-from struck.files.packing import from_bytes, to_bytes
+from struck.files.container import from_bytes, to_bytes
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
-from struck.model.provenance import Provenance
-from struck.modes import Modes
-from struck.progress import Progress, silent
+from struck.model.modes import Modes
+from struck.model.provenance import Progress, Provenance, silent
 from struck.solids.filling.filling import Filling
 from struck.solids.surface.repair import Repair
 from struck.solids.volume_mesh import VolumeMesh

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.analysis.cached_steps import COARSE, ELEMENTS, FILLING, SURFACE, Stages
 from struck.errors import MeshError, OptionError, RepairWarning
 from struck.files.surfaces import load_body, load_mesh
 from struck.files.volumes import SUFFIXES, load_volume
+from struck.model.arrays import Array
 from struck.model.mesh import Mesh
 from struck.model.provenance import Provenance
 from struck.solids.filling.filling import (
@@ -27,11 +27,9 @@ from struck.solids.filling.filling import (
     nodes_allowed,
 )
 from struck.solids.surface.closedness import require_closed
-from struck.solids.surface.distance import Body, Sheet
+from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.volume_mesh import VolumeMesh
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable
@@ -157,10 +155,10 @@ class Surfaced:
         return accuracy_named(self.accuracy).error
 
     @property
-    def _body(self) -> Body | Sheet:
+    def _body(self) -> FilledBody | WalledSheet:
         if self.repair.sheet and self.wall is not None:
-            return Sheet(mesh=self.repair.mesh, wall=self.wall)
-        return Body(mesh=self.repair.mesh, wall=self.wall)
+            return WalledSheet(mesh=self.repair.mesh, wall=self.wall)
+        return FilledBody(mesh=self.repair.mesh, wall=self.wall)
 
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return about a third of the nodes, where so few can follow the body."""

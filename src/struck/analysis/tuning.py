@@ -14,7 +14,7 @@ from struck.analysis.discretisation import Solid
 from struck.errors import OptionError
 from struck.model.damping import ringing
 from struck.model.material import Material
-from struck.progress import Progress, silent
+from struck.model.provenance import Progress, silent
 from struck.solids.fem.vibration import lowest_frequency
 
 _IN_TUNE = 1e-7

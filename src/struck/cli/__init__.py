@@ -8,10 +8,8 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import struck
-from struck.arguments import body_named, material_named
 from struck.cli.analyze import LISTED, MATERIAL, declare_analyze, described
 from struck.cli.cache import declare_cache
 from struck.cli.calibrate import declare_calibrate
@@ -19,18 +17,15 @@ from struck.cli.command import Result, command, warnings_in_one_line
 from struck.cli.compare import declare_compare
 from struck.cli.export import declare_export
 from struck.cli.fit import declare_fit
-from struck.cli.options import add_listener, add_room, listener, room
+from struck.cli.options import add_listener, add_room, body_named, listener, material_named, room
 from struck.cli.play import declare_play
 from struck.cli.record import declare_record
 from struck.cli.render import add_touches, touches
 from struck.cli.sound_map import declare_sound_map
 from struck.errors import StruckError
 from struck.files.atomic import writable
-from struck.progress import TerminalProgress
-from struck.tables import aligned
-
-if TYPE_CHECKING:
-    pass
+from struck.model.html import aligned
+from struck.model.provenance import TerminalProgress
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -216,7 +211,7 @@ def _demo(commands: argparse._SubParsersAction) -> None:
 
 
 def _run_demo(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    from struck.demo import gallery
+    from struck.report.gallery import gallery
 
     page = gallery(Path(options.out), progress)
     return Result(f"open {page.resolve()} in a browser to see and hear it", page=str(page))

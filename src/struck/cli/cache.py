@@ -6,7 +6,7 @@ import argparse
 
 from struck.cli.command import Result, command
 from struck.files.cache import opened
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 
 
 def declare_cache(commands: argparse._SubParsersAction) -> None:

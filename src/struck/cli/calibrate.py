@@ -10,8 +10,8 @@ import numpy as np
 
 import struck
 from struck.cli.command import Result, command
-from struck.files.any_model import is_model, model_path
-from struck.progress import TerminalProgress
+from struck.files.model_file import is_model, model_path
+from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
     from struck.recordings.calibration import Calibration

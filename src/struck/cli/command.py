@@ -11,7 +11,7 @@ from typing import TextIO
 
 from struck.errors import LossWarning, RepairWarning
 from struck.files.cache import CacheWarning
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 
 
 class Result:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import struck
-from struck.arguments import numbers, place
 from struck.cli.command import Result, command
+from struck.cli.options import numbers, place
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
-from struck.files.any_model import is_model
 from struck.files.atomic import writable
-from struck.progress import TerminalProgress
+from struck.files.model_file import is_model
+from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
     from struck.report.comparison import Comparison

@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 
 import struck
-from struck.arguments import place
 from struck.cli.command import Result, command
+from struck.cli.options import place
 from struck.errors import OptionError
-from struck.files.any_model import CONVENTIONS, export, left_out
 from struck.files.atomic import writable
-from struck.progress import TerminalProgress
+from struck.files.model_file import CONVENTIONS, export, left_out
+from struck.model.provenance import TerminalProgress
 
 
 def declare_export(commands: argparse._SubParsersAction) -> None:

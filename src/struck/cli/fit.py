@@ -8,16 +8,14 @@ from pathlib import Path
 import numpy as np
 
 import struck
-from struck.arguments import numbers
 from struck.cli.analyze import described
 from struck.cli.command import Result, command
+from struck.cli.options import numbers
 from struck.errors import OptionError
-from struck.files.any_model import model_path
 from struck.files.atomic import writable
-from struck.fitting.fit import files_read
-from struck.fitting.outcome import Fitting
-from struck.progress import TerminalProgress
-from struck.recordings.fit import fit_recordings
+from struck.files.model_file import model_path
+from struck.model.provenance import TerminalProgress
+from struck.recordings.fit import Fitting, files_read, fit_recordings
 from struck.report.fit_page import save_report
 
 _SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")

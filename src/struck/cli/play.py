@@ -12,7 +12,7 @@ import struck
 from struck.cli.command import Result, command
 from struck.cli.options import add_listener, listener
 from struck.errors import DeviceError, OptionError
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
     from struck.live.keys import Keys
@@ -178,8 +178,7 @@ def _told(player: Player, models: list[struck.ModalModel], strikes: int, seconds
 
 
 def _devices() -> Result:
-    from struck.live.device import PortAudio
-    from struck.live.devices import listed
+    from struck.live.device import PortAudio, listed
 
     with PortAudio() as portaudio:
         devices = portaudio.devices()

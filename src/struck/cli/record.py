@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from struck.cli.command import Result, command
 from struck.errors import DeviceError, OptionError, RecordingError
-from struck.progress import TerminalProgress
+from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.recordings.capture.capture import Operator, Outcome, Recorder
+    from struck.recordings.capture import Operator, Outcome, Recorder
     from struck.recordings.capture_plan import CapturePlan
 
 _NAMED = 4  # files that a message names
@@ -42,8 +42,8 @@ def declare_record(commands: argparse._SubParsersAction) -> None:
 
 
 def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
-    from struck.recordings.capture.capture import capture
-    from struck.recordings.capture.plan_file import read_plan
+    from struck.recordings.capture import capture
+    from struck.recordings.capture_plan import read_plan
 
     if options.list_devices:
         return _devices()
@@ -60,7 +60,7 @@ def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 @contextmanager
 def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Recorder]:
-    from struck.recordings.capture.simulated import SimulatedRecorder
+    from struck.recordings.capture import SimulatedRecorder
 
     if options.simulate is not None:
         folder = Path(options.simulate)
@@ -150,8 +150,7 @@ def _told(plan: CapturePlan, outcome: Outcome) -> Result:
 
 
 def _devices() -> Result:
-    from struck.live.device import PortAudio
-    from struck.live.devices import listed
+    from struck.live.device import PortAudio, listed
 
     with PortAudio() as portaudio:
         devices = portaudio.recorders()

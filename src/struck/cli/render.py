@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from struck.arguments import numbers, place
+from struck.cli.options import numbers, place
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
-from struck.excitation.roll import Roll
-from struck.excitation.scrape import Scrape
+from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.scene.body import Action
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 import struck
-from struck.arguments import numbers
 from struck.cli.command import Result, command
+from struck.cli.options import numbers
 from struck.files.atomic import writable
+from struck.model.arrays import Array
+from struck.model.provenance import TerminalProgress
 from struck.perception.wav_bank import write_bank
-from struck.progress import TerminalProgress
 from struck.report.charts import save as save_picture
 from struck.report.sound_map_picture import sound_map_picture
-
-Array = NDArray[np.float64]
 
 
 def declare_sound_map(commands: argparse._SubParsersAction) -> None:

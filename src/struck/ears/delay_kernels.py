@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.synth.compiling import jitted, jitted_within
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Index = NDArray[np.int64]
+from struck.model.arrays import Array, Index, Single
+from struck.synth.sample_loop import jitted, jitted_within
 
 
 @jitted

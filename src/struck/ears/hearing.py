@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from struck.ears.delay_lines import DelayLines
-from struck.ears.head import Array
 from struck.ears.listeners import Listener
-from struck.ears.pose import Pose
-from struck.ears.propagation import STRETCH, Propagation
+from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.ears.room import Room
-from struck.ears.sources import Emitter
+from struck.model.arrays import Array
 
 
 class Hearing:

@@ -4,20 +4,418 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
+from scipy.spatial import KDTree
 
-from struck.ears.aligning import BRIEF, EARS, LASTING, Aligned, aligned, spline_weights
-from struck.ears.head import Array, Filters, Single, require_rate
-from struck.ears.heads import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS
-from struck.ears.hrtf import HrtfSet, bundled, directions_of
-from struck.ears.sofa import read_sofa
-from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain
+from struck.ears.heads import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS, Filters, require_rate
+from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
+from struck.errors import FileFormatError, OptionError
+from struck.files.sofa import Container, opened
 from struck.model.air import AIR
+from struck.model.arrays import Array, Single
+
+# Measured head-related impulse responses: what one set holds, and the sets bundled.
+
+BUNDLED = ("kemar",)
+_FULL_SCALE = 32768.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HrtfSet:
+    """Responses of two ears to sources around a head, all at one distance.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    directions : array (M, 3)
+        From the head's centre to each source, of length one, in the head's frame.
+    distance : float
+        Of the sources from the head's centre, m.
+    responses : array (M, 2, N)
+        Left ear first, at any level that all share.
+    delays : array (M, 2)
+        By which the responses have to be delayed, s; zero at any time that all share.
+    sample_rate : float
+        Hz.
+    references : tuple of str
+        Keys in ``references.toml``.
+    source, licence : str
+        What the file says of its origin and its terms.
+    """
+
+    name: str
+    directions: Array
+    distance: float
+    responses: Array
+    delays: Array
+    sample_rate: float
+    references: tuple[str, ...] = ()
+    source: str = ""
+    licence: str = ""
+
+
+@cache
+def bundled(name: str) -> HrtfSet:
+    """Return a set that comes with struck.
+
+    Raises
+    ------
+    OptionError
+        When none is called that.
+    """
+    if name not in BUNDLED:
+        raise OptionError(
+            f"no head called {name!r} is bundled: use one of {', '.join(BUNDLED)}, or the path of "
+            "a .sofa file"
+        )
+    with (
+        resources.files("struck.ears").joinpath(f"{name}.npz").open("rb") as file,
+        np.load(file, allow_pickle=False) as stored,
+    ):
+        left = stored["left"] / _FULL_SCALE
+        return HrtfSet(
+            name=name,
+            directions=directions_of(stored["azimuths"], stored["elevations"]),
+            distance=float(stored["distance"]),
+            responses=np.stack([left, left[stored["mirrored"]]], axis=1),
+            delays=np.full((len(left), 2), float(stored["start"])),
+            sample_rate=float(stored["sample_rate"]),
+            references=("gardner1994",),
+            source=str(stored["source"]),
+            licence=str(stored["licence"]),
+        )
+
+
+def directions_of(azimuths: Array, elevations: Array) -> Array:
+    """Return the unit vectors (M, 3) of angles in degrees: forward, left, up."""
+    azimuth, elevation = np.radians(azimuths), np.radians(elevations)
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+# From measured responses to aligned ones: onsets, delays, level and directions between.
+
+LEAD = 8 / 48000  # s, kept ahead of an onset: what a limited band rings before it
+LASTING = 448 / 48000  # s, of a response with its lead: all that KEMAR has
+BRIEF = 256 / 48000  # s, of one for playing live: deep notches at 8 kHz take all
+ONSET = 0.1  # of a response's peak: what comes first above it is the onset
+EARS = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+_FINER = 8  # onsets are sought between samples
+_AT_ONCE = 2**21  # values, to bound the memory that long responses take
+_FADE_IN, _FADE_OUT = 0.5, 0.0625  # of the lead, of the whole
+_PASS = 0.9  # of the band that both sample rates hold: above, responses fade out
+_LEVEL_BAND = np.linspace(200, 500, 7)  # Hz, where heads are spheres and loudspeakers work
+_DEGREES, _SMOOTHNESS = 80, 2.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Aligned:
+    """Responses of one set at one sample rate, all with their onset at the same sample.
+
+    Parameters
+    ----------
+    directions : array (M, 3)
+        None twice.
+    delays : array (M, 2)
+        From the head's centre, were there no head, to a response's first sample, s.
+    responses : array (M, 2, taps)
+        Relative to the free field at the head's centre.
+    gain : float
+        By which the set's own level was multiplied for that.
+    """
+
+    directions: Array
+    delays: Array
+    responses: Array
+    gain: float
+
+
+def aligned(
+    measured: HrtfSet, sample_rate: float, nodes: Array, lasting: float = LASTING
+) -> Aligned:
+    """Align the responses of a set, bring them to a sample rate and to the free field's level.
+
+    Where a set has more directions than there are nodes (W, 3), those nearest to nodes are kept.
+
+    The time that both ears share is arbitrary in most sets, and in some from one elevation to the
+    next (by 0.2 ms in KEMAR's): it is set such that sound comes to the nearer ear as on a rigid
+    sphere. The time between the ears stays as it was measured. The level that all responses share
+    is set such that the mean power from 200 to 500 Hz is that on the sphere.
+    """
+    chosen = _chosen(measured.directions, nodes)
+    directions, responses = measured.directions[chosen], measured.responses[chosen]
+    parts = np.array_split(responses, math.ceil(responses.size / _AT_ONCE))
+    onsets = np.concatenate([_onsets(part) for part in parts]) / measured.sample_rate
+    gain = _gain(directions, responses, measured)
+    late = onsets + measured.delays[chosen]
+    excess = late - arrival_delay(_angles(directions), measured.distance)
+    nearer = (1 + directions @ EARS.T) / 2  # both add up to one, so no ear takes over at once
+    shared = np.sum(excess * nearer, axis=1, keepdims=True)
+    starts = np.array_split(onsets - LEAD, len(parts))
+    how = measured.sample_rate, sample_rate, lasting
+    sampled = [_sampled(part, start, *how) for part, start in zip(parts, starts, strict=True)]
+    return Aligned(
+        directions=directions,
+        delays=late - shared - LEAD,
+        responses=gain * np.concatenate(sampled),
+        gain=gain,
+    )
+
+
+def _angles(directions: Array) -> Array:
+    """Return the angles (M, 2) between sources and the ears, rad."""
+    return np.arccos(np.clip(directions @ EARS.T, -1, 1))
+
+
+def _chosen(directions: Array, nodes: Array) -> NDArray[np.intp]:
+    """Return which directions to keep: none twice, as poles often are, and not too many."""
+    rounded = np.round(directions, 3) + 0.0  # no negative zeros
+    distinct = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+    if len(distinct) <= len(nodes):
+        return distinct
+    return distinct[np.unique(KDTree(directions[distinct]).query(nodes)[1])]
+
+
+def _onsets(responses: Array) -> Array:
+    """Return where responses (M, 2, N) first exceed a share of their peak, in samples.
+
+    Of the estimators that were tried, cross-correlation with the minimum-phase response jumps by
+    samples between neighbours, where a zero leaves the unit circle, and this one does not.
+    """
+    taps = responses.shape[-1]
+    ahead = 16  # a limited band rings before its onset, also before the first sample
+    length = (taps + 2 * ahead) * _FINER
+    spectra = np.fft.rfft(np.pad(responses, ((0, 0), (0, 0), (ahead, ahead))), axis=-1)
+    finer = np.abs(np.fft.irfft(spectra, length, axis=-1))
+    level = ONSET * finer.max(axis=-1, keepdims=True)
+    finer[..., 0] = 0
+    first = np.maximum(np.argmax(finer > level, axis=-1), 1)[..., np.newaxis]
+    before = np.take_along_axis(finer, first - 1, axis=-1)
+    after = np.take_along_axis(finer, first, axis=-1)
+    return ((first - (after - level) / (after - before)) / _FINER - ahead)[..., 0]
+
+
+def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
+    """Return by what responses have to be multiplied to be relative to the free field."""
+    phases = np.outer(np.arange(responses.shape[-1]), _LEVEL_BAND / measured.sample_rate)
+    here = np.mean(np.abs(responses @ np.exp(-2j * np.pi * phases)) ** 2)
+    angles, counts = np.unique(np.round(_angles(directions), 3), return_counts=True)
+    there = np.mean(np.abs(pressure(_LEVEL_BAND, angles, measured.distance)) ** 2, axis=0)
+    return math.sqrt(np.average(there, weights=counts) / here)
+
+
+def _sampled(
+    responses: Array, starts: Array, old_rate: float, new_rate: float, lasting: float
+) -> Array:
+    """Return the responses (M, 2, taps) from their starts (s) on, at a new sample rate.
+
+    Each is a sum of cosines between its samples; taking them at other times shifts by parts of a
+    sample and changes the rate in one step.
+    """
+    length = 2 * responses.shape[-1] + 2 * math.ceil(lasting * old_rate)
+    frequencies = np.arange(length // 2 + 1) * (old_rate / length)
+    spectra = np.fft.rfft(responses, length, axis=-1) * _fading(frequencies, old_rate, new_rate)
+    spectra *= np.exp(2j * np.pi * frequencies * starts[..., np.newaxis])
+    times = np.arange(round(lasting * new_rate)) / new_rate
+    phases = 2 * np.pi * np.outer(frequencies, times)
+    cosines, sines = np.cos(phases), np.sin(phases)
+    # The sum over the spectrum is 1 / length; a response is a density over time, 1 / rate each.
+    spectra[..., 1:] *= 2
+    sums = spectra.real @ cosines - spectra.imag @ sines
+    return sums * (old_rate / new_rate / length) * _window(round(lasting * new_rate), new_rate)
+
+
+def _fading(frequencies: Array, old_rate: float, new_rate: float) -> Array:
+    """Return one in the band that both rates hold, and half a cosine down to zero at its end."""
+    highest = min(old_rate, new_rate) / 2
+    along = np.clip((frequencies / highest - _PASS) / (1 - _PASS), 0, 1)
+    return 0.5 + 0.5 * np.cos(np.pi * along)
+
+
+def _window(taps: int, sample_rate: float) -> Array:
+    """Return ones with eased ends, for responses cut at a lead and a length."""
+    start = np.arange(taps) / (_FADE_IN * LEAD * sample_rate)
+    end = np.arange(taps)[::-1] / (_FADE_OUT * taps)
+    return np.sin(0.5 * np.pi * np.clip(np.minimum(start, end) + 0.05, 0, 1)) ** 2
+
+
+def spline_weights(measured: Array, wanted: Array) -> Array:
+    """Return the weights (W, M) by which values in measured directions make others.
+
+    A spline on the sphere: exact where measured, and of the least mean square of a derivative of
+    order 2.5 (of Laplace and Beltrami) between, so that it stays bounded where none is near.
+
+    References
+    ----------
+    Wahba 1981, SIAM J. Sci. Stat. Comput. 2(1), 5, with a series for its kernel.
+    """
+    count = len(measured)
+    system = np.ones((count + 1, count + 1))
+    system[:count, :count] = _kernel(measured @ measured.T)
+    system[count, count] = 0
+    right = np.ones((len(wanted), count + 1))
+    right[:, :count] = _kernel(wanted @ measured.T)
+    return np.asarray(np.linalg.solve(system, right.T).T[:, :count], dtype=np.float64)
+
+
+def _kernel(cosines: Array) -> Array:
+    degrees = np.arange(1.0, _DEGREES + 1)
+    series = np.zeros(_DEGREES + 1)
+    series[1:] = (2 * degrees + 1) / (degrees * (degrees + 1)) ** _SMOOTHNESS
+    values = np.polynomial.legendre.legval(np.clip(cosines, -1, 1), series)
+    return np.asarray(values, dtype=np.float64)
+
+
+# Head-related impulse responses from SOFA files (AES69), convention SimpleFreeFieldHRIR.
+
+CONVENTION = "SimpleFreeFieldHRIR"
+FEWEST_DIRECTIONS = 4
+MOST_DIRECTIONS = 20_000
+MOST_TAPS = 16_384
+MOST_VALUES = 2**25
+SAMPLE_RATES = (8_000.0, 192_000.0)
+DISTANCES = (0.1, 100.0)
+# Measured radii scatter by a few per cent; sets of several distances differ by far more.
+_DISTANCE_SPREAD = 0.1
+
+
+def read_sofa(path: str | Path) -> HrtfSet:
+    """Read measured responses of a head.
+
+    Parameters
+    ----------
+    path : str or Path
+        A SOFA file of convention SimpleFreeFieldHRIR, all sources at one distance.
+
+    Raises
+    ------
+    FileFormatError
+        When it is no such file, or what it holds is out of bounds.
+    MissingDependencyError
+        When h5py is not installed.
+
+    Notes
+    -----
+    AES69-2022, AES standard for file exchange: spatial acoustic data file format.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        file.require_convention(CONVENTION)
+        responses = _responses(file)
+        directions, distance = _sources(file, len(responses))
+        left_first = _left_first(file)
+        sample_rate = _sample_rate(file)
+        return HrtfSet(
+            name=file.text("Title") or path.stem,
+            directions=directions,
+            distance=distance,
+            responses=responses[:, left_first],
+            delays=_delays(file, responses.shape)[:, left_first] / sample_rate,
+            sample_rate=sample_rate,
+            source=file.text("References"),
+            licence=file.text("License"),
+        )
+
+
+def _responses(file: Container) -> Array:
+    shape = file.shape("Data.IR")
+    if len(shape) != 3 or shape[1] != 2:
+        raise FileFormatError(
+            f"its variable Data.IR has shape {shape}, and (directions, 2 ears, taps) is demanded: "
+            "save it again with a SOFA library"
+        )
+    if not FEWEST_DIRECTIONS <= shape[0] <= MOST_DIRECTIONS:
+        raise FileFormatError(
+            f"it holds {shape[0]} directions, and {FEWEST_DIRECTIONS} to {MOST_DIRECTIONS:,} are "
+            "read: use a set of that size"
+        )
+    if not 1 <= shape[2] <= MOST_TAPS or np.prod(shape) > MOST_VALUES:
+        raise FileFormatError(
+            f"its responses have {shape[2]} taps in {shape[0]} directions, and 1 to {MOST_TAPS:,} "
+            f"taps and {MOST_VALUES:,} values in all are read: cut them"
+        )
+    responses = file.numbers("Data.IR", shape)
+    if not responses.any(axis=2).all():
+        raise FileFormatError("a response in Data.IR is all zeros: take that measurement out")
+    return responses
+
+
+def _sample_rate(file: Container) -> float:
+    rates = np.unique(file.numbers("Data.SamplingRate", (1,), file.shape("Data.IR")[:1]))
+    lowest, highest = SAMPLE_RATES
+    if len(rates) != 1 or not lowest <= rates[0] <= highest:
+        raise FileFormatError(
+            f"its sample rate is {', '.join(f'{rate:g}' for rate in rates[:3])} Hz, and one from "
+            f"{lowest:g} to {highest:g} Hz is read: resample it"
+        )
+    return float(rates[0])
+
+
+def _delays(file: Container, shape: tuple[int, ...]) -> Array:
+    """Return the delays (M, 2) in samples."""
+    delays = file.numbers("Data.Delay", (1, 2), shape[:2])
+    if np.ptp(delays) > MOST_TAPS:
+        raise FileFormatError(
+            f"its delays spread over {np.ptp(delays):g} samples, and {MOST_TAPS:,} are the bound: "
+            "give Data.Delay in samples"
+        )
+    return np.broadcast_to(delays, shape[:2])
+
+
+def _sources(file: Container, count: int) -> tuple[Array, float]:
+    """Return unit vectors (M, 3) in the head's frame, and the distance they share in m."""
+    if np.any(file.numbers("ListenerPosition", (1, 3), (count, 3))):
+        raise FileFormatError(
+            "its ListenerPosition is not the origin: give SourcePosition relative to the listener"
+        )
+    positions = file.points("SourcePosition", (count, 3))
+    distances = np.linalg.norm(positions, axis=1)
+    distance = float(np.median(distances))
+    if not DISTANCES[0] <= distance <= DISTANCES[1]:
+        raise FileFormatError(
+            f"its sources are {distance:g} m away, and {DISTANCES[0]:g} to {DISTANCES[1]:g} m are "
+            "read: give SourcePosition in metres"
+        )
+    if np.ptp(distances) > _DISTANCE_SPREAD * distance:
+        raise FileFormatError(
+            f"its sources are {distances.min():g} to {distances.max():g} m away, and one distance "
+            "is read: keep the measurements of one"
+        )
+    return positions / distances[:, np.newaxis] @ _frame(file, count).T, distance
+
+
+def _frame(file: Container, count: int) -> Array:
+    """Return the head's axes in the file's frame: forward, left and up, as rows."""
+    view = file.points("ListenerView", (1, 3), (count, 3))
+    up = file.points("ListenerUp", (1, 3), (count, 3), typed="ListenerView")
+    left = np.cross(up[0], view[0])
+    if np.ptp(view, axis=0).any() or np.ptp(up, axis=0).any() or np.linalg.norm(left) < 1e-3:
+        raise FileFormatError(
+            f"its ListenerView {view[0]} and ListenerUp {up[0]} change, vanish or are parallel, "
+            "and one head held still is read: write view (1, 0, 0) and up (0, 0, 1)"
+        )
+    axes = np.stack([view[0], left, np.cross(view[0], left)])
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _left_first(file: Container) -> list[int]:
+    """Return which receivers are the left and the right ear; y points to the left."""
+    one = file.shape("ReceiverPosition")
+    lateral = file.points("ReceiverPosition", (2, 3), (2, 3, 1), (2, 3, one[-1]))[:, 1]
+    if np.isclose(*lateral):
+        raise FileFormatError(
+            f"its ReceiverPosition has both ears at y = {lateral[0]:g} m, so left is not known: "
+            "write the left ear at y > 0, the right one at y < 0"
+        )
+    return [0, 1] if lateral[0] > lateral[1] else [1, 0]
+
 
 STEP = 5.0  # degrees between the nodes of the grid, over azimuth and elevation
 AZIMUTHS = np.arange(-STEP, 361 + 2 * STEP, STEP)  # one more at the start and two at the end
@@ -118,7 +516,7 @@ class MeasuredFilters:
     gain: float
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return delays (n, 2) and responses (n, 2, taps); see `struck.ears.head.Filters`."""
+        """Return delays (n, 2) and responses (n, 2, taps); see `struck.ears.heads.Filters`."""
         places = _places(directions, distances)
         cells = places.astype(np.intp)
         weights = ((places - cells)[..., None] ** POWERS @ CATMULL_ROM).astype(np.float32)

@@ -7,14 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 from struck.model.air import AIR
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Single = NDArray[np.float32]
+from struck.model.arrays import Array, Complex, Single
 
 EAR_SPACING = 0.175
 """m; twice the radius 8.75 cm of the sphere that stands for a head."""

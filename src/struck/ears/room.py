@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,16 +15,43 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from struck.ears.optional import pyroomacoustics
 from struck.ears.reverberation import Reverberation, statistical_time
-from struck.errors import OptionError
+from struck.errors import MissingDependencyError, OptionError
 from struck.model.air import AIR
+from struck.model.arrays import Array, Index, Single
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Counts = NDArray[np.int64]
+# Libraries that ears use where they are installed.
+
+
+def pyroomacoustics() -> ModuleType:
+    """Return pyroomacoustics.
+
+    Its import would import sounddevice, which opens PortAudio for as long as Python runs: from then
+    on no device that comes or goes would be seen, by `struck.play` neither.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where it is not installed.
+    """
+    known = sys.modules.get("sounddevice")
+    hidden = "pyroomacoustics" not in sys.modules and known is None
+    if hidden:
+        sys.modules["sounddevice"] = None  # type: ignore[assignment] # as the import system has it
+    try:
+        import pyroomacoustics as found  # pyright: ignore[reportMissingImports]  # an extra
+    except ImportError as error:
+        raise MissingDependencyError(
+            'full responses of a room are made by pyroomacoustics: pip install "struck[room]"'
+        ) from error
+    finally:
+        if hidden:
+            del sys.modules["sounddevice"]
+    return found
+
+
 Wall = str | float
 
 WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")
@@ -48,13 +76,13 @@ class Images:
 
     signs: Array
     offsets: Array
-    counts: Counts
+    counts: Index
 
     def __len__(self) -> int:
         return len(self.signs)
 
     @property
-    def reflections(self) -> Counts:
+    def reflections(self) -> Index:
         """How often the sound met a wall: (images,)."""
         return self.counts.sum(axis=1)
 

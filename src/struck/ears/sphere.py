@@ -24,13 +24,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 from struck.model.air import AIR
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from struck.model.arrays import Array, Complex
 
 HEAD_RADIUS = 0.0875  # m, the customary mean head (Hartley & Fry 1921)
 NEAREST = 1.01  # radii from the centre: the nearer the source, the more terms the series needs
@@ -43,7 +41,7 @@ def pressure(
     distance: float | None = None,
     radius: float = HEAD_RADIUS,
     sound_speed: float = AIR.sound_speed,
-) -> ComplexArray:
+) -> Complex:
     """Return the pressure on a rigid sphere, relative to the free field at its centre.
 
     Parameters
@@ -253,7 +251,7 @@ def nearness(distances: ArrayLike | None, radius: float) -> Array:
     return radius / far
 
 
-def _coefficients(ka: Array, nearby: Array) -> Iterator[ComplexArray]:
+def _coefficients(ka: Array, nearby: Array) -> Iterator[Complex]:
     """Yield the factors of the Legendre polynomials, until no more than REMAINDER is left."""
     size = np.exp(1j * ka)
     at_sphere = 1 + 1j * ka

@@ -9,13 +9,11 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import OptionError
+from struck.model.arrays import Array
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
-
-Array = NDArray[np.float64]
 
 _RINGS, _SPOKES = 4, 12
 

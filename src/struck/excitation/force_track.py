@@ -7,22 +7,22 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, OptionError
-from struck.excitation.bounds import (
+from struck.excitation.excitation import (
+    Burst,
+    burst_of,
     freeze_place,
     require_at_least_zero,
     require_finite,
     require_positive,
 )
-from struck.excitation.excitation import Burst, burst_of
 from struck.excitation.pulses import Samples
 from struck.files.wav import decode
+from struck.model.arrays import Array
 from struck.model.contact import Place
 from struck.model.model import ModalModel
-
-Array = NDArray[np.float64]
 
 # Samples of silence put before a track, so that resampling may ring ahead of it.
 _AHEAD = 16
@@ -77,7 +77,7 @@ class ForceTrack:
         object.__setattr__(self, "sample_rate", rate)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.pushing`.
+        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
 
         Raises
         ------

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
 from struck.excitation.contact_patch import drive_at
+from struck.excitation.excitation import freeze_place, require_at_least_zero, require_positive
+from struck.model.arrays import Array
 from struck.model.contact import Place
 from struck.model.model import ModalModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

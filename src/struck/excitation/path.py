@@ -7,19 +7,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from struck.errors import ContactError, OptionError
-from struck.excitation.bounds import coordinates
-from struck.geometry import Surface
+from struck.excitation.excitation import coordinates
+from struck.model.arrays import Array
 from struck.model.gains import ShapeGains
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Waypoints = Sequence[Sequence[float] | str | Array]
 
 REPEATS = ("once", "back", "loop")

@@ -2,19 +2,170 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
-from struck.excitation.excitation import Burst, burst_of
+from struck.errors import OptionError
+from struck.excitation.excitation import (
+    Burst,
+    burst_of,
+    freeze_place,
+    require_at_least_zero,
+    require_positive,
+)
 from struck.excitation.pulses import LEAD, Samples, low_pass
+from struck.model.arrays import Array
 from struck.model.contact import Place
+from struck.model.gains import ShapeGains, TransverseShapes
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 
-Array = NDArray[np.float64]
+# Means over the plan of a flat body: where it is looked at from above.
+
+# Radon's rule of 7 points on a triangle, exact to degree 5 (Zienkiewicz 2013, table 3.4).
+_ROOT = np.sqrt(15)
+_NEAR, _FAR = (6 - _ROOT) / 21, (6 + _ROOT) / 21
+_CORNER = np.vstack(
+    [np.full((1, 3), 1 / 3)]
+    + [np.full((3, 3), part) + (1 - 3 * part) * np.eye(3) for part in (_NEAR, _FAR)]
+)
+_WEIGHTS = np.concatenate([[9 / 40], np.repeat([(155 - _ROOT) / 1200, (155 + _ROOT) / 1200], 3)])
+
+
+def plan_rule(surface: Mesh) -> tuple[Array, Array]:
+    """Return points on top of a body (Q, 3) and weights (Q,) that average over its plan.
+
+    Each face that looks up counts by the area of its shadow.
+    """
+    shadows = surface.area_vectors[:, 2]
+    top = shadows > 0
+    points = np.einsum("qc,fcd->fqd", _CORNER, surface.points[surface.faces[top]])
+    weights = np.multiply.outer(shadows[top] / shadows[top].sum(), _WEIGHTS)
+    return points.reshape(-1, 3), weights.ravel()
+
+
+# Amplitudes of a struck or displaced body as 1998 tells them, section 2 and 3.
+
+Field = Callable[[Array], Array]
+
+
+def impact_amplitudes(
+    model: ModalModel, at: Place, *, energy: float = 1.0, distance: float = 1.0
+) -> Array:
+    """Return the amplitudes of the heard modes for a blow of given energy (1998, eq. 11).
+
+    a_n = sqrt(energy) Psi_n(p) / (omega_n Q(p) distance), Q(p)^2 the sum of Psi_n(p)^2 over all
+    modes of the model (the paper's n_f of them). The paper prints the energy without its root,
+    against its own section 1.2.
+
+    Parameters
+    ----------
+    model : ModalModel
+    at : place
+        Where it is struck, straight into the surface.
+    energy : float
+        Of the vibration, in any unit: amplitudes are relative.
+    distance : float
+        To the listener, m.
+
+    Returns
+    -------
+    array (M,)
+
+    Raises
+    ------
+    OptionError
+        When energy or distance do not exceed 0, or no mode moves there.
+    """
+    for name, value in (("energy", energy), ("distance", distance)):
+        if not (np.isfinite(value) and value > 0):
+            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
+    shapes = _along_push(model, at)
+    rates = 2 * np.pi * model.natural_frequencies
+    return np.sqrt(energy) * shapes / (rates * np.linalg.norm(shapes) * distance)
+
+
+def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
+    """Return the impulse that gives the modes of a body so much energy at one place, N s.
+
+    ``Strike(at=p, impulse=impact_impulse(model, p, energy))`` is the paper's blow: its amplitudes
+    are those of eq. 11 wherever it lands.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Mass-normalised, as bodies with mode shapes are.
+    at : place
+    energy : float
+        J.
+
+    Raises
+    ------
+    OptionError
+        When the energy does not exceed 0, or no mode moves there.
+    """
+    if not (np.isfinite(energy) and energy > 0):
+        raise OptionError(f"energy is {energy}: it must be a finite number above 0")
+    return float(np.sqrt(2 * energy) / np.linalg.norm(_along_push(model, at)))
+
+
+def initial_amplitudes(
+    model: ModalModel, *, displacement: Field | None = None, velocity: Field | None = None
+) -> tuple[Array, Array]:
+    """Return a_n and b_n of a body let go in some state (1998, eq. 4 and 5).
+
+    It then moves as the sum over n of (a_n sin(2 pi f_n t) + b_n cos(2 pi f_n t)) Psi_n, where the
+    Psi_n have a mean square of 1.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Of a body of struck.shapes.
+    displacement, velocity : callable, optional
+        Along z at points on top of the body (K, 3): m and m/s (K,). Zero unless given.
+
+    Returns
+    -------
+    two arrays (M,)
+        m.
+
+    Raises
+    ------
+    OptionError
+        When the model knows its shapes at vertices alone.
+    """
+    formula = _formula(model)
+    places, weights = plan_rule(model.gains.surface)  # type: ignore[attr-defined]  # has a formula
+    forms = formula.displacements(places)[:, 2]
+    scale = np.sqrt(weights @ np.square(forms))
+    rates = 2 * np.pi * model.natural_frequencies
+
+    def mean(field: Field | None) -> Array:
+        values = np.zeros(len(places)) if field is None else np.asarray(field(places), float)
+        return (weights * values) @ (forms / scale)
+
+    return mean(velocity) / rates, mean(displacement)
+
+
+def _along_push(model: ModalModel, at: Place) -> Array:
+    contact = model.contact(at)
+    shapes = model.gains.at(contact.point[None], contact.direction[None])[0, 0]
+    if not np.any(np.abs(shapes) > np.finfo(float).eps * np.sqrt(len(shapes))):
+        raise OptionError(f"no mode moves at {at}: strike another place")
+    return shapes
+
+
+def _formula(model: ModalModel) -> TransverseShapes:
+    gains = model.gains
+    if not isinstance(gains, ShapeGains) or gains.formula is None:
+        raise OptionError(
+            "this model knows its shapes at vertices alone: analyze a body of struck.shapes"
+        )
+    return gains.formula
+
 
 _FINE = 256
 
@@ -62,7 +213,7 @@ class Pluck:
         require_at_least_zero(time=self.time, patch=self.patch)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.pushing`.
+        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
 
         The moment of release lies between samples as it falls; the force is band-limited there
         like a pulse.
@@ -95,3 +246,50 @@ def _step_table() -> Array:
     pulse = low_pass(np.linspace(-LEAD, LEAD, 2 * LEAD * _FINE + 1))
     rising = np.concatenate([[0.0], np.cumsum(pulse[1:] + pulse[:-1])])
     return rising / rising[-1]
+
+
+# A body brought into a form and let go.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Release:
+    """A flat body pulled into any form, softly, and let go (1998, eq. 5).
+
+    Parameters
+    ----------
+    displacement : callable
+        Takes points on top of the body, m (K, 3), and returns how far each is moved along z, m.
+    rise : float
+        How long it takes to bring the body there, s; see `Pluck`.
+    time : float
+        When that begins, s; it is let go at time + rise.
+
+    Raises
+    ------
+    OptionError
+        On a number outside its bound.
+    """
+
+    displacement: Callable[[Array], Array]
+    rise: float = 0.05
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(rise=self.rise)
+        require_at_least_zero(time=self.time)
+
+    def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
+        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+
+        Raises
+        ------
+        OptionError
+            When the model is not of a body of struck.shapes, or the displacement is not finite.
+        """
+        require_positive(sample_rate=sample_rate)
+        _, amplitudes = initial_amplitudes(model, displacement=self.displacement)
+        if not np.isfinite(amplitudes).all():
+            raise OptionError("displacement returned numbers that are not finite: give metres")
+        load = Pluck(force=1.0, rise=self.rise, time=self.time).sampled(sample_rate)
+        stiffness = np.square(2 * np.pi * model.natural_frequencies)
+        return Burst(load, stiffness * amplitudes * np.sqrt(model.mass or 1.0), start=start)

@@ -18,13 +18,10 @@ from functools import cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf, gamma, gammaln, rgamma, wofz
 
 from struck.errors import OptionError
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from struck.model.arrays import Array, Complex
 
 LEAD = 7
 """How many samples before its onset a sampled pulse begins."""

@@ -12,13 +12,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors.numpy import load
 
 from struck.errors import OptionError
-from struck.excitation.bounds import require_at_least_zero, require_positive
-
-Array = NDArray[np.float64]
+from struck.excitation.excitation import require_at_least_zero, require_positive
+from struck.model.arrays import Array
 
 _FEWEST, _MOST = 16, 1 << 18
 # A fractal repeats after so many of its longest waves, and has so many points in its shortest.

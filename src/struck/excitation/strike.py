@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import OptionError
-from struck.excitation.bounds import freeze_place, require_at_least_zero, require_positive
 from struck.excitation.contact_patch import drive
-from struck.excitation.excitation import Burst
+from struck.excitation.excitation import (
+    Burst,
+    freeze_place,
+    require_at_least_zero,
+    require_positive,
+)
 from struck.excitation.hertz import (
     Striker,
     contact_modulus,
@@ -157,7 +161,7 @@ class Strike:
         return Blow(impulse=gain * speed, duration=duration)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.pushing`.
+        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
 
         The force is band-limited, so it begins `pulses.LEAD` samples before `time`.
 

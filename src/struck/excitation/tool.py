@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.excitation.bounds import require_at_least_zero, require_positive
+from struck.excitation.excitation import require_at_least_zero, require_positive
 from struck.excitation.friction import Rubbed
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.roughness import Roughness, profile
+from struck.model.arrays import Array
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
-
-Array = NDArray[np.float64]
 
 HEAVIEST = 1e6
 """The largest load, N."""

@@ -35,7 +35,7 @@ class CacheWarning(UserWarning):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class CacheEntry:
     """One entry of a cache.
 
     Parameters
@@ -133,7 +133,7 @@ class Cache:
             self._said.add(kind)
             warnings.warn(text, CacheWarning, stacklevel=3)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[CacheEntry]:
         """Return all entries, the least recently used first."""
         try:
             with os.scandir(self.folder) as listed:
@@ -204,7 +204,7 @@ def user_folder(system: str, environment: Mapping[str, str]) -> Path | None:
     return home / ("Library/Caches" if system == "darwin" else ".cache") / "struck"
 
 
-def _entry(listed: os.DirEntry[str]) -> Entry | None:
+def _entry(listed: os.DirEntry[str]) -> CacheEntry | None:
     """Return what stands in a folder as an entry; None for what is none."""
     try:
         status = listed.stat(follow_symlinks=False)
@@ -212,7 +212,7 @@ def _entry(listed: os.DirEntry[str]) -> Entry | None:
         return None
     if not (_KEY.fullmatch(listed.name) and stat.S_ISREG(status.st_mode)):
         return None
-    return Entry(path=Path(listed.path), size=status.st_size, used=status.st_mtime_ns)
+    return CacheEntry(path=Path(listed.path), size=status.st_size, used=status.st_mtime_ns)
 
 
 def _content(path: Path, most: int) -> bytes:

@@ -9,12 +9,129 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, NoReturn
 
+import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
+from struck.model.arrays import Array
+from struck.model.gains import Gains
+from struck.model.mesh import Mesh
+
+# Values of a model file's JSON, refused where they are not what belongs there.
+
+FARTHEST = 1e9
+"""No place of a body is farther away, m: squares of it are numbers still."""
+
+
+def refuse_constant(name: str) -> NoReturn:
+    """Refuse NaN and infinities, which Python reads though JSON has none."""
+    raise FileFormatError(f"its metadata holds {name}, which is no number of JSON")
+
+
+def numbers(value: object, shape: tuple[int, ...]) -> Array:
+    """Return a nested list of finite numbers as an array of that shape.
+
+    Raises
+    ------
+    FileFormatError
+        When there are more or fewer, or one is not finite.
+    """
+    array = np.array(value, dtype=np.float64)
+    if array.shape != shape:
+        raise FileFormatError(f"its metadata holds {array.shape} numbers where {shape} belong")
+    if not np.isfinite(array).all():
+        raise FileFormatError(f"its metadata holds {value!r}, not all of it finite")
+    return array
+
+
+def numbers_or_none(value: object, shape: tuple[int, ...]) -> Array | None:
+    """Return `numbers`, or None for null."""
+    return None if value is None else numbers(value, shape)
+
+
+def vector(value: object, count: int = 3) -> Array:
+    """Return the coordinates of a place.
+
+    Raises
+    ------
+    FileFormatError
+        When they are not as many finite numbers.
+    """
+    if value is None:
+        raise FileFormatError("its metadata holds null where the coordinates of a place belong")
+    return numbers(value, (count,))
+
+
+def near(places: Array, name: str) -> Array:
+    """Return places, m.
+
+    Raises
+    ------
+    FileFormatError
+        When one has a coordinate beyond `FARTHEST`.
+    """
+    farthest = float(np.abs(places).max(initial=0.0))
+    if farthest > FARTHEST:
+        raise FileFormatError(f"its {name} goes up to {farthest:g} m: at most {FARTHEST:g} m fits")
+    return places
+
+
+def number(value: object, name: str, least: float, most: float = np.inf) -> float:
+    """Return a finite number.
+
+    Raises
+    ------
+    FileFormatError
+        When it lies outside of `least` and `most`.
+    """
+    found = float(numbers(value, ()))
+    if not least <= found <= most:
+        raise FileFormatError(f"its {name} is {found:g}: it must lie from {least:g} to {most:g}")
+    return found
+
+
+def flag(value: object, name: str) -> bool:
+    """Return true or false.
+
+    Raises
+    ------
+    FileFormatError
+        When it is neither.
+    """
+    if not isinstance(value, bool):
+        raise FileFormatError(f"its {name} is {value!r}: give true or false")
+    return value
+
+
+def texts(value: object, name: str) -> tuple[str, ...]:
+    """Return a list of texts.
+
+    Raises
+    ------
+    FileFormatError
+        When it is none.
+    """
+    if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+        raise FileFormatError(f"its {name} are {value!r}: give a list of texts")
+    return tuple(value)
+
+
+def one_of(value: object, name: str, choices: tuple[str, ...]) -> str:
+    """Return one of some texts.
+
+    Raises
+    ------
+    FileFormatError
+        When it is another.
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise FileFormatError(f"its {name} is {value!r}: give one of {', '.join(choices)}")
+    return value
+
 
 _LONGEST_HEADER = 16 * 2**20
 _DTYPES = {"float64": "F64", "float32": "F32", "uint32": "U32"}
@@ -149,3 +266,234 @@ def _require_seal(data: bytes, header_end: int) -> None:
         raise FileFormatError(
             f"its content does not match its SHA-256, it is damaged or truncated: {_AGAIN}"
         )
+
+
+# Dataclasses of arrays, numbers and text as bytes, and back.
+#
+# The bytes name the dataclasses, and only those that the reader expects are made: nothing in them
+# chooses code.
+
+VERSION = 1
+_FORMAT = "struck-packing"
+_LARGEST = 2**32 - 1
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def to_bytes(value: object, kinds: tuple[type, ...]) -> bytes:
+    """Return a value as bytes from which `from_bytes` makes the same.
+
+    Parameters
+    ----------
+    value : object
+        Arrays, numbers, text and None, in tuples, lists, mappings by text and dataclasses.
+    kinds : tuple of types
+        The dataclasses that may occur.
+
+    Raises
+    ------
+    FileFormatError
+        When it holds anything else.
+    """
+    arrays: Arrays = {}
+    text = json.dumps(to_plain(value, kinds, arrays), separators=(",", ":"))
+    return pack(arrays, {"format": _FORMAT, "version": str(VERSION), "json": text})
+
+
+def from_bytes(data: bytes, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401  as given to to_bytes
+    """Return the value that `to_bytes` was given; arrays are contiguous.
+
+    Raises
+    ------
+    FileFormatError
+        When the bytes are damaged, or hold a dataclass that is none of `kinds` as they are now.
+    StruckError
+        When a dataclass refuses what they say.
+    """
+    metadata, arrays = unpack(data, kind=_FORMAT, newest=VERSION)
+    try:
+        return from_plain(
+            json.loads(metadata["json"]), {kind.__name__: kind for kind in kinds}, arrays
+        )
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise FileFormatError(f"it holds what is not expected: {error!r}") from error
+
+
+def to_plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+    """Return a value as JSON holds it, and put its arrays into `arrays`; see `to_bytes`."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return {"array": _put(value, arrays)}
+    if isinstance(value, tuple | list):
+        return {type(value).__name__: [to_plain(each, kinds, arrays) for each in value]}
+    if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
+        pairs = value.items()
+        return {"mapping": [[name, to_plain(each, kinds, arrays)] for name, each in pairs]}
+    if type(value) in kinds and is_dataclass(value):
+        given = [field.name for field in fields(value) if field.init]
+        content = {name: to_plain(getattr(value, name), kinds, arrays) for name in given}
+        return {type(value).__name__: content}
+    raise FileFormatError(f"{type(value).__name__} cannot be kept as bytes")
+
+
+def _put(array: NDArray[Any], arrays: Arrays) -> list[str]:
+    """Add an array as a type that containers hold; return its name and its own type."""
+    own = array.dtype.name
+    name = f"array{len(arrays)}"
+    if own in {"float64", "float32", "uint32"}:
+        arrays[name] = array
+    elif own == "bool" or (own == "int64" and (not array.size or _is_index(array))):
+        arrays[name] = array.astype(np.uint32)
+    elif own == "complex128":
+        arrays[name] = np.stack([np.real(array), np.imag(array)], axis=-1)
+    else:
+        raise FileFormatError(f"an array of {own} cannot be kept as bytes")
+    return [name, own]
+
+
+def _is_index(array: NDArray[np.int64]) -> bool:
+    return bool(array.min() >= 0 and array.max() <= _LARGEST)
+
+
+def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
+    """Return the value that `to_plain` took; `kinds` by name."""
+    if not isinstance(plain, dict):
+        return plain
+    ((tag, content),) = plain.items()
+    if tag == "array":
+        name, own = content
+        return _taken(arrays[name], own)
+    if tag in {"tuple", "list"}:
+        each = [from_plain(part, kinds, arrays) for part in content]
+        return tuple(each) if tag == "tuple" else each
+    if tag == "mapping":
+        return {name: from_plain(part, kinds, arrays) for name, part in content}
+    made = {name: from_plain(part, kinds, arrays) for name, part in content.items()}
+    return kinds[tag](**made)
+
+
+def _taken(array: NDArray[Any], own: str) -> NDArray[Any]:
+    if own == "complex128":
+        return np.ascontiguousarray(array).view(np.complex128)[..., 0]
+    return array.astype(own, copy=False)
+
+
+# What a kind of content looks like in a model file: its tensors, and how it is told and made.
+
+Tensors = Mapping[str, NDArray[Any]]
+Text = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Tensor:
+    """One array of a file.
+
+    Parameters
+    ----------
+    dtype : str
+        "float64", "float32" or "uint32".
+    shape : tuple
+        Lengths, or letters for lengths that all tensors with the letter share.
+    optional : bool
+        Whether it may be absent.
+    gaps : bool
+        Whether it may hold what is not finite, for unknown.
+    """
+
+    dtype: str
+    shape: tuple[str | int, ...]
+    optional: bool = False
+    gaps: bool = False
+
+
+Layout = Mapping[str, Tensor]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """What a file keeps of something.
+
+    Parameters
+    ----------
+    text : dict
+        Values that JSON holds.
+    tensors : dict
+        Arrays by name.
+    """
+
+    text: dict[str, Any]
+    tensors: Arrays
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kind:
+    """How files keep one kind of gains.
+
+    Parameters
+    ----------
+    made : type
+        The class of the gains.
+    layout : Layout
+        Of its tensors.
+    keep : callable
+        Tells what a file keeps of the gains.
+    make : callable
+        Makes them again from text and tensors, and the body's surface if there is one.
+    coordinates : callable
+        Tells how many numbers name a contact, or None where any will do.
+    """
+
+    made: type[Gains]
+    layout: Layout
+    keep: Callable[[Any], Kept]
+    make: Callable[[Text, Tensors, Mesh | None], Gains]
+    coordinates: Callable[[Any], int | None] = lambda _: None
+
+
+def require_layout(tensors: Tensors, layout: Layout) -> None:
+    """Refuse tensors that are missing, or whose types, shapes or values are others.
+
+    Tensors that the layout does not name may be there too.
+
+    Raises
+    ------
+    FileFormatError
+        On the first one that does not fit.
+    """
+    sizes: dict[str, int] = {}
+    for name, wanted in layout.items():
+        if name in tensors:
+            _require_fit(name, tensors[name], wanted, sizes)
+        elif not wanted.optional:
+            raise FileFormatError(f"its tensor {name!r} is missing: write all of {_names(layout)}")
+
+
+def _require_fit(name: str, array: NDArray[Any], wanted: Tensor, sizes: dict[str, int]) -> None:
+    fits = array.dtype.name == wanted.dtype and array.ndim == len(wanted.shape)
+    if not fits or any(
+        size != (length if isinstance(length, int) else sizes.setdefault(length, size))
+        for length, size in zip(wanted.shape, array.shape, strict=True)
+    ):
+        raise FileFormatError(
+            f"its tensor {name!r} is {array.dtype.name} {array.shape}, not {wanted.dtype} "
+            f"({', '.join(str(length) for length in wanted.shape)}): make the tensors fit"
+        )
+    if not wanted.gaps and not np.isfinite(array).all():
+        raise FileFormatError(f"its tensor {name!r} holds numbers that are not finite")
+
+
+def _names(layout: Layout) -> str:
+    return ", ".join(name for name, tensor in layout.items() if not tensor.optional)
+
+
+def in_pairs(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return complex numbers (...) as real and imaginary parts (..., 2)."""
+    return np.stack([values.real, values.imag], axis=-1)
+
+
+def from_pairs(pairs: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return real and imaginary parts (..., 2) as complex numbers (...)."""
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]

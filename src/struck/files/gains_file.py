@@ -2,15 +2,325 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from struck.errors import FileFormatError
-from struck.files.formulas import formula_from_json, formula_to_json
-from struck.files.layout import Kept, Kind, Tensor, Tensors, Text, from_pairs, in_pairs
-from struck.files.values import vector
-from struck.model.gains import Gains, Radiation, ShapeGains
+from struck.files.container import (
+    FARTHEST,
+    Arrays,
+    Kept,
+    Kind,
+    Tensor,
+    Tensors,
+    Text,
+    flag,
+    from_pairs,
+    from_plain,
+    in_pairs,
+    near,
+    number,
+    numbers,
+    one_of,
+    texts,
+    to_plain,
+    vector,
+)
+from struck.model.arrays import Index
+from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
 from struck.model.mesh import Mesh
+from struck.model.timbre_field import LENGTHS, ContactPart, Inside, ListenerPart, TimbreField
+from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, TimbreTable
+from struck.model.waves import ORDER, SphericalWaves
 from struck.radiation import by_name
+
+# Gains as recorded, in model files: timbre fields, tables, and single places.
+
+# Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
+_LEAST, _MOST = 1 / FARTHEST, FARTHEST
+
+
+# Fields
+
+
+def _keep_field(field: TimbreField) -> Kept:
+    contact, listener = field.contact_part, field.listener_part
+    waves, inside = listener.waves, listener.inside
+    return Kept(
+        text={
+            "centre": _list(field.centre),
+            "radius": float(field.radius),
+            "lowest": _list(contact.lowest),
+            "spans": _list(contact.spans),
+            "lengths": list(LENGTHS),
+            "limit": float(waves.limit),
+            "reach": float(inside.reach),
+            "mirrored": bool(listener.mirrored),
+            "turned": bool(listener.turned),
+            "notes": list(field.notes),
+            "calibrated": bool(field.is_calibrated),
+        },
+        tensors={
+            "field_contacts": contact.contacts,
+            "field_factors": contact.factors,
+            "field_parts": in_pairs(waves.parts),
+            "field_levelled": waves.levelled.astype(np.uint32),
+            "field_inside": inside.places,
+            "field_corrections": in_pairs(inside.corrections),
+            "field_rank_errors": field.rank_errors,
+            "field_unmeasured": field.unmeasured.astype(np.uint32),
+        },
+    )
+
+
+def _make_field(text: Text, tensors: Tensors, surface: Mesh | None) -> TimbreField:
+    del surface
+    modes = len(tensors["field_levelled"])
+    return TimbreField(
+        contact_part=_contact_part(text, tensors),
+        listener_part=_listener_part(text, tensors),
+        centre=near(vector(text["centre"]), "centre"),
+        radius=number(text["radius"], "radius", 0.0, _MOST),
+        rank_errors=tensors["field_rank_errors"],
+        unmeasured=_below(tensors["field_unmeasured"], modes, "field_unmeasured", "modes"),
+        notes=texts(text["notes"], "notes"),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
+    lengths, contacts = numbers(text["lengths"], (len(LENGTHS),)), tensors["field_contacts"]
+    if not np.array_equal(lengths, LENGTHS):
+        raise FileFormatError(
+            f"its drives are likenesses over {lengths.tolist()}, not {list(LENGTHS)}: update "
+            "struck, or fit the recordings again"
+        )
+    wanted = (1,) if text["turned"] is True else (1, 2)
+    if contacts.shape[1] not in wanted or not len(contacts):
+        raise FileFormatError(
+            f"its tensor 'field_contacts' is {contacts.shape}: give contacts with "
+            f"{' or '.join(map(str, wanted))} coordinates"
+        )
+    spans = numbers(text["spans"], (contacts.shape[1],))
+    if spans.min() < 0:
+        raise FileFormatError(f"its spans are {spans.tolist()}: none may lie below 0")
+    return ContactPart(
+        lowest=numbers(text["lowest"], spans.shape),
+        spans=spans,
+        contacts=contacts,
+        factors=tensors["field_factors"],
+    )
+
+
+def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
+    levelled = _below(tensors["field_levelled"], 2, "field_levelled", "answers")
+    return ListenerPart(
+        waves=SphericalWaves(
+            parts=from_pairs(tensors["field_parts"]),
+            limit=number(text["limit"], "limit", _LEAST, _MOST),
+            levelled=levelled.astype(np.bool_),
+        ),
+        inside=Inside(
+            places=near(tensors["field_inside"], "tensor 'field_inside'"),
+            corrections=from_pairs(tensors["field_corrections"]),
+            reach=number(text["reach"], "reach", _LEAST, _MOST),
+        ),
+        mirrored=flag(text["mirrored"], "mirrored"),
+        turned=flag(text["turned"], "turned"),
+    )
+
+
+def _coordinates(field: TimbreField) -> int:
+    return 2 if field.listener_part.turned else len(field.contact_part.spans)
+
+
+# Tables
+
+
+def _keep_table(table: TimbreTable) -> Kept:
+    return Kept(
+        text={
+            "centre": _list(table.centre),
+            "size": float(table.size),
+            "system": table.system,
+            "mirrored": bool(table.mirrored),
+            "contacts": _axes_to_json(table.contacts),
+            "listeners": _axes_to_json(table.listeners),
+            "calibrated": bool(table.is_calibrated),
+        },
+        tensors={
+            "field_gains": in_pairs(table.gains),
+            "field_contact_sources": table.contacts.sources.astype(np.uint32),
+            "field_listener_sources": table.listeners.sources.astype(np.uint32),
+        },
+    )
+
+
+def _axes_to_json(grid: Grid) -> list[dict[str, Any]]:
+    return [{"nodes": _list(axis.nodes), "period": float(axis.period)} for axis in grid.axes]
+
+
+def _make_table(text: Text, tensors: Tensors, surface: Mesh | None) -> TimbreTable:
+    del surface
+    gains = from_pairs(tensors["field_gains"])
+    return TimbreTable(
+        contacts=_grid(text, tensors, "contact", gains.shape[0], (1, 2)),
+        listeners=_grid(text, tensors, "listener", gains.shape[1], (3,)),
+        gains=gains,
+        system=one_of(text["system"], "system", SYSTEMS),
+        mirrored=flag(text["mirrored"], "mirrored"),
+        centre=near(vector(text["centre"]), "centre"),
+        size=number(text["size"], "size", _LEAST, _MOST),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _grid(text: Text, tensors: Tensors, side: str, count: int, wanted: tuple[int, ...]) -> Grid:
+    name = f"field_{side}_sources"
+    axes, sources = tuple(_axis(each) for each in text[f"{side}s"]), tensors[name]
+    nodes = math.prod(len(axis.nodes) for axis in axes)
+    if len(axes) not in wanted or len(sources) != nodes:
+        raise FileFormatError(
+            f"its {side}s have {len(axes)} axes with {nodes} combinations of nodes, and {name!r} "
+            f"has {len(sources)}: give {' or '.join(map(str, wanted))} axes and a source for each "
+            "combination"
+        )
+    return Grid(axes=axes, sources=_below(sources, count, name, f"{side}s"), count=count)
+
+
+def _axis(text: Mapping[str, Any]) -> GridAxis:
+    nodes = numbers(text["nodes"], (len(text["nodes"]),))
+    period = number(text["period"], "period", 0.0, _MOST)
+    room = period or math.inf
+    if not len(nodes) or np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
+        raise FileFormatError(
+            f"the nodes {nodes.tolist()} of an axis do not ascend within its period of {period:g}: "
+            "give at least one, and each once"
+        )
+    return GridAxis(nodes=nodes, period=period)
+
+
+# Single places
+
+
+def _keep_point(point: SinglePoint) -> Kept:
+    return Kept(
+        text={"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)},
+        tensors={"field_outputs": in_pairs(point.outputs)},
+    )
+
+
+def _make_point(text: Text, tensors: Tensors, surface: Mesh | None) -> SinglePoint:
+    del surface
+    return SinglePoint(
+        outputs=from_pairs(tensors["field_outputs"]),
+        centre=near(vector(text["centre"]), "centre"),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _list(array: NDArray[np.float64]) -> list[Any]:
+    return np.asarray(array, dtype=np.float64).tolist()
+
+
+def _below(array: NDArray[np.uint32], count: int, name: str, things: str) -> Index:
+    """Return whole numbers from 0 that count some things."""
+    if array.size and array.max() >= count:
+        raise FileFormatError(f"its tensor {name!r} goes up to {array.max()}: of {count} {things}")
+    return array.astype(np.int64)
+
+
+# Lengths by letter: M modes, P contacts, Q listeners, D coordinates, I listeners inside the body,
+# N modes that were not measured, A and B combinations of nodes.
+_BASES = (ORDER + 1) ** 2
+RECORDED: dict[str, Kind] = {
+    "TimbreField": Kind(
+        made=TimbreField,
+        layout={
+            "field_contacts": Tensor("float64", ("P", "D")),
+            "field_factors": Tensor("float64", (len(LENGTHS), "P", "M")),
+            "field_parts": Tensor("float64", (ORDER + 1, _BASES, "M", 2)),
+            "field_levelled": Tensor("uint32", ("M",)),
+            "field_inside": Tensor("float64", ("I", 3)),
+            "field_corrections": Tensor("float64", ("I", "M", 2)),
+            "field_rank_errors": Tensor("float64", ("M",), gaps=True),
+            "field_unmeasured": Tensor("uint32", ("N",)),
+        },
+        keep=_keep_field,
+        make=_make_field,
+        coordinates=_coordinates,
+    ),
+    "TimbreTable": Kind(
+        made=TimbreTable,
+        layout={
+            "field_gains": Tensor("float64", ("P", "Q", "M", 2)),
+            "field_contact_sources": Tensor("uint32", ("A",)),
+            "field_listener_sources": Tensor("uint32", ("B",)),
+        },
+        keep=_keep_table,
+        make=_make_table,
+        coordinates=lambda table: len(table.contacts.axes),
+    ),
+    "SinglePoint": Kind(
+        made=SinglePoint,
+        layout={"field_outputs": Tensor("float64", ("M", 2))},
+        keep=_keep_point,
+        make=_make_point,
+    ),
+}
+"""How files keep gains of recordings, by the names of their classes."""
+
+
+# Mode shapes known by formula, as JSON and tensors of a model file, and back.
+
+_PREFIX = "formula."
+
+
+def formula_to_json(formula: TransverseShapes | None) -> tuple[Any, Arrays]:
+    """Return a formula as a JSON value and the tensors that it names.
+
+    Raises
+    ------
+    FileFormatError
+        When its forms are none of struck's own.
+    """
+    arrays: Arrays = {}
+    plain = None if formula is None else to_plain(formula, _kinds(), arrays)
+    return plain, {_PREFIX + name: array for name, array in arrays.items()}
+
+
+def formula_from_json(
+    plain: object, tensors: Mapping[str, NDArray[Any]]
+) -> TransverseShapes | None:
+    """Return the formula that a JSON value and tensors describe.
+
+    Raises
+    ------
+    FileFormatError
+        When they describe something else.
+    """
+    if plain is None:
+        return None
+    named = {
+        name.removeprefix(_PREFIX): array
+        for name, array in tensors.items()
+        if name.startswith(_PREFIX)
+    }
+    formula = from_plain(plain, {kind.__name__: kind for kind in _kinds()}, named)
+    if not isinstance(formula, TransverseShapes):
+        raise FileFormatError(f"its formula is a {type(formula).__name__}, not TransverseShapes")
+    return formula
+
+
+def _kinds() -> tuple[type, ...]:
+    from struck.shapes import FORMS  # with SciPy's special functions, for those who need them
+
+    return (TransverseShapes, *FORMS)
+
 
 KINDS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")
 """The classes of gains that files keep."""
@@ -46,7 +356,6 @@ def kind_named(name: str) -> Kind:
         raise FileFormatError(f"its gains are {name!r}, none of {', '.join(KINDS)}: update struck")
     if name == "ShapeGains":
         return SHAPES
-    from struck.files.fields_file import RECORDED  # with SciPy, for those who need it
 
     return RECORDED[name]
 

@@ -8,22 +8,285 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import IO, NoReturn, Self, TypeVar, cast
+from typing import IO, Any, NoReturn, Self, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from struck.errors import MeshError, MissingDependencyError
-from struck.files.answers import blocks_of, surface_of
-from struck.files.blocks import Blocks
-from struck.files.contents import Contents
-from struck.files.frames import Frame, read_frame, write_frame
-from struck.files.limits import OUT_OF_MEMORY, Limits
+from struck.files.archives import FORMATS, OUT_OF_MEMORY, Part, ReadingLimits
+from struck.files.mesh_formats import ElementBlocks
+from struck.model.arrays import AnyArray
+
+# What a mesh file holds, before any judgement of it as a body.
+
+# Squares of lengths, and their sums, must stay within the range of double precision.
+_FARTHEST = 1e150
+# Below this height over its longest side a triangle is a line but for rounding.
+_THINNEST_FACE = 1e-12
+_AT_ONCE = 2**16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contents:
+    """The parts of a mesh file, all finite and with valid indices.
+
+    Parameters
+    ----------
+    kind : str
+        The format, "obj", "stl", "ply", "off", "glb" or "gltf", of what was packed as well.
+    parts : list of Part
+        In the file's own order and numbers; each has faces.
+
+    Raises
+    ------
+    MeshError
+        On vertices that are not finite or too far away for arithmetic, indices out of range, no
+        faces, or none with an area.
+    """
+
+    kind: str
+    parts: list[Part]
+
+    def __post_init__(self) -> None:
+        for part in self.parts:
+            _require_sound(part)
+        faces = sum(len(part.faces) for part in self.parts)
+        if not faces:
+            raise MeshError(
+                f"no triangles can be read from it as {self.kind.upper()}: it is empty, truncated "
+                "or another format; export the surface again"
+            )
+        if all(lines.all() for lines in _lines(self.parts)):
+            longest = max(float(np.ptp(part.points, axis=0).max()) for part in self.parts)
+            raise MeshError(
+                f"none of its {faces} faces has an area, and its longest edge is {longest:.3g}: "
+                "export the surface again"
+            )
+
+    @cached_property
+    def degenerate_faces(self) -> int:
+        """How many faces have no area, but for rounding."""
+        return sum(int(np.count_nonzero(lines)) for lines in _lines(self.parts))
+
+    @cached_property
+    def duplicate_faces(self) -> int:
+        """How many faces have the corners of one before them, either way round."""
+        points = np.concatenate([part.points[part.faces] for part in self.parts]).reshape(-1, 3)
+        places = np.unique(points + 0.0, axis=0, return_inverse=True)[1]
+        corners = np.sort(places.reshape(-1, 3), axis=1)
+        return len(corners) - len(np.unique(corners, axis=0))
+
+
+def _require_sound(part: Part) -> None:
+    wrong = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
+    if wrong:
+        raise MeshError(
+            f"{wrong} of {len(part.points)} vertices are not finite: export the mesh again"
+        )
+    if not len(part.faces):
+        return
+    lowest, highest = part.faces.min(), part.faces.max()
+    if lowest < 0 or highest >= len(part.points):
+        raise MeshError(
+            f"faces name vertices {lowest} to {highest} of {len(part.points)}, counted from 0: it "
+            "is truncated or damaged; export it again"
+        )
+    farthest = np.abs(part.points).max()
+    if farthest > _FARTHEST:
+        raise MeshError(
+            f"a vertex is {farthest:.3g} from the origin, and {_FARTHEST:g} can be computed with: "
+            "export it again"
+        )
+
+
+def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
+    """Tell which faces are lines or points, at any scale, so many at a time."""
+    for part in parts:
+        for start in range(0, len(part.faces), _AT_ONCE):
+            corners = part.points[part.faces[start : start + _AT_ONCE]]
+            edges = corners - np.roll(corners, 1, axis=1)
+            longest = np.abs(edges).max(axis=(1, 2))
+            edges /= np.where(longest > 0, longest, 1.0)[:, None, None]
+            doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+            yield doubled <= _THINNEST_FACE
+
+
+# Messages between two processes: a header in JSON, then raw little-endian arrays.
+#
+# Nothing in a message can run: the receiver checks its lengths, types and shapes before it takes
+# it.
+
+LONGEST_HEADER = 16 * 2**20
+_TYPES = {"f": "<f8", "i": "<i8"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One message: `content` is plain JSON, `arrays` are two-dimensional."""
+
+    content: dict[str, Any]
+    arrays: list[AnyArray] = field(default_factory=list)
+
+
+def write_frame(
+    stream: IO[bytes], content: dict[str, Any], arrays: Sequence[AnyArray] = ()
+) -> None:
+    """Send one message.
+
+    Parameters
+    ----------
+    stream : binary stream
+        Where to.
+    content : dict
+        What JSON can say.
+    arrays : sequence of array (N, D)
+        Of real or integer numbers.
+
+    Raises
+    ------
+    ValueError
+        When the header is longer than a receiver takes.
+    """
+    shapes = [[_TYPES[array.dtype.kind], *array.shape] for array in arrays]
+    header = json.dumps({"content": content, "arrays": shapes}).encode()
+    if len(header) > LONGEST_HEADER:
+        raise ValueError(f"the header has {len(header)} bytes, and {LONGEST_HEADER} are taken")
+    _send(stream, len(header).to_bytes(8, "little") + header)
+    for array in arrays:
+        plain = np.ascontiguousarray(array, dtype=_TYPES[array.dtype.kind])
+        _send(stream, plain.reshape(-1).view(np.uint8).data)
+    stream.flush()
+
+
+def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
+    """Receive one message.
+
+    Parameters
+    ----------
+    stream : binary stream
+        Where from.
+    largest : int
+        Bytes that its arrays may take up.
+
+    Raises
+    ------
+    EOFError
+        When the sender has gone.
+    ValueError
+        When what comes is no message, or a larger one.
+    """
+    length = int.from_bytes(_received(stream, 8), "little")
+    if length > LONGEST_HEADER:
+        raise ValueError(f"the header has {length} bytes, and {LONGEST_HEADER} are taken")
+    try:
+        header = json.loads(_received(stream, length).tobytes())
+    except RecursionError as error:
+        raise ValueError("the header is nested too deep") from error
+    if not _is_header(header):
+        raise ValueError("the header is no header")
+    content, shapes = header["content"], header["arrays"]
+    if sum(8 * math.prod(shape[1:]) for shape in shapes) > largest:
+        raise ValueError(f"the arrays take up more than {largest} bytes")
+    return Frame(content=content, arrays=[_array(stream, *shape) for shape in shapes])
+
+
+def _is_header(header: object) -> bool:
+    return (
+        isinstance(header, dict)
+        and header.keys() == {"content", "arrays"}
+        and isinstance(header["content"], dict)
+        and isinstance(header["arrays"], list)
+        and all(_is_shape(shape) for shape in header["arrays"])
+    )
+
+
+def _is_shape(shape: object) -> bool:
+    return (
+        isinstance(shape, list)
+        and len(shape) == 3
+        and shape[0] in _TYPES.values()
+        and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
+    )
+
+
+def _array(stream: IO[bytes], kind: str, rows: int, columns: int) -> AnyArray:
+    data = _received(stream, 8 * rows * columns)
+    return data.view(kind).reshape(rows, columns)
+
+
+def _send(stream: IO[bytes], data: bytes | memoryview) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[stream.write(rest) or 0 :]
+
+
+def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
+    data = np.empty(count, dtype=np.uint8)
+    rest = data.data
+    while rest:
+        # The type of binary streams does not tell of readinto, though all of them have it.
+        taken = stream.readinto(rest)  # type: ignore[attr-defined]
+        if not taken:
+            raise EOFError("the sender has gone")
+        rest = rest[taken:]
+    return data
+
+
+# What the process that reads files may answer, and nothing else.
+
+
+def surface_of(frame: Frame) -> tuple[str, list[Part]]:
+    """Return the format of a mesh file and its parts; their numbers are not judged.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        When the message says something else.
+    """
+    names = _texts(frame, "names")
+    shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
+    if shapes != [("f", 3), ("i", 3)] * len(names):
+        raise ValueError("its arrays are no surfaces")
+    pairs = zip(names, frame.arrays[::2], frame.arrays[1::2], strict=True)
+    parts = [Part(name=name, points=points, faces=faces) for name, points, faces in pairs]
+    kind = str(frame.content["kind"])
+    if kind not in FORMATS:
+        raise ValueError("its format is none")
+    return kind, parts
+
+
+def blocks_of(frame: Frame) -> ElementBlocks:
+    """Return the blocks of a volume mesh; their numbers are not judged.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        When the message says something else.
+    """
+    kinds = _texts(frame, "kinds")
+    if [array.dtype.kind for array in frame.arrays] != ["f", *"i" * len(kinds)]:
+        raise ValueError("its arrays are no elements")
+    nodes, *cells = frame.arrays
+    return ElementBlocks(nodes=nodes, cells=list(zip(kinds, cells, strict=True)))
+
+
+def _texts(frame: Frame, name: str) -> list[str]:
+    texts = frame.content[name]
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise TypeError(f"its {name} are no texts")
+    return texts
+
 
 Answer = TypeVar("Answer")
 
@@ -52,7 +315,7 @@ def read_contents(path: str | os.PathLike[str]) -> Contents:
     return _GUARD.contents(path)
 
 
-def read_volume(path: str | os.PathLike[str]) -> Blocks:
+def read_volume(path: str | os.PathLike[str]) -> ElementBlocks:
     """Read the blocks of elements of a volume mesh file: vtk, vtu, msh or inp.
 
     Raises
@@ -79,8 +342,10 @@ class Guard:
         Another program that speaks as the worker does.
     """
 
-    def __init__(self, limits: Limits | None = None, *, command: list[str] | None = None) -> None:
-        self.limits = limits or Limits()
+    def __init__(
+        self, limits: ReadingLimits | None = None, *, command: list[str] | None = None
+    ) -> None:
+        self.limits = limits or ReadingLimits()
         self._command = command or [
             *(sys.executable, "-P", "-W", "ignore", "-c", _PROGRAM),
             json.dumps(asdict(self.limits)),
@@ -100,7 +365,7 @@ class Guard:
         kind, parts = self._asked("surface", path, surface_of)
         return Contents(kind=kind, parts=parts)
 
-    def blocks(self, path: str | os.PathLike[str]) -> Blocks:
+    def blocks(self, path: str | os.PathLike[str]) -> ElementBlocks:
         """Read a volume mesh: see `read_volume`."""
         return self._asked("volume", path, blocks_of)
 

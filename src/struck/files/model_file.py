@@ -4,40 +4,167 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, StruckError
-from struck.files.atomic import write_bytes
-from struck.files.container import pack, unpack
-from struck.files.description import (
-    material_from_json,
-    material_to_json,
-    plain,
-    provenance_from_json,
-    provenance_to_json,
-)
-from struck.files.gains_file import SHAPES, kind_named, kind_of
-from struck.files.layout import Kept, Kind, Layout, Tensor, Tensors, Text, require_layout
-from struck.files.residual_file import keep_residual, make_residual
-from struck.files.values import (
+from struck.errors import FileFormatError, LossWarning, OptionError, StruckError
+from struck.files import sofa_fields
+from struck.files.atomic import writable, write_bytes
+from struck.files.container import (
+    Kept,
+    Kind,
+    Layout,
+    Tensor,
+    Tensors,
+    Text,
     flag,
     near,
+    number,
     numbers,
     numbers_or_none,
     one_of,
+    pack,
     refuse_constant,
+    require_layout,
     texts,
+    unpack,
     vector,
 )
+from struck.files.gains_file import SHAPES, kind_named, kind_of
+from struck.files.sofa_fields import Contacts, load_sofa_field, save_sofa, save_sofa_responses
+from struck.model.arrays import Array
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, ShapeGains
+from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
+from struck.model.residual import Residual
 
-Array = NDArray[np.float64]
+# Materials and provenance as JSON, and back.
+
+_DAMPINGS: dict[str, Callable[..., Damping]] = {
+    kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)
+}
+
+
+def material_to_json(material: Material) -> dict[str, Any]:
+    """Return a material as a JSON object.
+
+    Raises
+    ------
+    FileFormatError
+        When its damping is none of struck's own.
+    """
+    damping = material.damping
+    kind = type(damping).__name__
+    if not isinstance(damping, InternalFriction | Rayleigh | Measured) or kind not in _DAMPINGS:
+        raise FileFormatError(
+            f"its damping is {kind}, and files keep {', '.join(_DAMPINGS)} alone: use one of them"
+        )
+    return {**asdict(material), "damping": {"kind": kind, **asdict(damping)}}
+
+
+def provenance_to_json(provenance: Provenance) -> dict[str, Any]:
+    """Return a provenance as a JSON object."""
+    return {
+        "method": provenance.method,
+        "references": list(provenance.references),
+        "dropped": list(provenance.dropped),
+        "details": dict(provenance.details),
+    }
+
+
+def plain(value: object) -> object:
+    """Return numbers of NumPy as Python's own, for `json.dumps`.
+
+    Raises
+    ------
+    TypeError
+        On anything else that JSON cannot hold.
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"provenance holds {value!r}, and JSON values are kept alone")
+
+
+def material_from_json(text: Mapping[str, Any]) -> Material:
+    """Return the material that a JSON object describes."""
+    return Material(**{**text, "damping": _damping(text["damping"])})
+
+
+def _damping(text: Mapping[str, Any]) -> Damping:
+    if text["kind"] not in _DAMPINGS:
+        raise FileFormatError(f"its damping is {text['kind']!r}, none of {', '.join(_DAMPINGS)}")
+    numbers = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in text.items()
+        if name != "kind"
+    }
+    return _DAMPINGS[text["kind"]](**numbers)
+
+
+def provenance_from_json(text: Mapping[str, Any]) -> Provenance:
+    """Return the provenance that a JSON object describes."""
+    return Provenance(
+        method=text["method"],
+        references=tuple(text["references"]),
+        dropped=tuple(text["dropped"]),
+        details=text["details"],
+    )
+
+
+# How model files keep what recordings have beside their modes.
+
+_RESIDUAL_FILE_LAYOUT: Layout = {
+    "residual_attack": Tensor("float32", ("A",)),
+    "residual_edges": Tensor("float64", ("E",)),
+    "residual_levels": Tensor("float64", ("B",)),
+    "residual_decays": Tensor("float64", ("B",)),
+}
+
+
+def keep_residual(residual: Residual | None) -> Kept:
+    """Return what a file keeps of it; null for none."""
+    if residual is None:
+        return Kept(text={"residual": None}, tensors={})
+    tensors = {
+        "residual_attack": residual.attack,
+        "residual_edges": residual.edges,
+        "residual_levels": residual.levels,
+        "residual_decays": residual.decays,
+    }
+    text = {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)}
+    return Kept(text={"residual": text}, tensors=tensors)
+
+
+def make_residual(text: Text, tensors: Tensors) -> Residual | None:
+    """Return what a file keeps of it; None where it tells of none.
+
+    Raises
+    ------
+    FileFormatError, OptionError
+        When tensors are missing or do not fit each other, or numbers are out of bounds.
+    """
+    told = text.get("residual")
+    if told is None:
+        return None
+    require_layout(tensors, _RESIDUAL_FILE_LAYOUT)
+    return Residual(
+        attack=tensors["residual_attack"],
+        sample_rate=int(number(told["sample_rate"], "residual's sample rate", 1, 1e9)),
+        lead=number(told["lead"], "residual's lead", 0),
+        edges=tensors["residual_edges"],
+        levels=tensors["residual_levels"],
+        decays=tensors["residual_decays"],
+    )
+
 
 VERSION = 1
 # What Python raises on JSON of another form than is read.
@@ -274,3 +401,221 @@ def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...])
             f"its contacts have {len(coordinates)} coordinates, {', '.join(coordinates)}, and its "
             f"{kind.made.__name__} knows {wanted}: name as many"
         )
+
+
+# Models in files of any kind that holds one, told by the ending of the name.
+
+ENDINGS = (".struck", ".sofa")
+"""Of names of files that hold models."""
+CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)
+"""Of SOFA files: gains, frequencies and decays of modes; impulse responses."""
+_SOFA = ".sofa"
+_LONGEST = 10.0
+
+
+def model_path(
+    path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
+) -> Path:
+    """Return the path of a model to write, refused before any work when that cannot do.
+
+    Parameters
+    ----------
+    path, unlike
+        As for `writable`.
+
+    Raises
+    ------
+    OptionError
+        On an ending that is none of `ENDINGS`.
+    FileFormatError
+        As `writable`.
+    """
+    _require_ending(path)
+    return writable(path, unlike=unlike)
+
+
+def is_model(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file is one of a model, by the ending of its name."""
+    return Path(path).suffix.lower() in ENDINGS
+
+
+def save_model(
+    model: ModalModel,
+    path: str | os.PathLike[str],
+    *,
+    contacts: Contacts | None = None,
+    listeners: ArrayLike | None = None,
+) -> None:
+    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path
+    contacts, listeners : array-like, optional
+        For ``.sofa`` files, as for `export`.
+
+    Raises
+    ------
+    FileFormatError
+        When the file cannot be written, or cannot keep the model.
+    OptionError
+        On another ending, on contacts or listeners for a ``.struck`` file, and as `export`.
+    ContactError, MissingDependencyError
+        As `export`.
+
+    Warns
+    -----
+    LossWarning
+        As `export`.
+    """
+    _require_ending(path)
+    if _is_sofa(path):
+        export(model, path, contacts=contacts, listeners=listeners)
+        return
+    if contacts is not None or listeners is not None:
+        raise OptionError(
+            f"{path} keeps a model as a whole: leave contacts= and listeners= out, or end in .sofa"
+        )
+    save(model, path)
+
+
+def load_model(path: str | os.PathLike[str]) -> ModalModel:
+    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
+
+    Raises
+    ------
+    FileFormatError
+        When the file is missing, damaged, no model, or of a newer version.
+    MissingDependencyError
+        When h5py, which reads SOFA files, is not installed.
+    """
+    if not _is_sofa(path):
+        return load(path)
+    field = load_sofa_field(path)
+    try:
+        return field.model()
+    except OptionError as error:
+        raise FileFormatError(f"{path}: no model can be made of it: {error}") from error
+
+
+def export(
+    model: ModalModel,
+    path: str | os.PathLike[str],
+    *,
+    contacts: Contacts | None = None,
+    listeners: ArrayLike | None = None,
+    convention: str = sofa_fields.CONVENTION,
+    seconds: float | None = None,
+    sample_rate: int = 48_000,
+    title: str = "",
+    author: str = "",
+    licence: str = "",
+) -> int:
+    """Write the gains of a model as a SOFA file (AES69).
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path
+        Ends in ``.sofa``.
+    contacts : array-like (P, D), optional
+        Coordinates of a recorded model, or points on a surface, m, or names. Those that were
+        recorded unless given; of a computed model they must be given.
+    listeners : array-like (Q, 3), optional
+        Body coordinates, m; the same holds for them.
+    convention : str
+        "GeneralTF-E": gains, frequencies and decays of modes, which come back to the last bit;
+        "GeneralFIR-E": impulse responses, for other programs.
+    seconds : float, optional
+        Length of impulse responses; until the slowest mode has fallen by 60 dB, at most 10 s,
+        unless given.
+    sample_rate : int
+        Of impulse responses, Hz.
+    title, author, licence : str
+        What a reader should know.
+
+    Returns
+    -------
+    int
+        How many modes impulse responses leave out, at or above half the sample rate.
+
+    Raises
+    ------
+    OptionError
+        On another ending or convention, and as `save_sofa` and `save_sofa_responses`.
+    ContactError
+        On a contact off the body, or a listener inside it.
+    FileFormatError
+        When the file cannot be written.
+    MissingDependencyError
+        Without h5py.
+
+    Warns
+    -----
+    LossWarning
+        When the model has what SOFA files cannot hold; see `left_out`.
+    """
+    if not _is_sofa(path):
+        raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
+    if convention not in CONVENTIONS:
+        raise OptionError(f"convention is {convention!r}: give one of {', '.join(CONVENTIONS)}")
+    told = {"title": title, "author": author, "licence": licence}
+    if convention == sofa_fields.CONVENTION:
+        if seconds is not None:
+            raise OptionError(
+                f"seconds is {seconds}: {convention} holds modes, not samples; leave it out, or "
+                f"choose {sofa_fields.RESPONSES_CONVENTION}"
+            )
+        save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
+        beyond = 0
+    else:
+        beyond = save_sofa_responses(
+            model,
+            path,
+            seconds=_ringing(model) if seconds is None else seconds,
+            sample_rate=sample_rate,
+            contacts=contacts,
+            listeners=listeners,
+            **told,
+        )
+    _tell_losses(model, path)
+    return beyond
+
+
+def left_out(model: ModalModel) -> tuple[str, ...]:
+    """Return what a model has that SOFA files cannot hold."""
+    parts = {
+        "its residual (attack and noise)": model.residual,
+        "its shape": model.geometry,
+        "its material": model.material,
+    }
+    return tuple(name for name, part in parts.items() if part is not None)
+
+
+def _tell_losses(model: ModalModel, path: str | os.PathLike[str]) -> None:
+    lost = left_out(model)
+    if lost:
+        warnings.warn(
+            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
+            LossWarning,
+            stacklevel=3,
+        )
+
+
+def _require_ending(path: str | os.PathLike[str]) -> None:
+    if not is_model(path):
+        ending = Path(path).suffix
+        raise OptionError(
+            f"{path} ends in {ending!r}: models end in .struck, or in .sofa for their gains alone"
+        )
+
+
+def _is_sofa(path: str | os.PathLike[str]) -> bool:
+    return Path(path).suffix.lower() == _SOFA
+
+
+def _ringing(model: ModalModel) -> float:
+    slowest = float(np.min(model.decays, initial=np.inf))
+    fallen = float(np.log(1000))
+    return fallen / slowest if slowest * _LONGEST > fallen else _LONGEST

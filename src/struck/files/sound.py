@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from struck.errors import FileFormatError, OptionError
 from struck.files import wav
 from struck.files.atomic import write_bytes
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 FULL_SCALE = 20.0
 """The pressure that level="absolute" writes as 1.0, Pa."""

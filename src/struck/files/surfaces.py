@@ -8,19 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, MeshError, OptionError
+from struck.files.archives import Part
 from struck.files.guard import read_contents
-from struck.files.parts import Part
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.surface.welding import lines, sewn
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}

@@ -7,17 +7,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError, OptionError
-from struck.files.blocks import READERS, Blocks
 from struck.files.guard import read_volume
+from struck.files.mesh_formats import READERS, ElementBlocks
 from struck.files.surfaces import UNITS
+from struck.model.arrays import Array, Index
 from struck.solids.fem.elements import ELEMENTS
 from struck.solids.volume_mesh import VolumeMesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SUFFIXES = frozenset(READERS)
 _KINDS = {
@@ -72,7 +69,7 @@ def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> Vo
     return mesh
 
 
-def _one_kind(found: Blocks, metre: float) -> VolumeMesh:
+def _one_kind(found: ElementBlocks, metre: float) -> VolumeMesh:
     """Return the volume elements of a file, which must be of one kind."""
     counts: Counter[str] = Counter()
     for kind, cells in found.cells:

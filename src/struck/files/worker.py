@@ -16,17 +16,18 @@ from pathlib import Path
 from typing import IO, Any
 
 from struck.errors import MeshError, MissingDependencyError
-from struck.files.frames import Array, read_frame, write_frame
-from struck.files.limits import OUT_OF_MEMORY, Limits
+from struck.files.archives import OUT_OF_MEMORY, ReadingLimits
+from struck.files.guard import read_frame, write_frame
+from struck.model.arrays import AnyArray
 
 _GRACE = 2.0
 
-Answer = tuple[dict[str, Any], list[Array]]
+Answer = tuple[dict[str, Any], list[AnyArray]]
 
 
 def main() -> None:
     """Answer one question after the other, until nobody asks."""
-    limits = Limits(**json.loads(sys.argv[1]))
+    limits = ReadingLimits(**json.loads(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
     answers = _private_output()
     _confine(limits.memory)
@@ -61,7 +62,7 @@ def _confine(memory: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (bound, bound))
 
 
-def _answer(question: dict[str, Any], limits: Limits) -> Answer:
+def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
     try:
         return _TASKS[question["task"]](Path(question["path"]), limits)
     except (MeshError, MissingDependencyError) as error:
@@ -71,7 +72,7 @@ def _answer(question: dict[str, Any], limits: Limits) -> Answer:
         return {"error": "MeshError", "message": message}, []
 
 
-def _surface(path: Path, limits: Limits) -> Answer:
+def _surface(path: Path, limits: ReadingLimits) -> Answer:
     from struck.files.mesh_formats import parse
 
     kind, parts = parse(path, limits)
@@ -79,12 +80,15 @@ def _surface(path: Path, limits: Limits) -> Answer:
     return {"kind": kind, "names": [part.name for part in parts]}, arrays
 
 
-def _volume(path: Path, limits: Limits) -> Answer:
-    from struck.files.blocks import read_blocks
+def _volume(path: Path, limits: ReadingLimits) -> Answer:
+    from struck.files.mesh_formats import read_blocks
 
     found = read_blocks(path, limits)
     arrays = [found.nodes, *(cells for _, cells in found.cells)]
     return {"kinds": [kind for kind, _ in found.cells]}, arrays
 
 
-_TASKS: dict[str, Callable[[Path, Limits], Answer]] = {"surface": _surface, "volume": _volume}
+_TASKS: dict[str, Callable[[Path, ReadingLimits], Answer]] = {
+    "surface": _surface,
+    "volume": _volume,
+}

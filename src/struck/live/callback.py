@@ -19,14 +19,125 @@ from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from struck.live import limiter, ring
-from struck.live.atomics import load
-from struck.live.compiling import callback, jitted_within
 from struck.live.device import COMPLETE, CONTINUE, OUTPUT_UNDERFLOW
-from struck.synth.addresses import address_of, call, integers_at, reals_at
+from struck.live.ears import LiveEars, listen, seen, take
+from struck.live.ring import (
+    SINCE,
+    apply,
+    callback,
+    hold,
+    jitted,
+    jitted_within,
+    load,
+    parted_compiled,
+)
+from struck.model.arrays import Array, Index, Single
+from struck.synth.blocks import make_block
+from struck.synth.memory import NUMBERS, address_of, call, integers_at, reals_at, singles_at, view
+from struck.synth.resonators import Stepped
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Process = Callable[[Array, Integers, Array, bool, Array], None]
+# What the callback does for each block: take a record, let the modes ring, mix.
+
+# Places in the arena: addresses and lengths of the store as int64, outputs that are in use; volume
+# at the end of the last block and the loudest sample so far, before the limiter; addresses and
+# lengths of the memory of ears, and how many paths and taps they have: 0 without them.
+_SOUNDING_REALS, _WHOLES, _POINTS, _SOUNDING_PROCESS = 0, 2, 4, 5
+VOLUME, PEAK = 6, 7
+_SINGLES, _WAYS, _SIZES, _PATHS, _TAPS = 8, 10, 12, 14, 15
+_SOUNDING_ARENA = 16
+
+
+def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Array:
+    """Return what the callback is given to find the modes and ears, which must outlive it."""
+    places = np.zeros(_SOUNDING_ARENA)
+    whole = places.view(np.int64)
+    reals, wholes = bank.numbers
+    whole[_SOUNDING_REALS : _SOUNDING_REALS + 2] = reals.ctypes.data, reals.size
+    whole[_WHOLES : _WHOLES + 2] = wholes.ctypes.data, wholes.size
+    whole[_POINTS] = 1
+    whole[_SOUNDING_PROCESS] = address_of(make_block, NUMBERS)
+    bank.compile(turned=True)
+    places[VOLUME] = volume
+    if ears is not None:
+        for place, numbers in zip((_SINGLES, _WAYS, _SIZES), ears.memory, strict=True):
+            whole[place : place + 2] = numbers.ctypes.data, numbers.size
+        whole[_PATHS], whole[_TAPS] = ears.paths, ears.taps
+    return places
+
+
+@jitted
+def sound(arena: Array, integers: Index, reals: Array, fresh: bool, outputs: Array) -> None:  # noqa: FBT001 - compiled: positional
+    """Make a block; see `callback.compiled`."""
+    whole = arena.view(np.int64)
+    store_reals = reals_at(whole[_SOUNDING_REALS], whole[_SOUNDING_REALS + 1])
+    store_wholes = integers_at(whole[_WHOLES], whole[_WHOLES + 1])
+    memory = view(store_reals, store_wholes)
+    sizes = (
+        memory.voices.shape[0] - 1,
+        memory.bodies.shape[0],
+        whole[_POINTS],
+        memory.forces.shape[1],
+        memory.drives.shape[2],
+        memory.modes.shape[1],
+        whole[_PATHS],
+        whole[_TAPS],
+    )
+    record = parted_compiled(integers, reals, sizes)
+    if fresh:
+        apply(memory, record)
+    else:
+        hold(memory, record)
+    call(whole[_SOUNDING_PROCESS], (store_reals, store_wholes))
+    if whole[_PATHS]:
+        ears = seen(
+            singles_at(whole[_SINGLES], whole[_SINGLES + 1]),
+            reals_at(whole[_WAYS], whole[_WAYS + 1]),
+            integers_at(whole[_SIZES], whole[_SIZES + 1]),
+        )
+        if fresh:
+            take(ears, record)
+        listen(ears, memory.sounds, record.stretch[SINCE], not fresh)
+        hand_over(ears.heard, outputs)
+    else:
+        mix(memory.sounds, whole[_POINTS], outputs)
+    level(arena, record.volume[0], outputs)
+
+
+@jitted_within
+def mix(sounds: Array, points: int, outputs: Array) -> None:
+    """Add up all bodies (bodies, rows, block) in the channels, points in turn."""
+    outputs[:] = 0.0
+    for channel in range(outputs.shape[0]):
+        for body in range(sounds.shape[0]):
+            for k in range(outputs.shape[1]):
+                outputs[channel, k] += sounds[body, channel % points, k]
+
+
+@jitted_within
+def hand_over(heard: Single, outputs: Array) -> None:
+    """Give each channel an ear in turn; a single channel gets the mean of all."""
+    ears, alone = heard.shape[0], outputs.shape[0] == 1
+    outputs[:] = 0.0
+    for channel in range(outputs.shape[0]):
+        for ear in range(ears):
+            if alone or ear == channel % ears:
+                for k in range(outputs.shape[1]):
+                    outputs[channel, k] += heard[ear, k] / (ears if alone else 1)
+
+
+@jitted_within
+def level(arena: Array, volume: float, outputs: Array) -> None:
+    """Go from the volume of the last block to this one's, and note the loudest sample."""
+    block = outputs.shape[1]
+    step = (volume - arena[VOLUME]) / block
+    for channel in range(outputs.shape[0]):
+        for k in range(block):
+            outputs[channel, k] *= arena[VOLUME] + step * (k + 1)
+            arena[PEAK] = max(arena[PEAK], abs(outputs[channel, k]))
+    arena[VOLUME] = volume
+
+
+Process = Callable[[Array, Index, Array, bool, Array], None]
 
 # What is counted. `OPEN` is set from outside: 1, as at first, fades in; 0 fades out and then ends
 # the stream.
@@ -79,7 +190,7 @@ class Shared:
         channels: int,
         block: int,
     ) -> None:
-        self.counters: Integers = np.zeros(_COUNTERS, dtype=np.int64)
+        self.counters: Index = np.zeros(_COUNTERS, dtype=np.int64)
         self.counters[OPEN] = 1
         mix = np.zeros(channels * block)
         self._arrays = (records.memory, limited, arena, mix, self.counters)
@@ -107,7 +218,7 @@ def compiled() -> Any:  # noqa: ANN401 - numba's class has no type
         block = (table[_CHANNELS], table[_BLOCK])
         outputs = reals_at(table[_MIX], table[_MIX + 1]).reshape(block)
         count(counters, flags)
-        fresh = take(records, counters)
+        fresh = take_block(records, counters)
         if counters[HOLDING] == 0:
             outputs[:] = 0.0
         else:
@@ -125,7 +236,7 @@ def compiled() -> Any:  # noqa: ANN401 - numba's class has no type
 
 
 @jitted_within
-def count(counters: Integers, flags: int) -> None:
+def count(counters: Index, flags: int) -> None:
     """Count a call, and an underflow where the device reports one."""
     counters[CALLS] += 1
     if flags & OUTPUT_UNDERFLOW:
@@ -133,7 +244,7 @@ def count(counters: Integers, flags: int) -> None:
 
 
 @jitted_within
-def take(records: Integers, counters: Integers) -> bool:
+def take_block(records: Index, counters: Index) -> bool:
     """Hold the next record, and return whether there was one; where not, it is late."""
     fresh = ring.waiting(records) > counters[HOLDING]
     if fresh and counters[HOLDING]:

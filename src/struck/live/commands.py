@@ -4,36 +4,336 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.ears.listeners import Listener
+from struck.ears.listeners import Listener, is_listener, position_of
+from struck.ears.propagation import aside
 from struck.errors import OptionError
+from struck.excitation.contact_patch import drive
+from struck.excitation.excitation import Pushing
+from struck.excitation.hold import Hold
 from struck.excitation.pulses import LEAD, Samples
-from struck.excitation.pushing import Pushing
+from struck.excitation.strike import Strike
 from struck.excitation.tool import Tool, Update
-from struck.excitation.touch import Touching
+from struck.excitation.touch import Touching, TouchLog
+from struck.live.callback import arena
 from struck.live.ears import LiveEars
-from struck.live.level import full_scale
-from struck.live.played import Played
-from struck.live.pushes import Blows, Started
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring
-from struck.live.sounding import arena
-from struck.live.touches import Notes
-from struck.live.troubles import Troubles
-from struck.live.voices import Voices
-from struck.live.wishes import Wishes
-from struck.model.contact import Place
+from struck.live.voices import Blows, Started, Troubles, Voices
+from struck.model.arrays import Array, Complex, Index
+from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
-from struck.synth.memory import Body
-from struck.synth.poles import Complex, require_session
-from struck.synth.stepped import Stepped
+from struck.scene.body import centre_of, place_beside, radius_of
+from struck.synth.memory import BodyColumn
+from struck.synth.poles import Poles, require_session
+from struck.synth.resonators import Resonators, Stepped
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+# One body while it is played: where it is touched, what holds it, how it is heard.
+
+Kept = TypeVar("Kept")
+
+_KEPT = 256  # contacts, and drives, that are not looked up again
+
+
+class PlayedBody:
+    """A model, and what hands do to it.
+
+    Parameters
+    ----------
+    model : ModalModel
+        What rings.
+    sample_rate : float
+        Hz.
+
+    Raises
+    ------
+    OptionError
+        Where the model is not fit to ring.
+    """
+
+    def __init__(self, model: ModalModel, sample_rate: float) -> None:
+        self.model = model
+        self.free = Poles.of(model, sample_rate)
+        self._rate = sample_rate
+        self._contacts: dict[Hashable, Contact] = {}
+        self._drives: dict[Hashable, Array] = {}
+        self._holds: dict[Hashable, tuple[Hold, Array]] = {}
+
+    def contact(self, at: Contact | Place = None, direction: Place = None) -> Contact:
+        """Return a contact, the same object for the same place."""
+        if isinstance(at, Contact):
+            return at
+        key = (_hashable(at), _hashable(direction))
+        known = self._contacts.get(key)
+        return known or _keep(self._contacts, key, self.model.contact(at, direction))
+
+    def drive(self, contact: Contact, patch: float = 0.0) -> Array:
+        """Return how strongly each mode answers, the same object for the same contact."""
+        key = (*contact.point.tolist(), *contact.direction.tolist(), patch)
+        known = self._drives.get(key)
+        if known is None:
+            known = _keep(self._drives, key, drive(self.model, contact, radius=patch))
+        return known
+
+    def hold(self, at: Place, grip: float) -> None:
+        """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
+        place = tuple(self.contact(at).point.tolist())
+        hold = Hold(at=place, grip=grip)
+        self._holds.pop(place, None)
+        if grip:
+            self._holds[place] = hold, hold.raised(self.model)
+
+    def changed(self, model: ModalModel) -> PlayedBody:
+        """Return another body in the same hands.
+
+        Raises
+        ------
+        OptionError
+            Where the model is not fit to ring, or has another number of modes.
+        """
+        other = PlayedBody(model, self._rate)
+        self.free.require_size(other.free.values, "the changed model")
+        for hold, _ in self._holds.values():
+            other.hold(hold.at, hold.grip)
+        return other
+
+    @property
+    def logarithms(self) -> Complex:
+        """What a sample turns each mode by, in its logarithm, (M,); hands raise the decays."""
+        values = self.free.values
+        for _, raised in self._holds.values():
+            values = values - (values != 0) * raised
+        return values / self._rate
+
+    def outputs(self, listener: Array) -> Complex:
+        """Return how loudly each mode is heard at a position, (M,).
+
+        Raises
+        ------
+        ContactError
+            Where the listener is inside the body.
+        OptionError
+            Where the gains are no product of contact and listener, or are not finite.
+        """
+        gains = self.model.gains.toward(listener[None])[0]
+        if len(gains) != 1 or not np.isfinite(gains).all():
+            raise OptionError(
+                f"the gains are a sum of {len(gains)} products of contact and listener, or not "
+                "finite: playing needs one product; use the model's expanded() gains"
+            )
+        return gains[0]
+
+    def outputs_aside(self) -> Complex:
+        """Return how loudly each mode would be heard at 1 m were it a point, (M,)."""
+        far = place_beside(self.model)
+        return far[0] * self.outputs(centre_of(self.model) + far)
+
+
+def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
+    """Return a listener, or a position (3,); OptionError on what is neither."""
+    return listener if is_listener(listener) else position_of(listener)
+
+
+def default_listener(models: Sequence[ModalModel]) -> Array:
+    """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
+    centre = centre_of(models[0])
+    farthest = max(radius_of(replace(model, centre=centre)) for model in models)
+    return centre + aside(farthest)
+
+
+def _hashable(place: Place) -> Hashable:
+    if place is None or isinstance(place, str):
+        return place
+    return tuple(np.asarray(place, np.float64).ravel().tolist())
+
+
+def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
+    """Remember one more, forget the oldest where there are too many; any thread may call it."""
+    if len(known) >= _KEPT:
+        known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
+    return known.setdefault(key, value)
+
+
+# How loud a pascal is in a device's samples.
+
+STRIKE_PEAK = 10 ** (-12 / 20)
+"""What a default strike peaks at, of full scale."""
+_LISTENED = 0.25  # s
+_BLOCK = 256
+
+
+def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float) -> float:
+    """Return what a Pa (or a relative unit) is of full scale.
+
+    With it the loudest of the bodies, each struck by `Strike()`, peaks at -12 dB.
+
+    Raises
+    ------
+    OptionError
+        Where none of them is heard.
+    """
+    peak = max(_peak(body, listener, sample_rate) for body in bodies)
+    if not peak > 0:
+        raise OptionError(
+            "none of the bodies is heard at the listener: look at the models' gains, or give "
+            "another listener="
+        )
+    return STRIKE_PEAK / peak
+
+
+def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
+    outputs = [body.outputs(listener)[None]]
+    modes = Resonators(
+        [body.model], sample_rate=sample_rate, block=_BLOCK, voices=1, engine="stepped"
+    )
+    pushing = Strike().begin(body.model, sample_rate)
+    peak = 0.0
+    for _ in range(round(_LISTENED * sample_rate / _BLOCK)):
+        push = pushing.advance(_BLOCK)
+        peak = max(peak, float(np.abs(modes.process([push] if push else [], outputs)).max()))
+    return peak
+
+
+# What touches a body while it is played, and what is noted of it.
+
+MOST_NOTED = 60_000
+"""Updates of each touch that are kept: ten minutes at 100 Hz."""
+_COLUMNS = 9
+
+
+class Notes:
+    """The last updates of a touch.
+
+    Parameters
+    ----------
+    tool : Tool
+        What touches.
+    """
+
+    def __init__(self, tool: Tool) -> None:
+        self._tool = tool
+        self._rows: Array = np.full((MOST_NOTED, _COLUMNS), 0.0)
+        self._count = 0
+
+    def add(self, time: float, word: Update) -> None:
+        """Note an update that takes effect at a time, s; in place of the oldest where need be."""
+        row = self._rows[self._count % MOST_NOTED]
+        row[0] = time
+        row[1:4], row[4:7] = word.contact.point, word.contact.direction
+        row[7:] = word.force, word.speed
+        self._count += 1
+
+    def log(self) -> TouchLog:
+        """Return them as an excitation; OptionError where there was no touch."""
+        if not self._count:
+            raise OptionError("nothing was touched yet: there is no log")
+        rows = np.roll(self._rows, -(self._count % MOST_NOTED), axis=0)
+        rows = rows if self._count > MOST_NOTED else self._rows[: self._count]
+        return TouchLog(
+            times=rows[:, 0],
+            points=rows[:, 1:4],
+            directions=rows[:, 4:7],
+            forces=rows[:, 7],
+            speeds=rows[:, 8],
+            tool=self._tool,
+        )
+
+
+# What a player was told and has not done yet.
+#
+# Wishes wait in a queue until the feeder fills the next block. Within that block they take effect
+# as far apart as they were said: what was said just after the last block was filled comes at its
+# first sample, what was said just now at its last.
+
+Wish = Callable[[int], object]
+"""Given the number of the sample at which it takes effect."""
+
+MOST_WISHES = 1024
+"""That may wait for the next block; what is beyond is dropped and counted."""
+
+
+class Wishes:
+    """A queue that any thread may add to and one empties, block by block.
+
+    Parameters
+    ----------
+    clock : callable
+        The time, s.
+    block : int
+        Samples.
+    sample_rate : float
+        Hz.
+    troubles : Troubles
+        Where it is noted that a wish failed.
+
+    Attributes
+    ----------
+    refused : int
+        Wishes that there was no room for.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        *,
+        block: int,
+        sample_rate: float,
+        troubles: Troubles,
+    ) -> None:
+        self._clock, self._block, self._length = clock, block, block / sample_rate
+        self._troubles = troubles
+        self._waiting: dict[Hashable, tuple[float, Wish]] = {}
+        self._lock = threading.Lock()
+        self.refused, self._obeyed = 0, clock()
+
+    @property
+    def idle(self) -> float:
+        """How long ago they were last obeyed, s."""
+        return self._clock() - self._obeyed
+
+    def have_room(self) -> bool:
+        """Tell whether one more may wait; where not, it counts as refused."""
+        with self._lock:
+            return self._have_room()
+
+    def add(self, wish: Wish) -> bool:
+        """Let one more wait; False where there is no room."""
+        with self._lock:
+            room = self._have_room()
+            if room:
+                self._waiting[object()] = self._clock(), wish
+            return room
+
+    def put(self, key: Hashable, wish: Wish) -> None:
+        """Let a wish wait in place of an older one of the same key: there is always room."""
+        with self._lock:
+            self._waiting.pop(key, None)  # the new one comes last
+            self._waiting[key] = self._clock(), wish
+
+    def obey(self, sample: int) -> None:
+        """Do what was wished since the last time, in the block that begins at this sample."""
+        now, last = self._clock(), 0
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        for said, wish in waiting.values():
+            place = int((said - self._obeyed) / self._length * self._block)
+            last = max(last, min(place, self._block - 1))
+            try:
+                wish(sample + last)
+            except Exception as trouble:  # noqa: BLE001 - told to whoever plays; all else goes on
+                self._troubles.note(trouble)
+        self._obeyed = now
+
+    def _have_room(self) -> bool:
+        if len(self._waiting) < MOST_WISHES:
+            return True
+        self.refused += 1
+        return False
+
 
 MOST_AHEAD = 64
 """Blocks that may be kept ready."""
@@ -97,7 +397,7 @@ class Desk:
             )
         self.listener, self.volume = listener, volume
         self._rate, self._block = sample_rate, block
-        self._bodies = [Played(model, sample_rate) for model in models]
+        self._bodies = [PlayedBody(model, sample_rate) for model in models]
         self._ears: LiveEars | None = None
         if not isinstance(listener, np.ndarray):
             self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
@@ -125,7 +425,7 @@ class Desk:
         memory = self._bank.memory
         ears = self._ears
         self._layout = Layout.of(memory, 1, *((ears.paths, ears.taps) if ears else ()))
-        self._firsts = memory.bodies[:, Body.FIRST].tolist()
+        self._firsts = memory.bodies[:, BodyColumn.FIRST].tolist()
         self.arena = arena(self._bank, volume=self.gain, ears=ears)
         # Those ahead, the one that is heard, and the one that is written.
         self.records = Ring(
@@ -152,7 +452,7 @@ class Desk:
         """Wishes that there was no room or no voice for."""
         return self._wishes.refused + self._dropped
 
-    def body(self, number: int) -> Played:
+    def body(self, number: int) -> PlayedBody:
         """Return a body; OptionError where there is none of that number."""
         if not 0 <= number < len(self._bodies):
             raise OptionError(f"body is {number}: there are 0 to {len(self._bodies) - 1}")
@@ -232,10 +532,10 @@ class Desk:
             return self._ears.position
         return np.asarray(self.listener, np.float64)
 
-    def _heard(self, body: Played) -> Complex:
+    def _heard(self, body: PlayedBody) -> Complex:
         return body.outputs_aside() if self._ears else body.outputs(self._place)
 
-    def fill(self, integers: Integers, reals: Array) -> None:
+    def fill(self, integers: Index, reals: Array) -> None:
         """Write the record of the next block; the feeder calls it."""
         self._wishes.obey(self.now)
         record = self._layout.record(integers, reals)

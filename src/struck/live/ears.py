@@ -10,26 +10,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from struck.ears.delay_kernels import hear
 from struck.ears.delay_lines import between
-from struck.ears.listeners import Listener
-from struck.ears.pose import Pose
-from struck.ears.propagation import STRETCH, Propagation
-from struck.ears.sources import Emitter
-from struck.ears.trajectory import Trajectory
+from struck.ears.listeners import Listener, Trajectory
+from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.errors import ContactError, OptionError
-from struck.live.compiling import jitted_within
-from struck.live.ring import NEW_WAYS, SINCE, Record
+from struck.live.ring import NEW_WAYS, SINCE, Record, jitted_within
+from struck.model.arrays import Array, Index, Single
 from struck.model.model import ModalModel
 from struck.scene.body import centre_of, emitter_at
-from struck.synth.addresses import part
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Integers = NDArray[np.int64]
+from struck.synth.memory import part
 
 FARTHEST = 340.0
 """The largest distance between a body and a listener while it is played, m: a second's way."""
@@ -62,12 +54,12 @@ class Ears(NamedTuple):
     history: Single
     heard: Single
     ways: Array
-    sizes: Integers
-    line_of: Integers
-    ear_of: Integers
+    sizes: Index
+    line_of: Index
+    ear_of: Index
 
 
-def _seen(singles: Single, reals: Array, wholes: Integers) -> Ears:
+def _seen(singles: Single, reals: Array, wholes: Index) -> Ears:
     """Return the parts of the memory."""
     lines, length, paths, taps = wholes[_LINES], wholes[_LENGTH], wholes[_PATHS], wholes[_TAPS]
     ears, block, rows = wholes[_EARS], wholes[_BLOCK], wholes[_ROWS]
@@ -180,7 +172,7 @@ class LiveEars:
         return -(-self.propagation.paths.after.shape[1] // _GROUP) * _GROUP
 
     @property
-    def memory(self) -> tuple[Single, Array, Integers]:
+    def memory(self) -> tuple[Single, Array, Index]:
         """The numbers that the callback needs, which must outlive it."""
         return self._singles, self._reals, self._wholes
 

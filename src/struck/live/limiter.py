@@ -24,11 +24,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from struck.errors import OptionError
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 # Places in the state. All are float64, so that a scene's whole state can be one array.
 CEILING, RELEASE, FADE_STEP = 0, 1, 2

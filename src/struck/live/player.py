@@ -2,27 +2,312 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener
-from struck.errors import OptionError
+from struck.errors import DeviceError, OptionError
+from struck.excitation.excitation import Excitation
 from struck.excitation.pulses import LEAD, Samples, sampled
-from struck.excitation.pushing import Excitation
 from struck.excitation.strike import Strike
 from struck.excitation.tool import Tool
-from struck.excitation.touch_log import TouchLog
-from struck.live.outlet import DeviceOutlet, Outlet
-from struck.live.played import default_listener, listening
-from struck.live.pushes import Started
-from struck.live.running import Running
+from struck.excitation.touch import TouchLog
+from struck.live import callback, limiter
+from struck.live.callback import OPEN, PEAK, Shared, sound
+from struck.live.commands import Desk, default_listener, listening
+from struck.live.device import TO_FILE, PortAudio, Stream, keep
+from struck.live.feeder import Feeder
+from struck.live.voices import Started
+from struck.model.arrays import Array
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
-Array = NDArray[np.float64]
+# Where sound leaves: an audio device from opening to closing, whatever becomes of it.
+
+_BELIEVED = 10.0  # s; JACK's dummy driver states a day
+_FADED = 1.0  # s, in which a stream that was told to end has done so
+
+
+class Outlet(Protocol):
+    """What a player needs of where it plays."""
+
+    name: str
+    sample_rate: float
+    channels: int
+
+    def open(self, callback: object, shared: Shared, block: int) -> None:
+        """Get ready to call a compiled callback (its `address`) for each block."""
+        ...
+
+    def start(self) -> None:
+        """Begin to call it."""
+        ...
+
+    @property
+    def active(self) -> bool:
+        """Whether it is being called."""
+        ...
+
+    @property
+    def load(self) -> float:
+        """The share of its time that the callback takes, 0 to 1."""
+        ...
+
+    @property
+    def latency(self) -> float:
+        """From the callback to the air, s."""
+        ...
+
+    def close(self) -> None:
+        """Fade out, and let nothing be called any more."""
+        ...
+
+
+class DeviceOutlet:
+    """An audio device.
+
+    Parameters
+    ----------
+    device : int, str or None
+        Number, part of the name, or None for the system's own choice.
+    sample_rate : float or None
+        Hz; None: the device's own.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where PortAudio is not installed.
+    DeviceError
+        Where there is no such device.
+    """
+
+    def __init__(self, device: int | str | None = None, sample_rate: float | None = None) -> None:
+        self._portaudio = PortAudio()
+        try:
+            chosen = self._portaudio.device(device)
+        except DeviceError:
+            self._portaudio.close()
+            raise
+        self.name = chosen.name
+        self.sample_rate = chosen.sample_rate if sample_rate is None else float(sample_rate)
+        self.channels = min(2, chosen.outputs)
+        self._number = chosen.number
+        self._stream: Stream | None = None
+        self._used: tuple[object, Shared] | None = None
+
+    def open(self, callback: object, shared: Shared, block: int) -> None:
+        """Open the stream; DeviceError where the device refuses."""
+        self._used = callback, shared
+        self._stream = self._portaudio.open(
+            callback.address,  # type: ignore[attr-defined] # numba's class has no type
+            shared.address,
+            sample_rate=self.sample_rate,
+            block=block,
+            channels=self.channels,
+            device=self._number,
+        )
+
+    def start(self) -> None:
+        """Let the callback be called."""
+        if self._stream is None:
+            raise DeviceError(f"{self.name} is not open: play anew")
+        self._stream.start()
+
+    @property
+    def active(self) -> bool:
+        """Whether the callback is being called."""
+        return self._stream is not None and self._portaudio.answers and self._stream.active
+
+    @property
+    def load(self) -> float:
+        """The share of its time that the callback takes, 0 to 1."""
+        return 0.0 if self._stream is None else self._stream.load
+
+    @property
+    def latency(self) -> float:
+        """From the callback to the air, s."""
+        stated = 0.0 if self._stream is None else self._stream.latency
+        return stated if stated < _BELIEVED else 0.0
+
+    def close(self) -> None:
+        """Fade out and close; a device that no longer answers is left alone."""
+        stream, self._stream = self._stream, None
+        if stream is not None and self._used is not None:
+            self._end(stream, self._used[1])
+            if not stream.close():
+                keep(self._used)
+        self._portaudio.close()
+
+    def _end(self, stream: Stream, shared: Shared) -> None:
+        shared.counters[OPEN] = 0
+        give_up = time.monotonic() + _FADED
+        with contextlib.suppress(DeviceError):
+            while stream.active and time.monotonic() < give_up:
+                time.sleep(0.005)
+            stream.stop()
+
+
+def gone(name: str) -> DeviceError:
+    """Return the error of a device that was there and is not any more."""
+    return DeviceError(
+        f"{name} no longer plays: it was stopped or unplugged, or its sound server ended; play "
+        f"anew, on another device with device=; {TO_FILE}"
+    )
+
+
+def failed(name: str, failure: Exception) -> DeviceError:
+    """Return the error of a player whose feeder failed, which is its cause."""
+    error = DeviceError(
+        f"{name} no longer plays: what fills its blocks failed with {failure!r}; play anew; "
+        f"{TO_FILE}"
+    )
+    error.__cause__ = failure
+    return error
+
+
+# A player's machinery: memory, callback, feeder and device, from beginning to end.
+
+_STALLED = 2.0  # s without a call of the callback: the device is gone
+
+
+class Running:
+    """What runs beneath a `Player`, and what it shows of itself.
+
+    Parameters
+    ----------
+    models : sequence of ModalModel
+        The bodies.
+    outlet : Outlet
+        Where sound leaves.
+    listener : array (3,) or Listener
+        Where all bodies are heard, m, or with which ears.
+    block, voices : int
+        Samples for each call of the device; excitations at once.
+    volume : float
+        dB.
+    ahead : int
+        Blocks of forces kept ready.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[ModalModel],
+        *,
+        outlet: Outlet,
+        listener: Array | Listener,
+        block: int,
+        volume: float,
+        voices: int,
+        ahead: int,
+    ) -> None:
+        rate = outlet.sample_rate
+        self._outlet, self._block = outlet, block
+        self._desk = Desk(
+            models,
+            listener=listener,
+            sample_rate=rate,
+            block=block,
+            volume=volume,
+            voices=voices,
+            ahead=ahead,
+        )
+        self._limited = limiter.limiter(sample_rate=rate, channels=outlet.channels)
+        self._shared = callback.Shared(
+            records=self._desk.records,
+            limited=self._limited,
+            arena=self._desk.arena,
+            process=sound,
+            channels=outlet.channels,
+            block=block,
+        )
+        self._ahead = ahead
+        self._feeder = Feeder(
+            self._desk.records, self._desk.fill, seconds=block / rate, ahead=ahead
+        )
+        self._stopped = False
+        outlet.open(callback.compiled(), self._shared, block)
+
+    def begin(self) -> None:
+        """Let it be heard; `struck.play` has done that. Where it fails, nothing of it stays."""
+        try:
+            self._feeder.start()
+            atexit.register(self.stop)
+            self._outlet.start()
+        except BaseException:
+            self.stop()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Fade out and close the device; more than once does no harm."""
+        if self._stopped:
+            return
+        self._stopped = True
+        atexit.unregister(self.stop)
+        try:
+            self._outlet.close()
+        finally:
+            self._feeder.stop()
+
+    @property
+    def active(self) -> bool:
+        """Whether it is heard: not once it was stopped or the device went."""
+        if self._stopped or not self._feeder.running or not self._outlet.active:
+            return False
+        return self._desk.idle < _STALLED
+
+    @property
+    def sample_rate(self) -> float:
+        """Hz."""
+        return self._outlet.sample_rate
+
+    @property
+    def latency(self) -> float:
+        """From a wish to the air at most, s: waiting blocks, look-ahead of the limiter, device."""
+        ahead = ((self._ahead + 1) * self._block + self._limited[limiter.DELAY]) / self.sample_rate
+        return ahead + self._outlet.latency
+
+    @property
+    def load(self) -> float:
+        """The share of its time that the audio callback takes, in percent."""
+        return 100 * self._outlet.load
+
+    @property
+    def underflows(self) -> int:
+        """How often the device ran out of samples."""
+        return int(self._shared.counters[callback.UNDERFLOWS])
+
+    @property
+    def late(self) -> int:
+        """Blocks for which no forces had come in time: loads were held."""
+        return int(self._shared.counters[callback.LATE])
+
+    @property
+    def dropped(self) -> int:
+        """Strikes, excitations and updates left out, as there was no voice or no room."""
+        return self._desk.dropped
+
+    @property
+    def peak(self) -> float:
+        """The loudest sample so far before the limiter; 1.0 is full scale."""
+        return float(self._desk.arena[PEAK])
+
+    def _require_playing(self) -> None:
+        if not self.active:
+            failure = self._feeder.failure
+            raise failed(self._outlet.name, failure) if failure else gone(self._outlet.name)
+        self._desk.raise_trouble()
+
 
 QUIETEST, LOUDEST = -120.0, 60.0
 """Bounds of the volume, dB."""

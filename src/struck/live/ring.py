@@ -10,26 +10,133 @@ The functions here are compiled; they take `Ring.memory`, which a callback reach
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.errors import TypingError
+from numba.core.typing.templates import Signature
+from numba.extending import intrinsic
 
+from struck.ears import delay_kernels
 from struck.errors import OptionError
-from struck.live import atomics
-from struck.live.compiling import jitted_within
+from struck.model.arrays import Array, Index
+from struck.model.compiling import Compiler
+from struck.synth import blocks
 from struck.synth.blocks import refresh, settle, stand, wake
-from struck.synth.memory import Body, Drive, Memory, Mode, Output, Voice
+from struck.synth.memory import BodyColumn, Drive, Memory, Mode, Output, Voice
+
+# Atomic integers, for compiled code that shares memory with Python.
+#
+# A plain store may be reordered by compiler and processor alike. A release store may not sink below
+# nor an acquire load rise above what surrounds them: who sees the stored value also sees all that
+# was written before it. (ISO/IEC 9899:2011, 7.17.3; LLVM language reference, "Atomic Memory
+# Ordering Constraints".)
+
+Generator = Callable[[BaseContext, ir.IRBuilder, Signature, Sequence[ir.Value]], ir.Value | None]
+Typed = tuple[Signature, Generator]
+
+_ALIGNMENT = 8  # bytes, of an int64
+
+# Without the typing context that each intrinsic is written with and not called with.
+_intrinsic = cast("Callable[[Callable[..., Typed]], Callable[..., Any]]", intrinsic)
+
+
+def _check(array: types.Type, index: types.Type) -> None:
+    counts = (
+        isinstance(array, types.Array)
+        and array.ndim == 1
+        and array.layout == "C"
+        and array.dtype == types.int64
+    )
+    if not counts or not isinstance(index, types.Integer):
+        raise TypingError(
+            f"atomics need a contiguous int64 array and an index, not {array}, {index}"
+        )
+
+
+def _element(
+    context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
+) -> ir.Value:
+    """Return the pointer to an element; the index is not checked."""
+    array_type, index_type = signature.args[:2]
+    array = context.make_array(array_type)(context, builder, arguments[0])
+    index = context.cast(builder, arguments[1], index_type, types.intp)
+    return cgutils.get_item_pointer(
+        context, builder, array_type, array, [index], wraparound=False, boundscheck=False
+    )
+
+
+@_intrinsic
+def load(_typing: object, array: types.Type, index: types.Type) -> Typed:
+    """Return `array[index]`; nothing after it is read before it (acquire)."""
+    _check(array, index)
+
+    def generate(
+        context: BaseContext,
+        builder: ir.IRBuilder,
+        signature: Signature,
+        arguments: Sequence[ir.Value],
+    ) -> ir.Value | None:
+        pointer = _element(context, builder, signature, arguments)
+        return builder.load_atomic(pointer, "acquire", _ALIGNMENT, typ=ir.IntType(64))
+
+    return types.int64(array, index), generate
+
+
+@_intrinsic
+def store(_typing: object, array: types.Type, index: types.Type, value: types.Type) -> Typed:
+    """Set `array[index]`; all that was written before it is seen with it (release)."""
+    _check(array, index)
+
+    def generate(
+        context: BaseContext,
+        builder: ir.IRBuilder,
+        signature: Signature,
+        arguments: Sequence[ir.Value],
+    ) -> ir.Value | None:
+        pointer = _element(context, builder, signature, arguments)
+        number = context.cast(builder, arguments[2], signature.args[2], types.int64)
+        builder.store_atomic(number, pointer, "release", _ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, index, value), generate
+
+
+@_intrinsic
+def add(_typing: object, array: types.Type, index: types.Type, value: types.Type) -> Typed:
+    """Add to `array[index]` in one step (acquire and release) and return what it was before."""
+    _check(array, index)
+
+    def generate(
+        context: BaseContext,
+        builder: ir.IRBuilder,
+        signature: Signature,
+        arguments: Sequence[ir.Value],
+    ) -> ir.Value | None:
+        pointer = _element(context, builder, signature, arguments)
+        number = context.cast(builder, arguments[2], signature.args[2], types.int64)
+        return builder.atomic_rmw("add", pointer, number, "acq_rel")
+
+    return types.int64(array, index, value), generate
+
+
+# The compiler of what plays live: of its own package and of those that its code is made of.
+
+_COMPILER = Compiler.of_packages(__file__, delay_kernels.__file__, blocks.__file__)
+jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
+callback = _COMPILER.callback
+
 
 # What the feeder tells the callback for one block: forces, and all that changed.
 #
 # A record has the same size for every block, so that it fits a slot of the ring; most of it is left
 # as it was and not looked at, as flags tell what is new.
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # What a voice does in a block, and flags of what is new to it or to a body.
 SILENT, ON, BEGIN = 0, 1, 2
@@ -71,15 +178,15 @@ class Record(NamedTuple):
         Of the ears, at the end of the stretch.
     """
 
-    voices: Integers
-    bodies: Integers
+    voices: Index
+    bodies: Index
     volume: Array
     loads: Array
     forces: Array
     drives: Array
     outputs: Array
     poles: Array
-    stretch: Integers
+    stretch: Index
     ways: Array
     responses: Array
 
@@ -133,14 +240,14 @@ class Layout:
         heard = self.paths * (2 * 3 + self.taps)
         return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes + heard
 
-    def record(self, integers: Integers, reals: Array) -> Record:
+    def record(self, integers: Index, reals: Array) -> Record:
         """Return the parts of the record that a slot holds."""
         sizes = (self.voices, self.bodies, self.points, self.block, self.width, self.modes)
         return _parted(integers, reals, (*sizes, self.paths, self.taps))
 
 
 def _parted(
-    integers: Integers, reals: Array, sizes: tuple[int, int, int, int, int, int, int, int]
+    integers: Index, reals: Array, sizes: tuple[int, int, int, int, int, int, int, int]
 ) -> Record:
     """Return the parts of a record."""
     voices, bodies, points, block, width, modes, paths, taps = sizes
@@ -201,12 +308,12 @@ def _take_poles(memory: Memory, record: Record, body: int) -> None:
     settle(memory, body)
     wake(memory, body)
     modes = memory.modes
-    for n in range(memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]):
+    for n in range(memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]):
         modes[Mode.LOG_RE, n], modes[Mode.LOG_IM, n] = record.poles[0, n], record.poles[1, n]
         if record.poles[1, n] == 0.0:
             modes[Mode.STATE_RE, n] = modes[Mode.STATE_IM, n] = 0.0
     refresh(memory, body)
-    memory.bodies[body, Body.MOVED] = 1
+    memory.bodies[body, BodyColumn.MOVED] = 1
     for voice in range(record.voices.shape[0]):
         if memory.voices[voice, Voice.BODY] == body:
             memory.voices[voice, Voice.MOVED] = 1
@@ -214,7 +321,7 @@ def _take_poles(memory: Memory, record: Record, body: int) -> None:
 
 @jitted_within
 def _take_outputs(memory: Memory, record: Record, body: int) -> None:
-    first, last = memory.bodies[body, Body.FIRST], memory.bodies[body, Body.LAST]
+    first, last = memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]
     for point in range(record.outputs.shape[1]):
         for n in range(first, last):
             real, imag = record.outputs[0, point, n], record.outputs[1, point, n]
@@ -225,7 +332,7 @@ def _take_outputs(memory: Memory, record: Record, body: int) -> None:
                 memory.outputs[Output.IM, point, n] = imag
     if record.bodies[body] & FIRST_OUTPUTS:
         stand(memory, body)
-    memory.bodies[body, Body.MOVED] = 1
+    memory.bodies[body, BodyColumn.MOVED] = 1
 
 
 @jitted_within
@@ -246,8 +353,6 @@ def _take_push(memory: Memory, record: Record, voice: int) -> None:
             memory.drives[Drive.NOW, voice, n] = record.drives[voice, n]
 
 
-Reals = NDArray[np.float64]
-
 # Places in the head of the memory. What different threads write is 128 bytes apart: the pair of
 # cache lines that a processor fetches together.
 CAPACITY, INTEGERS, REALS = 0, 1, 2
@@ -257,13 +362,13 @@ _HEAD = 48
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def waiting(memory: Integers) -> int:
+def waiting(memory: Index) -> int:
     """Return how many records are written and not yet released."""
-    return atomics.load(memory, WRITTEN) - atomics.load(memory, READ)
+    return load(memory, WRITTEN) - load(memory, READ)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integers_of(memory: Integers, count: int) -> Integers:
+def integers_of(memory: Index, count: int) -> Index:
     """Return the integers (I,) in the slot of the record of this number, counted from 0."""
     size = memory[INTEGERS]
     first = _HEAD + count % memory[CAPACITY] * size
@@ -271,7 +376,7 @@ def integers_of(memory: Integers, count: int) -> Integers:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reals_of(memory: Integers, count: int) -> Reals:
+def reals_of(memory: Index, count: int) -> Array:
     """Return the reals (R,) in the slot of the record of this number, counted from 0."""
     size = memory[REALS]
     first = _HEAD + memory[CAPACITY] * memory[INTEGERS] + count % memory[CAPACITY] * size
@@ -279,13 +384,13 @@ def reals_of(memory: Integers, count: int) -> Reals:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def release(memory: Integers) -> None:
+def release(memory: Index) -> None:
     """Give the slot of the oldest record back to the writer."""
-    atomics.store(memory, READ, memory[READ] + 1)
+    store(memory, READ, memory[READ] + 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pop(memory: Integers, integers: Integers, reals: Reals) -> bool:
+def pop(memory: Index, integers: Index, reals: Array) -> bool:
     """Copy out the oldest record and release it; False, and counted, where there is none."""
     if waiting(memory) == 0:
         memory[EMPTY] += 1
@@ -297,7 +402,7 @@ def pop(memory: Integers, integers: Integers, reals: Reals) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def has_room(memory: Integers) -> bool:
+def has_room(memory: Index) -> bool:
     """Return whether the next record can be written; where not, it is counted as refused."""
     if waiting(memory) < memory[CAPACITY]:
         return True
@@ -306,13 +411,13 @@ def has_room(memory: Integers) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def publish(memory: Integers) -> None:
+def publish(memory: Index) -> None:
     """Hand the slot that was just written to the reader."""
-    atomics.store(memory, WRITTEN, memory[WRITTEN] + 1)
+    store(memory, WRITTEN, memory[WRITTEN] + 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def push(memory: Integers, integers: Integers, reals: Reals) -> bool:
+def push(memory: Index, integers: Index, reals: Array) -> bool:
     """Copy in a record; False, and counted, where the ring is full."""
     if not has_room(memory):
         return False
@@ -349,7 +454,7 @@ class Ring:
                 f"a ring of {capacity} records of {integers} integers and {reals} reals: "
                 "give at least 1 record, and sizes of at least 0"
             )
-        self.memory: Integers = np.zeros(_HEAD + capacity * (integers + reals), dtype=np.int64)
+        self.memory: Index = np.zeros(_HEAD + capacity * (integers + reals), dtype=np.int64)
         self.memory[[CAPACITY, INTEGERS, REALS]] = capacity, integers, reals
         self._integers = self.memory[_HEAD : _HEAD + capacity * integers].reshape(capacity, -1)
         self._reals = (
@@ -377,11 +482,11 @@ class Ring:
         """How often `pop` found nothing."""
         return int(self.memory[EMPTY])
 
-    def push(self, integers: Integers, reals: Reals) -> bool:
+    def push(self, integers: Index, reals: Array) -> bool:
         """Copy in a record, int64 (I,) and float64 (R,); False, and counted, where it is full."""
         return push(self.memory, integers, reals)
 
-    def reserve(self) -> tuple[Integers, Reals] | None:
+    def reserve(self) -> tuple[Index, Array] | None:
         """Return the next slot, (I,) and (R,), to be written in place; None where it is full.
 
         It holds what was written there `capacity` records ago. `publish` hands it over.

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import ContactError
-from struck.geometry import Surface
-from struck.model.mesh import Mesh
+from struck.model.arrays import Array
+from struck.model.mesh import Mesh, Surface
 
-Array = NDArray[np.float64]
 Place = str | Sequence[float] | Array | None
 # Share of the body's extent within which a given point is moved onto the surface.
 _SNAP = 0.02

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError
+from struck.model.arrays import Array
 
-Array = NDArray[np.float64]
 _STEPS, _PRECISION = 200, 1e-14
 
 

@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complexfloating]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from struck.model.arrays import AnyComplex, Array, Index, Mask
 
 _NEAR = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ringing:
+class Exponentials:
     """What rings: channel c is the sum over modes of Im[g_c exp(s t)].
 
     Parameters
@@ -27,11 +23,11 @@ class Ringing:
         g, in the unit of the samples; row by row the channels of all segments.
     """
 
-    poles: Complex
-    gains: Complex
+    poles: AnyComplex
+    gains: AnyComplex
 
     @classmethod
-    def silence(cls, channels: int) -> Ringing:
+    def silence(cls, channels: int) -> Exponentials:
         """Return no modes at all."""
         return cls(poles=np.zeros(0, complex), gains=np.zeros((channels, 0), complex))
 
@@ -50,23 +46,23 @@ class Ringing:
         """Amplitude decay rates, 1/s."""
         return np.asarray(-self.poles.real, float)
 
-    def of(self, modes: Index | Mask) -> Ringing:
+    def of(self, modes: Index | Mask) -> Exponentials:
         """Return some of the modes."""
-        return Ringing(poles=self.poles[modes], gains=self.gains[:, modes])
+        return Exponentials(poles=self.poles[modes], gains=self.gains[:, modes])
 
-    def joined(self, poles: Complex) -> Ringing:
+    def joined(self, poles: AnyComplex) -> Exponentials:
         """Return a copy with more modes, silent as yet."""
         silent = np.zeros((len(self.gains), len(poles)), complex)
-        return Ringing(
+        return Exponentials(
             poles=np.concatenate((self.poles, poles)), gains=np.hstack((self.gains, silent))
         )
 
-    def by_frequency(self) -> Ringing:
+    def by_frequency(self) -> Exponentials:
         """Return a copy in ascending order of frequency."""
         return self.of(np.argsort(self.poles.imag))
 
 
-def samples(poles: Complex, gains: Complex, length: int, sample_rate: float) -> Array:
+def samples(poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: float) -> Array:
     """Return the sum of Im[g exp(s n / rate)], (C, length).
 
     A sample index is a row and a column, n = row * width + column, and so each exponential the
@@ -77,7 +73,7 @@ def samples(poles: Complex, gains: Complex, length: int, sample_rate: float) -> 
 
 
 def samples_in_rows(
-    poles: Complex, gains: Complex, length: int, sample_rate: float, every: int = 1
+    poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: float, every: int = 1
 ) -> Array:
     """Return every so many rows of the samples, (C, rows, width); the width is root length."""
     width = row_width(length)
@@ -94,7 +90,7 @@ def row_width(length: int) -> int:
     return int(np.ceil(np.sqrt(length)))
 
 
-def correlations(poles: Complex, samples: Array, sample_rate: float) -> Complex:
+def correlations(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
     """Return the sums of conj(exp(s n / rate)) x[n], (C, M), by the same factors."""
     channels, length = samples.shape
     width = row_width(length)
@@ -109,17 +105,17 @@ def correlations(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     return np.einsum("crm,rm->cm", real + 1j * imaginary, coarse)
 
 
-def _powers(exponents: Complex, count: int) -> Complex:
+def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
     """Return exp(x n) for n below the count, (M, count), by the same factors once more."""
     width = row_width(count)
     rows = -(-count // width)
-    coarse: Complex = np.exp(np.outer(exponents, width * np.arange(rows)))
-    fine: Complex = np.exp(np.outer(exponents, np.arange(width)))
+    coarse: AnyComplex = np.exp(np.outer(exponents, width * np.arange(rows)))
+    fine: AnyComplex = np.exp(np.outer(exponents, np.arange(width)))
     products = coarse[:, :, None] * fine[:, None, :]
     return products.reshape(len(exponents), rows * width)[:, :count]
 
 
-def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
+def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
     """Return the gains (C, M) of least squares of all modes at once, over all samples.
 
     The inner products of exponentials are geometric series, so only the correlations touch the
@@ -143,7 +139,7 @@ def best_gains(poles: Complex, samples: Array, sample_rate: float) -> Complex:
     return solved[:, : len(poles)] + 1j * solved[:, len(poles) :]
 
 
-def _series(left: Complex, right: Complex, length: int) -> Complex:
+def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:
     """Return the sums of exp((x + y) n) for n below the length, one row for each x."""
     last = np.outer(np.exp(left * length), np.exp(right * length))
     first = np.outer(np.exp(left), np.exp(right)) - 1
@@ -154,7 +150,7 @@ def _series(left: Complex, right: Complex, length: int) -> Complex:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Spectrum:
+class SegmentSpectrum:
     """The discrete Fourier transform of a segment's first samples.
 
     A mode that rings from the first of N samples on has the transform r / (1 - z / u) at
@@ -171,12 +167,12 @@ class Spectrum:
         Hz.
     """
 
-    values: Complex
+    values: AnyComplex
     length: int
     sample_rate: float
 
     @classmethod
-    def of(cls, samples: Array, length: int, sample_rate: float) -> Spectrum:
+    def of(cls, samples: Array, length: int, sample_rate: float) -> SegmentSpectrum:
         """Transform the first samples of each channel, (C, n)."""
         values = np.ascontiguousarray(np.fft.rfft(samples[:, :length], axis=1).T)
         return cls(values=values, length=length, sample_rate=sample_rate)

@@ -132,7 +132,7 @@ _LARGEST_POISSON_RATIO = 0.495
 @cache
 def materials() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of materials by name: group, aliases, constants, damping sets, source."""
-    text = resources.files("struck").joinpath("materials.toml").read_text(encoding="utf-8")
+    text = resources.files("struck.model").joinpath("materials.toml").read_text(encoding="utf-8")
     return MappingProxyType(tomllib.loads(text))
 
 

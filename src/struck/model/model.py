@@ -6,23 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import MaterialError, OptionError
+from struck.model.arrays import Array, Index
 from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import Gains, Radiation, ShapeGains, canonical_signs
+from struck.model.html import modes_table
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.model.modes import Stiffness, changed
+from struck.model.modes import Modes, Stiffness, changed
 from struck.model.provenance import Provenance
 from struck.model.residual import Residual
-from struck.modes import Modes
-from struck.radiation import by_name
-from struck.tables import modes_table
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 XYZ = ("x (m)", "y (m)", "z (m)")
 _KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
 _RINGING = ("frequencies", "natural_frequencies", "decays")
@@ -83,16 +79,15 @@ class ModalModel:
         modes: Modes,
         material: Material,
         *,
-        radiation: Radiation | None = None,
+        radiation: Radiation,
         lowest: float = 20.0,
         places: Mapping[str, Array] | None = None,
     ) -> ModalModel:
         """Make a model of undamped modes.
 
-        The material's damping gives the decays, `radiation` the outputs (radiated power unless
-        given); modes below `lowest` Hz are dropped and counted; `places` are contacts by name, m.
+        The material's damping gives the decays, `radiation` the outputs; modes below `lowest` Hz
+        are dropped and counted; `places` are contacts by name, m.
         """
-        radiation = radiation or by_name("power")
         kept = np.flatnonzero(modes.frequencies >= lowest)
         below = len(modes.frequencies) - len(kept)
         natural = modes.frequencies[kept]
@@ -120,31 +115,6 @@ class ModalModel:
             **{name: getattr(modes, name) for name in _KEPT},
         )
         return model.damped(material.damping)
-
-    @classmethod
-    def from_modes(
-        cls,
-        points: ArrayLike,
-        faces: ArrayLike,
-        frequencies: ArrayLike,
-        shapes: ArrayLike,
-        *,
-        material: Material,
-        mass: float,
-        centre: ArrayLike,
-        inertia: ArrayLike,
-        complete_to: float = 0.0,
-        radiation: Radiation | None = None,
-        places: Mapping[str, Array] | None = None,
-        method: str = "modes of another program",
-        up: str = "z",
-    ) -> ModalModel:
-        """Make a model of modes that another program computed: `Modes.given`, then `of`."""
-        surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
-        bulk = {"mass": mass, "centre": centre, "inertia": inertia}
-        told = {"complete_to": complete_to, "method": method}
-        modes = Modes.given(surface, frequencies, shapes, **bulk, **told)
-        return cls.of(modes, material, radiation=radiation, lowest=0.0, places=places)
 
     @property
     def calibrated(self) -> bool:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 FADE = 0.01
 """The attack goes over into the noise within this time, s."""

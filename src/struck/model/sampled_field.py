@@ -3,29 +3,146 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
+from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Place
-from struck.model.gains import Gains, ShapeGains
+from struck.model.gains import ExpandedGains, Gains, ShapeGains
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
-from struck.model.survey import Survey
+from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
-from struck.model.timbre_table import TimbreTable
-from struck.recordings.fields.origin import RECORDED, Origin
-from struck.recordings.fields.recorded_places import (
-    recorded_contacts,
-    recorded_listeners,
-    unexpanded,
-)
-from struck.recordings.fields.single_point import SinglePoint
+from struck.model.timbre_table import SinglePoint, TimbreTable, combinations
+from struck.model.waves import ORDER
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+# Where a body was struck and heard, as far as its gains tell: what a file of them holds.
+
+
+def unexpanded(gains: Gains) -> Gains:
+    """Return gains as they were recorded or computed, before their products became modes."""
+    return gains.products if isinstance(gains, ExpandedGains) else gains
+
+
+def recorded_contacts(gains: Gains) -> Array | None:
+    """Return the contacts (P, D) that were recorded; None of gains that were computed.
+
+    Of a round body struck all around, each height once: the azimuth makes no difference.
+    """
+    whole = unexpanded(gains)
+    if isinstance(whole, SinglePoint):
+        return np.zeros((1, 0))
+    if isinstance(whole, TimbreTable):
+        return combinations(whole.contacts.axes)
+    if not isinstance(whole, TimbreField):
+        return None
+    part = whole.contact_part
+    places = part.lowest + part.contacts * part.spans
+    if not whole.listener_part.turned:
+        return places
+    return np.column_stack([places, np.zeros(len(places))])
+
+
+def recorded_listeners(gains: Gains) -> Array | None:
+    """Return the listeners (Q, 3) that were recorded, m; None of gains that were computed.
+
+    A `TimbreField` keeps waves, not who heard them outside: 45 directions that tell all its waves
+    apart, at the distance of the nearest listener and at twice that, which tell how they fall.
+    Listeners inside the body follow as they were.
+    """
+    whole = unexpanded(gains)
+    if isinstance(whole, SinglePoint):
+        return whole.centre + np.eye(3)[:1]
+    if isinstance(whole, TimbreTable):
+        return _gridded(whole)
+    if not isinstance(whole, TimbreField):
+        return None
+    nearest, inside = 2 * whole.listener_part.waves.limit, whole.listener_part.inside.places
+    return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest), inside])
+
+
+def _gridded(table: TimbreTable) -> Array:
+    """Return the place of each listener of a table, the first of those that stand for it."""
+    nodes = combinations(table.listeners.axes)
+    places = from_spherical(*nodes.T) if table.system == "spherical" else nodes
+    _, first = np.unique(table.listeners.sources, return_index=True)
+    return (places[first] + table.centre) * table.size
+
+
+def _all_around(distance: float) -> Array:
+    """Return places (n, 3) that tell all waves up to `ORDER` apart.
+
+    Gauss-Legendre nodes in the cosine of the polar angle, equal steps in azimuth (E. G. Williams,
+    Fourier Acoustics, Academic Press, 1999, section 6.3).
+    """
+    heights, _ = np.polynomial.legendre.leggauss(ORDER + 1)
+    azimuths = np.arange(2 * ORDER + 1) * (2 * np.pi / (2 * ORDER + 1))
+    polar, azimuth = np.meshgrid(np.arccos(heights), azimuths, indexing="ij")
+    return from_spherical(distance, azimuth.ravel(), polar.ravel())
+
+
+# What a model tells of its gains, once they are sampled from it and not measured.
+
+RECORDED = "recorded"
+"""What a model of recordings calls the contact that it is struck at unless told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Origin:
+    """The model that gains were sampled from.
+
+    Parameters
+    ----------
+    provenance : Provenance
+        Of the model.
+    errors : array (M,) or None
+        Relative errors of its frequencies; NaN where unknown.
+    unmeasured : array of int
+        Modes of a `TimbreField` of which a part is little known.
+    notes : tuple of str
+        What a person should know of such a field.
+    place : array (D,) or None
+        The contact that it called "recorded".
+    """
+
+    provenance: Provenance = field(default_factory=Provenance)
+    errors: Array | None = None
+    unmeasured: Index = field(default_factory=lambda: np.zeros(0, np.int64))
+    notes: tuple[str, ...] = ()
+    place: Array | None = None
+
+    @classmethod
+    def of(cls, model: ModalModel) -> Origin:
+        """Ask a model."""
+        place = model.places.get(RECORDED)
+        told = cls(provenance=model.provenance, errors=model.errors, place=place)
+        gains = unexpanded(model.gains)
+        if not isinstance(gains, TimbreField):
+            return told
+        return replace(told, unmeasured=gains.unmeasured, notes=gains.notes)
+
+    def chosen(self, modes: Index) -> Origin:
+        """Return what is told of some modes, in their order."""
+        return replace(
+            self,
+            errors=None if self.errors is None else self.errors[modes],
+            unmeasured=np.flatnonzero(np.isin(modes, self.unmeasured)),
+        )
+
+    def told_to(self, gains: Gains) -> Gains:
+        """Return gains with what was known before: of products nothing tells how good they are."""
+        if not isinstance(gains, TimbreField):
+            return gains
+        return replace(
+            gains,
+            rank_errors=np.full_like(gains.rank_errors, np.nan),
+            unmeasured=self.unmeasured,
+            notes=self.notes,
+        )
+
 
 WAYS = ("field", "table")
 

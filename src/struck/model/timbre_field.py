@@ -2,23 +2,272 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.errors import ContactError
+from struck.errors import ContactError, OptionError
 from struck.model.air import AIR
+from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import Gains
-from struck.model.survey import Survey
-from struck.recordings.fields.contact_part import ContactPart
-from struck.recordings.fields.listener_part import ListenerPart
-from struck.recordings.fields.outgoing import ORDER
-from struck.recordings.separation import Separation
+from struck.model.separation import Separation
+from struck.model.survey import Survey, distinct, shares
+from struck.model.waves import ORDER, SphericalWaves
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+# Contact parts between the places that were struck: Gaussian processes over u, or u and v.
+
+LENGTHS = (0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5)
+"""Distances over which shapes may stay alike, as shares of the range of a coordinate."""
+_NOISES = (1e-8, 1.0)  # the least keeps what is known twice over solvable
+SNAP = 0.02
+"""Share of its range by which a coordinate may lie outside of it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactPart:
+    """Real, signed drives over contact coordinates.
+
+    Parameters
+    ----------
+    lowest, spans : array (D,)
+        Where coordinates begin, and how far they range.
+    contacts : array (P, D)
+        Places that were struck, from 0 to 1 in each coordinate.
+    factors : array (K, P, M)
+        For each length, what the likeness to each contact counts for.
+    """
+
+    lowest: Array
+    spans: Array
+    contacts: Array
+    factors: Array
+
+    @classmethod
+    def of(cls, contacts: Array, drives: Array, errors: Array) -> ContactPart:
+        """Fit drives (P, M) at contacts (P, D), with errors (M,) over their root mean squares.
+
+        Notes
+        -----
+        A Gaussian process with a squared-exponential kernel of unknown scale, averaged over its
+        lengths by their evidence (C. E. Rasmussen and C. K. I. Williams, Gaussian
+        Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5).
+        """
+        lowest = contacts.min(axis=0)
+        spans = np.ptp(contacts, axis=0)
+        places = (contacts - lowest) / np.where(spans > 0, spans, 1.0)
+        kernels = _likenesses(places, places).transpose(1, 0, 2)
+        noises = np.clip(np.square(errors), *_NOISES)
+        fits = [_fit(kernel, drives, noises) for kernel in kernels]
+        believed = shares(np.stack([evidence for evidence, _ in fits]))
+        return cls(
+            lowest=lowest,
+            spans=spans,
+            contacts=places,
+            factors=np.stack([factors for _, factors in fits]) * believed[:, None],
+        )
+
+    def at(self, points: Array) -> Array:
+        """Return drives (K, M) at points (K, D).
+
+        Raises
+        ------
+        ContactError
+            Where a coordinate lies farther outside of its range than 2 % of it.
+        """
+        self._require_inside(points)
+        places = np.clip((points - self.lowest) / np.where(self.spans > 0, self.spans, 1.0), 0, 1)
+        return np.einsum("knp,npm->km", _likenesses(places, self.contacts), self.factors)
+
+    def chosen(self, modes: Index, factor: float = 1.0) -> ContactPart:
+        """Return the drives of some modes, times a factor."""
+        return replace(self, factors=np.ascontiguousarray(self.factors[:, :, modes] * factor))
+
+    def _require_inside(self, points: Array) -> None:
+        highest, reach = self.lowest + self.spans, SNAP * self.spans
+        outside = (points < self.lowest - reach) | (points > highest + reach)
+        if np.isnan(points).any() or outside.any():
+            wrong = points[np.argmax(outside.any(axis=1))]
+            nearest = np.clip(wrong, self.lowest, highest)
+            raise ContactError(
+                f"the contact {wrong.tolist()} lies outside of what was recorded: the nearest is "
+                f"{nearest.tolist()}"
+            )
+
+
+def _likenesses(some: Array, others: Array) -> Array:
+    """Return the kernels exp(-distance^2 / (2 length^2)) of all lengths (K, lengths, P)."""
+    squares = np.square(some[:, None] - others).sum(axis=2)
+    return np.exp(-squares[:, None] / (2 * np.square(LENGTHS)[:, None]))
+
+
+def _fit(kernel: Array, drives: Array, noises: Array) -> tuple[Array, Array]:
+    """Return evidence (M,) and factors (P, M) for noises (M,), the scale left free."""
+    powers, vectors = np.linalg.eigh(kernel)
+    seen = vectors.T @ drives
+    variances = np.maximum(powers, 0.0)[:, None] + noises
+    quadratic = np.maximum((np.square(seen) / variances).sum(axis=0), np.finfo(np.float64).tiny)
+    evidence = -0.5 * (len(drives) * np.log(quadratic) + np.log(variances).sum(axis=0))
+    return evidence, vectors @ (seen / variances)
+
+
+# Listener parts between the places that were listened at, outside of a body and inside.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inside:
+    """What is added to outgoing waves around listeners inside a body.
+
+    Parameters
+    ----------
+    places : array (I, 3)
+        From the centre, m.
+    corrections : array (I, M), complex
+    reach : float
+        From where on nothing is added, m: up to the nearest listener outside.
+    """
+
+    places: Array
+    corrections: Complex
+    reach: float
+
+    @classmethod
+    def of(cls, places: Array, missing: Complex, outside: Array) -> Inside:
+        """Let what is missing (I, M) at places (I, 3) fade away up to the listeners outside."""
+        gaps = np.linalg.norm(places[:, None] - outside, axis=2)
+        reach = float(gaps.min()) if gaps.size else 1.0
+        matrix = _closeness(places, places, reach)
+        return cls(places=places, corrections=_solved(matrix, missing), reach=reach)
+
+    def at(self, places: Array) -> Complex:
+        """Return what is added at places (L, 3): (L, M)."""
+        return _closeness(places, self.places, self.reach) @ self.corrections
+
+    def chosen(self, modes: Index, size: float, factor: float) -> Inside:
+        """Return some modes of a body `size` times as large, times a factor."""
+        return Inside(
+            places=self.places * size,
+            corrections=np.ascontiguousarray(self.corrections[:, modes] * factor),
+            reach=self.reach * size,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ListenerPart:
+    """Complex outputs over places, relative to the arrival time r/c.
+
+    Parameters
+    ----------
+    waves : Waves
+    inside : Inside
+    mirrored, turned : bool
+        Whether outputs are even in y; whether they are given by angular order.
+    """
+
+    waves: SphericalWaves
+    inside: Inside
+    mirrored: bool
+    turned: bool
+
+    @classmethod
+    def of(
+        cls,
+        places: Array,
+        outputs: Complex,
+        weights: Array,
+        wave_numbers: Array,
+        *,
+        radius: float = 0.0,
+        mirrored: bool = False,
+        turned: bool = False,
+    ) -> ListenerPart:
+        """Fit outputs (Q, M), each counting with its weight, at places (Q, 3) from the centre.
+
+        Places nearer than `radius` are inside.
+
+        Raises
+        ------
+        OptionError
+            When no listener is outside, or one stands on the centre without a radius.
+        """
+        distances = np.linalg.norm(places, axis=1)
+        outside = (distances >= radius) & (distances > 0)
+        if not outside.any() or np.any(distances[~outside] >= radius):
+            raise OptionError(
+                f"{np.count_nonzero(outside)} of {len(places)} listeners are off the centre and at "
+                f"least radius={radius:g} m from it: one must be, and one on the centre needs a "
+                "radius= above 0"
+            )
+        waves = SphericalWaves.of(
+            places[outside],
+            outputs[outside],
+            weights[outside],
+            wave_numbers,
+            radius=radius,
+            mirrored=mirrored,
+        )
+        part = cls(
+            waves=waves,
+            inside=Inside.of(np.zeros((0, 3)), np.zeros((0, len(wave_numbers)), complex), places),
+            mirrored=mirrored,
+            turned=turned,
+        )
+        return part._with_inside(places[~outside], outputs[~outside], places[outside])
+
+    @property
+    def rank(self) -> int:
+        """How many products there are."""
+        return 2 * ORDER + 1 if self.turned else 1
+
+    def at(self, places: Array) -> Complex:
+        """Return outputs at places (L, 3) from the centre: (L, R, M)."""
+        if not self.turned:
+            heard = self.waves.at(places) + self.inside.at(self._folded(places))
+            return heard[:, None]
+        heard = self.waves.turned(places)
+        heard[:, 0] += self.inside.at(self._folded(places))
+        return heard
+
+    def chosen(self, modes: Index, size: float, factor: float) -> ListenerPart:
+        """Return some modes of a body `size` times as large, times a factor."""
+        return ListenerPart(
+            waves=self.waves.chosen(modes, size, factor),
+            inside=self.inside.chosen(modes, size, factor),
+            mirrored=self.mirrored,
+            turned=self.turned,
+        )
+
+    def _with_inside(self, places: Array, outputs: Complex, outside: Array) -> ListenerPart:
+        if not len(places):
+            return self
+        missing = outputs - self.waves.at(places)
+        folded, number = distinct(self._folded(places))
+        share = np.eye(len(folded))[number]
+        missing = share.T @ missing / share.sum(axis=0)[:, None]
+        inside = Inside.of(folded, missing, self._folded(outside))
+        return ListenerPart(
+            waves=self.waves, inside=inside, mirrored=self.mirrored, turned=self.turned
+        )
+
+    def _folded(self, places: Array) -> Array:
+        """Return places with those that sound alike inside as one.
+
+        A contact may lie at any azimuth: then only the distance from the axis counts.
+        """
+        x, y, z = places.T
+        if self.turned:
+            return np.stack([np.hypot(x, y), np.zeros_like(x), z], axis=1)
+        return np.stack([x, np.abs(y) if self.mirrored else y, z], axis=1)
+
+
+def _solved(matrix: Array, sides: Complex) -> Complex:
+    return np.asarray(np.linalg.solve(matrix, sides), np.complex128)
+
+
+def _closeness(some: Array, others: Array, reach: float) -> Array:
+    """Return 1 at no distance and 0 from `reach` on, twice differentiable (Wendland 1995)."""
+    distances = np.linalg.norm(some[:, None] - others, axis=2) / reach
+    return np.maximum(1 - distances, 0.0) ** 4 * (4 * distances + 1)
+
 
 WORST = 0.1
 """Error of a part, over its root mean square, from which a mode counts as not measured."""

@@ -2,19 +2,167 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
+from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import Gains
 from struck.model.survey import Survey, from_spherical
-from struck.recordings.fields.grids import Axis, Grid, combinations
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+# Linear interpolation over grids, one axis after the other: how 2007 reads its table.
+
+_GRIDS_SAME = 1e-9  # share of an axis within which two values are the same
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GridAxis:
+    """One coordinate of a grid.
+
+    Parameters
+    ----------
+    nodes : array (n,)
+        Ascending.
+    period : float
+        After which the coordinate begins anew; 0 for none.
+    """
+
+    nodes: Array
+    period: float = 0.0
+
+    @classmethod
+    def through(cls, values: Array, period: float = 0.0) -> GridAxis:
+        """Make the axis of all different values."""
+        nodes = np.sort(values % period if period else values)
+        least = _GRIDS_SAME * max(period, float(np.ptp(nodes)), float(np.abs(nodes).max()))
+        kept = np.concatenate([[True], np.diff(nodes) > least])
+        if period and nodes[-1] > nodes[0] + period - least:
+            kept &= nodes < nodes[0] + period - least
+        return cls(nodes=nodes[kept], period=period)
+
+    def weights(self, values: Array) -> Array:
+        """Return what each node counts for at values (K,): (K, n).
+
+        Beyond the ends of an axis without a period: its last node. Close to a node: exactly that.
+        """
+        nodes, count = self.nodes, len(self.nodes)
+        if self.period:
+            values = nodes[0] + (values - nodes[0]) % self.period
+            nodes = np.append(nodes, nodes[0] + self.period)
+        below = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, max(len(nodes) - 2, 0))
+        above = np.minimum(below + 1, len(nodes) - 1)
+        gaps = nodes[above] - nodes[below]
+        shares = np.clip((values - nodes[below]) / np.where(gaps > 0, gaps, 1.0), 0.0, 1.0)
+        shares = np.where(
+            shares < _GRIDS_SAME, 0.0, np.where(shares > 1 - _GRIDS_SAME, 1.0, shares)
+        )
+        weights = np.zeros((len(values), count))
+        rows = np.arange(len(values))
+        np.add.at(weights, (rows, below), 1 - shares)
+        np.add.at(weights, (rows, above % count), shares)
+        return weights
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grid:
+    """Places at all combinations of the nodes of some axes.
+
+    Parameters
+    ----------
+    axes : tuple of Axis
+    sources : array (nodes,)
+        Number of the place that each combination stands for, the last axis fastest.
+    count : int
+        How many places there are.
+    """
+
+    axes: tuple[GridAxis, ...]
+    sources: Index
+    count: int
+
+    def weights(self, points: Array) -> Array:
+        """Return what each place counts for at points (K, axes): (K, count)."""
+        products = np.ones((len(points), 1))
+        for axis, values in zip(self.axes, points.T, strict=True):
+            share = axis.weights(values)
+            products = (products[:, :, None] * share[:, None]).reshape(len(points), -1)
+        gathered = np.zeros((self.count, len(points)))
+        np.add.at(gathered, self.sources, products.T)
+        return gathered.T
+
+
+def combinations(axes: tuple[GridAxis, ...]) -> Array:
+    """Return the coordinates of all combinations of nodes, the last axis fastest (nodes, axes)."""
+    every = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+    return np.stack([each.ravel() for each in every], axis=1)
+
+
+# Gains of one recorded place: for takes of which nobody told where.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SinglePoint(Gains):
+    """Gains of a body struck at one place and heard from one, alike in all directions.
+
+    Whatever contact is asked for, it is the recorded one. Where the microphone stood is not known:
+    it counts as 1 m from the centre, from where sound falls as 1/r.
+
+    Parameters
+    ----------
+    outputs : array (M,), complex
+        As recorded, relative to the sound's arrival.
+    centre : array (3,)
+        Where the sound seems to come from, body coordinates, m.
+    is_calibrated : bool
+        Whether outputs are Pa/(N s), not relative.
+    """
+
+    outputs: Complex
+    centre: Array = field(default_factory=lambda: np.zeros(3))
+    is_calibrated: bool = False
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.is_calibrated
+
+    def at(self, points: Array, directions: Array) -> Array:
+        """Return 1 for contacts (K, D) with any number of coordinates: (K, 1, M)."""
+        del directions
+        return np.ones((len(np.atleast_2d(points)), 1, len(self.outputs)))
+
+    def toward(self, listeners: Array) -> Complex:
+        """Return outputs that fall as 1/r at listeners (L, 3), relative to the arrival: (L, 1, M).
+
+        Raises
+        ------
+        ContactError
+            At the centre itself.
+        """
+        places = np.atleast_2d(np.asarray(listeners, np.float64))
+        distances = np.linalg.norm(places - self.centre, axis=1)
+        if not distances.all():
+            raise ContactError(
+                "a listener is 0 m from the body's centre, where 1/r has no end: move it away; "
+                "what was recorded is heard at 1 m"
+            )
+        return self.outputs / distances[:, None, None]
+
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> SinglePoint:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+
+        Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates; what
+        was heard at 1 m is heard at `size` m.
+        """
+        del frequencies
+        return SinglePoint(
+            outputs=self.outputs[modes] * (size / (density * size**3)),
+            centre=self.centre * size,
+            is_calibrated=self.is_calibrated,
+        )
+
 
 SYSTEMS = ("spherical", "cartesian")
 _SAME = 1e-6  # share of the largest distance within which two places are the same
@@ -151,11 +299,11 @@ def _spherical(places: Array, *, mirrored: bool) -> Grid:
     distance, azimuth, polar = _coordinates(places, "spherical", mirrored=mirrored).T
     beside = np.sin(polar) > _SAME
     axes = (
-        Axis.through(distance),
-        Axis.through(
+        GridAxis.through(distance),
+        GridAxis.through(
             azimuth[beside] if beside.any() else np.zeros(1), 0 if mirrored else 2 * np.pi
         ),
-        Axis.through(polar),
+        GridAxis.through(polar),
     )
     nodes = combinations(axes)
     reach = _SAME * distance.max()
@@ -174,7 +322,7 @@ def _cartesian(places: Array, *, mirrored: bool) -> Grid:
 
 def _plain_grid(places: Array, what: str) -> Grid:
     """Return the grid whose nodes are places (n, axes), each of them one."""
-    axes = tuple(Axis.through(values) for values in places.T)
+    axes = tuple(GridAxis.through(values) for values in places.T)
     nodes = combinations(axes)
     gaps = np.linalg.norm(nodes[:, None] - places, axis=2)
     reach = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)

@@ -1,31 +1,83 @@
-"""How strong each outgoing wave is, from what listeners heard: Bayesian regression by mode."""
+"""Sound around a body as a sum of outgoing waves."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import sph_harm_y
 
-from struck.recordings.fields.evidence import shares
-from struck.recordings.fields.outgoing import ORDER, degrees, near_field, real_harmonics
+from struck.model.arrays import Array, Complex, Index, Mask
+from struck.model.survey import shares
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Choice = NDArray[np.bool_]
+# Waves that leave a body, sorted by direction: what listener parts are made of.
+
+ORDER = 4
+"""The highest degree of waves fitted to recordings."""
+
+
+def degrees(order: int) -> tuple[Index, Index]:
+    """Return degree l and angular order m of each of the (order + 1)^2 harmonics.
+
+    They go by degree, and from -l to l within it; below 0 stand the sines of the azimuth.
+    """
+    pairs = [(degree, m) for degree in range(order + 1) for m in range(-degree, degree + 1)]
+    degree, angular = np.array(pairs).T
+    return degree, angular
+
+
+def real_harmonics(places: Array, order: int) -> Array:
+    """Return solid harmonics r^l Y_lm at places (n, 3), real, of mean square 1 on a unit sphere.
+
+    Returns
+    -------
+    array (n, (order + 1)^2)
+        In the sequence of `degrees`; spherical harmonics where places are unit vectors.
+    """
+    degree, angular = degrees(order)
+    x, y, z = places.T[:, :, None]
+    flat = np.hypot(x, y)
+    values = sph_harm_y(degree, np.abs(angular), np.arctan2(flat, z), np.arctan2(y, x))
+    parts = np.where(angular < 0, values.imag, values.real)
+    scale = np.sqrt(4 * np.pi * (1 + (angular != 0)))
+    return scale * np.hypot(flat, z) ** degree * parts
+
+
+def near_field(order: int) -> Complex:
+    """Return how outgoing waves of each degree differ from a monopole near the source.
+
+    h_l(x) / h_0(x) for time going as exp(+i omega t) is a polynomial in 1/x; the phase i^l is left
+    out, so that it tends to 1 far away (Williams 1999, section 6.4).
+
+    Returns
+    -------
+    array (order + 1, order + 1)
+        Coefficient of x^-k of the degree l at [k, l].
+    """
+    coefficients = np.zeros((order + 1, order + 1), np.complex128)
+    for degree in range(order + 1):
+        for power in range(degree + 1):
+            ways = math.comb(degree + power, power) * math.perm(degree, power)
+            coefficients[power, degree] = ways * (-0.5j) ** power
+    return coefficients
+
+
+# How strong each outgoing wave is, from what listeners heard: Bayesian regression by mode.
 
 NOISES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 """What the variance of the noise may be of the scale of the amplitudes."""
-_DEGREES, _ANGULAR = degrees(ORDER)
+_DEGREES, _WAVE_FIT_ANGULAR = degrees(ORDER)
 _FREE = 100.0  # for the monopole: what a single listener heard must not shrink
 _VARIANCES = np.where(_DEGREES == 0, _FREE, 1 / (1.0 + _DEGREES * (_DEGREES + 1)))
 _POWERS = np.arange(1.0, ORDER + 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Law:
+class DistanceLaw:
     """How waves of each harmonic go with the distance: powers r^-(k+1) with these factors.
 
     Parameters
@@ -36,14 +88,14 @@ class Law:
     coefficients: Complex
 
     @classmethod
-    def same(cls, reference: float) -> Law:
+    def same(cls, reference: float) -> DistanceLaw:
         """Keep directions at all distances: reference / r."""
         coefficients = np.zeros((ORDER + 1, len(_DEGREES), 1), np.complex128)
         coefficients[0] = reference
         return cls(coefficients=coefficients)
 
     @classmethod
-    def waves(cls, reference: float, wave_numbers: Array) -> Law:
+    def waves(cls, reference: float, wave_numbers: Array) -> DistanceLaw:
         """Solve the wave equation; of absolute value 1 at the reference distance, m."""
         inverse = (1 / wave_numbers) ** np.arange(ORDER + 1)[:, None, None]
         coefficients = near_field(ORDER)[:, _DEGREES, None] * inverse
@@ -56,7 +108,7 @@ class Law:
 
 
 def fit_waves(
-    laws: Sequence[Law], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
+    laws: Sequence[DistanceLaw], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
 ) -> Complex:
     """Fit waves of unknown degree and noise to outputs (Q, M) at places (Q, 3).
 
@@ -80,7 +132,7 @@ def fit_waves(
     """
     distances = np.linalg.norm(places, axis=1)
     harmonics = real_harmonics(places / distances[:, None], ORDER)
-    usable = (_ANGULAR >= 0) | (not mirrored)
+    usable = (_WAVE_FIT_ANGULAR >= 0) | (not mirrored)
     choices = [usable & (order >= _DEGREES) for order in range(ORDER + 1)]
     choices = [each for each in choices if np.count_nonzero(each) <= len(places)]
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
@@ -117,7 +169,7 @@ class _Problem:
             count=count,
         )
 
-    def solved(self, chosen: Choice, noise: float) -> tuple[Array, Complex]:
+    def solved(self, chosen: Mask, noise: float) -> tuple[Array, Complex]:
         """Return evidence (M,) and amplitudes (M, B) of the chosen harmonics for one noise."""
         matrices = self.matrices[:, chosen][:, :, chosen] + noise * np.diag(1 / _VARIANCES[chosen])
         sides = self.sides[:, chosen]
@@ -129,3 +181,109 @@ class _Problem:
         evidence = -self.count * np.log(np.maximum(misfit, tiny) / noise)
         evidence -= spread + unused * np.log(noise)
         return evidence, np.asarray(found, np.complex128)
+
+
+_ANGULAR = degrees(ORDER)[1]
+# Share of the energy that waves must explain for their phases to be believed.
+_EXPLAINED = 0.75
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SphericalWaves:
+    """Sound around a body, relative to the arrival time r/c.
+
+    p = sum_k r^-(k+1) sum_lm parts_klm Y_lm. Waves of degree l that solve the wave equation have
+    parts up to k = l; sound whose directions are the same at all distances has k = 0 alone.
+    Nearer than `limit`, distances count as that and Y_lm as r^l Y_lm.
+
+    Parameters
+    ----------
+    parts : array (ORDER + 1, (ORDER + 1)^2, M), complex
+    limit : float
+        Distance down to which the law is trusted, m.
+    levelled : array (M,), bool
+        Modes that send out more lobes than there are listeners to tell: of these the levels alone
+        are interpolated, with the same phase everywhere.
+    """
+
+    parts: Complex
+    limit: float
+    levelled: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        places: Array,
+        outputs: Complex,
+        weights: Array,
+        wave_numbers: Array,
+        *,
+        radius: float = 0.0,
+        mirrored: bool = False,
+    ) -> SphericalWaves:
+        """Fit outputs (Q, M), each counting with its weight (Q, M), at places (Q, 3).
+
+        Parameters
+        ----------
+        wave_numbers : array (M,)
+            rad/m.
+        radius : float
+            Of the body, m. The waves are trusted down to it, or to half the distance of the nearest
+            listener if that is more.
+        mirrored : bool
+            Whether outputs are even in y.
+
+        Notes
+        -----
+        See `struck.model.waves.fit_waves`. Waves and sound with the same directions
+        at all distances are tried. Where both together explain less than 3/4 of the energy, what
+        they make of phases would only cancel out: there levels are fitted.
+        """
+        distances = np.linalg.norm(places, axis=1)
+        reference = float(np.exp(np.log(distances).mean()))
+        same, levels = DistanceLaw.same(reference), np.abs(outputs)
+        laws = (same, DistanceLaw.waves(reference, wave_numbers))
+        waves = cls(
+            parts=fit_waves(laws, places, outputs, weights, mirrored=mirrored),
+            limit=max(radius, float(distances.min()) / 2),
+            levelled=np.zeros(outputs.shape[1], np.bool_),
+        )
+        missing = (weights * np.square(np.abs(waves.at(places) - outputs))).sum(axis=0)
+        levelled = missing > (1 - _EXPLAINED) * (weights * levels**2).sum(axis=0)
+        parts = fit_waves((same,), places, levels + 0j, weights, mirrored=mirrored)
+        return replace(waves, parts=np.where(levelled, parts, waves.parts), levelled=levelled)
+
+    def at(self, places: Array) -> Complex:
+        """Return what is heard at places (L, 3) from the centre: (L, M)."""
+        return np.einsum("lkb,kbm->lm", self._seen(places), self.parts)
+
+    def turned(self, places: Array) -> Complex:
+        """Return what is heard by angular order: (L, 2 ORDER + 1, M).
+
+        1, then cosine and sine of each: a contact at azimuth a is heard as their sum with the
+        factors 1, cos a, sin a, cos 2 a, ...
+        """
+        seen = self._seen(places)
+        sides = [0, *(side for order in range(1, ORDER + 1) for side in (order, -order))]
+        heard = [
+            np.einsum(
+                "lkb,kbm->lm", seen[:, :, side == _ANGULAR], self.parts[:, abs(side) == _ANGULAR]
+            )
+            for side in sides
+        ]
+        return np.stack(heard, axis=1)
+
+    def chosen(self, modes: Index, size: float, factor: float) -> SphericalWaves:
+        """Return some modes of a body `size` times as large, which rings as much lower."""
+        powers = size ** np.arange(1.0, ORDER + 2)[:, None, None]
+        return SphericalWaves(
+            parts=np.ascontiguousarray(self.parts[:, :, modes] * powers * factor),
+            limit=self.limit * size,
+            levelled=self.levelled[modes],
+        )
+
+    def _seen(self, places: Array) -> Array:
+        """Return r^-(k+1) Y_lm at places (L, ORDER + 1, B)."""
+        distances = np.maximum(np.linalg.norm(places, axis=1), self.limit)[:, None]
+        harmonics = real_harmonics(places / distances, ORDER)
+        return distances[:, :, None] ** -np.arange(1.0, ORDER + 2)[:, None] * harmonics[:, None]

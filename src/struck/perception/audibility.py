@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import OptionError
+from struck.model.arrays import Array, Index
 from struck.model.contact import Place
 from struck.model.gains import Gains, ShapeGains
 from struck.model.model import ModalModel
 from struck.perception.auditory_scale import JUST_NOTICED, spreading, threshold_in_quiet
-from struck.perception.heard import Heard, contacts_over, surface_of
-from struck.perception.sonic_distance import filter_centres
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from struck.perception.sonic_distance import HeardModel, contacts_over, filter_centres, surface_of
 
 # Spread over the surface where nobody says which contacts count.
 _CONTACTS = 256
@@ -64,7 +61,7 @@ def audible_modes(
     OptionError
         On a level that is not finite, or no contacts.
     """
-    intensities = _intensities(model, contacts, Heard.at(model, listener, level))
+    intensities = _intensities(model, contacts, HeardModel.at(model, listener, level))
     cases = intensities.reshape(-1, 1, intensities.shape[2])
     heard = [~_left_out(model.frequencies, case) for case in cases]
     return np.stack(heard).reshape(intensities.shape)
@@ -104,7 +101,7 @@ def audible(
         On a level that is not finite or at which no mode is heard, no contacts, or gains without
         mode shapes.
     """
-    hearing = Heard.at(model, listener, level)
+    hearing = HeardModel.at(model, listener, level)
     intensities = _intensities(model, contacts, hearing)
     cases = intensities.reshape(-1, intensities.shape[2])
     kept = np.flatnonzero(~_left_out(model.frequencies, cases))
@@ -118,7 +115,7 @@ def audible(
     return _of_modes(model, kept, factors, hearing.level)
 
 
-def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: Heard) -> Array:
+def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: HeardModel) -> Array:
     """Return what each mode brings, over the intensity of 20 micropascal (K, L, M)."""
     if contacts is None:
         return hearing.intensities(*contacts_over(surface_of(model), _CONTACTS))

@@ -7,11 +7,10 @@ the square of that, so that a level is 10 log10 of an intensity.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 REFERENCE_PRESSURE = 2e-5
 """0 dB of sound pressure level, Pa."""

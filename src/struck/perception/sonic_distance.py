@@ -2,23 +2,180 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from dataclasses import dataclass, replace
 
-from struck.errors import OptionError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from struck.errors import ContactError, OptionError
+from struck.model.arrays import Array, Complex
 from struck.model.contact import Place
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.perception.auditory_scale import (
+    REFERENCE_PRESSURE,
     decibels,
     erb_number,
     frequency_of,
+    integrated,
     sensitivity,
     spreading,
     threshold_in_quiet,
 )
-from struck.perception.heard import Heard
 
-Array = NDArray[np.float64]
+# What of a struck body's modes arrives at an ear, at a calibrated level.
+
+LEVEL = 85.0
+"""What the loudest contact of a body reaches unless somebody says otherwise, dB."""
+
+_SAMPLES = 1000
+# Steps of the most even sequence in a square: powers of the inverse of the plastic number.
+_EVEN = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeardModel:
+    """A model as ears hear it.
+
+    Parameters
+    ----------
+    model : ModalModel
+    listeners : array (L, 3)
+        m.
+    outputs : array (L, R, M), complex
+        Of its gains, toward the listeners.
+    level : float
+        Of the loudest contact at the loudest listener, dB re 20 micropascal.
+    weights : array (M,)
+        What the square of a gain counts for: the mean square of its ringing over the ear's
+        integration time, at the calibrated level, over that of 20 micropascal.
+    """
+
+    model: ModalModel
+    listeners: Array
+    outputs: Complex
+    level: float
+    weights: Array
+
+    @classmethod
+    def at(
+        cls, model: ModalModel, listener: ArrayLike | None = None, level: float | None = None
+    ) -> HeardModel:
+        """Put ears somewhere and turn the volume so that the loudest contact reaches `level`.
+
+        Parameters
+        ----------
+        model : ModalModel
+            With a surface.
+        listener : array-like (3,) or (L, 3), optional
+            In the model's coordinates, m; beside it, at 1 m or two of its radii, unless given.
+        level : float, optional
+            Of the loudest contact at the loudest listener, dB re 20 micropascal over the first
+            0.2 s; 85 unless given.
+
+        Raises
+        ------
+        ContactError
+            When the model has no surface, or a listener is inside it.
+        OptionError
+            When the level or a place is not finite, the model has no modes, or it is silent.
+        """
+        listeners = _places(model, listener)
+        wanted = LEVEL if level is None else float(level)
+        if not np.isfinite(wanted):
+            raise OptionError(f"level is {level}: give dB re 20 micropascal, such as 85")
+        if not len(model.frequencies):
+            raise OptionError("the model has 0 modes, so there is nothing to hear: widen its band")
+        heard = cls(
+            model=model,
+            listeners=listeners,
+            outputs=model.gains.toward(listeners),
+            level=wanted,
+            weights=integrated(model.decays) / (2 * REFERENCE_PRESSURE**2),
+        )
+        more = wanted - heard.loudest(*contacts_over(surface_of(model), _SAMPLES))
+        return replace(heard, weights=heard.weights * 10 ** (more / 10))
+
+    def loudest(self, points: Array, directions: Array) -> float:
+        """Return the level of the loudest of some contacts at the loudest listener, dB.
+
+        Raises
+        ------
+        OptionError
+            When all are silent, or gains are not finite.
+        """
+        most = self.intensities(points, directions).sum(axis=2).max(initial=0)
+        if not (np.isfinite(most) and most > 0):
+            raise OptionError(
+                f"the loudest contact has an intensity of {most}: no push along the surface's "
+                "normals sounds, so its level cannot be set"
+            )
+        return float(decibels(most))
+
+    def gains(self, points: Array, directions: Array) -> Complex:
+        """Return gains of unit impulses at points (K, 3) along directions (K, 3): (K, L, M)."""
+        return np.einsum("krm,lrm->klm", self.model.gains.at(points, directions), self.outputs)
+
+    def intensities(self, points: Array, directions: Array) -> Array:
+        """Return what each mode brings, over the intensity of 20 micropascal (K, L, M)."""
+        return np.square(np.abs(self.gains(points, directions))) * self.weights
+
+    def amplitudes(self, points: Array, directions: Array) -> Array:
+        """Return real parts (K, P) whose squares add up to the intensities at the first listener.
+
+        They are linear in the gains: P = M where a mode's phase is the same for all contacts,
+        else 2 M, real parts before imaginary ones.
+        """
+        loud = np.sqrt(self.weights)
+        drives = self.model.gains.at(points, directions)
+        if self.outputs.shape[1] == 1:
+            return drives[:, 0] * (np.abs(self.outputs[0, 0]) * loud)
+        gains = np.einsum("krm,rm->km", drives, self.outputs[0]) * loud
+        return np.concatenate([gains.real, gains.imag], axis=1)
+
+    def passing(self, centres: Array) -> Array:
+        """Return what of the squares of `amplitudes` passes the ear's filters (B, P)."""
+        share = spreading(self.model.frequencies, centres)
+        return share if self.outputs.shape[1] == 1 else np.tile(share, 2)
+
+
+def surface_of(model: ModalModel) -> Mesh:
+    """Return where a model can be touched.
+
+    Raises
+    ------
+    ContactError
+        When that is unknown.
+    """
+    if model.geometry is None:
+        raise ContactError("this model has no surface to touch: analyze a body")
+    return model.geometry
+
+
+def contacts_over(mesh: Mesh, count: int) -> tuple[Array, Array]:
+    """Return points (K, 3) spread evenly over a surface, and the directions straight into it."""
+    filled = np.cumsum(mesh.areas)
+    spots = (np.arange(count) + 0.5) * filled[-1] / count
+    faces = np.minimum(np.searchsorted(filled, spots), len(mesh.faces) - 1)
+    along, across = ((np.arange(count)[:, None] + 0.5) * _EVEN % 1.0).T
+    beyond = along + across > 1  # a square folded onto a triangle
+    along, across = np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
+    weights = np.stack([1 - along - across, along, across], axis=1)
+    points = np.einsum("kc,kcd->kd", weights, mesh.points[mesh.faces[faces]])
+    return points, -mesh.face_normals[faces]
+
+
+def _places(model: ModalModel, listener: ArrayLike | None) -> Array:
+    if listener is None:
+        centre = np.zeros(3) if model.centre is None else np.asarray(model.centre, float)
+        radius = np.linalg.norm(surface_of(model).points - centre, axis=1).max()
+        return (centre + np.array([max(1.0, 2 * radius), 0.0, 0.0]))[None]
+    places = np.atleast_2d(np.asarray(listener, float))
+    if places.ndim != 2 or places.shape[1] != 3 or not np.isfinite(places).all():
+        raise ContactError(f"listener is {listener!r}: give x, y and z in m")
+    return places
+
+
 METHODS = ("erb", "doel1998", "doel1998-mean")
 
 # Filters a half of their bandwidth apart: every tone passes the nearest with a loss below 1.4 dB.
@@ -73,15 +230,14 @@ def sonic_distance(
 
     Notes
     -----
-    The paper leaves S(f), E_0 and the logarithm open. S is
-    `struck.perception.auditory_scale.sensitivity`, from the
+    The paper leaves S(f), E_0 and the logarithm open. S is `auditory_scale.sensitivity`, from the
     contour of 40 phon; 10 log10 gives dB; E_0 is the energy, E = (a f)^2, of the softest audible
     partial of the same frequency and decay, so that f cancels from E / E_0.
     """
     if method not in METHODS:
         raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
-    hearing = Heard.at(a, listener, level)
-    other = hearing if a is b else Heard.at(b, listener, level)
+    hearing = HeardModel.at(a, listener, level)
+    other = hearing if a is b else HeardModel.at(b, listener, level)
     first, second = _struck(hearing, at), _struck(other, at if against is None else against)
     if method == "erb":
         return erb_distance(
@@ -127,7 +283,7 @@ def doel_distance(frequencies: Array, first: Array, second: Array, *, mean: bool
     return float(np.sqrt(total / weights.sum() if mean else total))
 
 
-def _struck(hearing: Heard, at: Place) -> Array:
+def _struck(hearing: HeardModel, at: Place) -> Array:
     """Return the intensities of the modes of a body struck somewhere (M,)."""
     contact = hearing.model.contact(at)
     return hearing.intensities(contact.point[None], contact.direction[None])[0, 0]

@@ -8,23 +8,18 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, OptionError
 from struck.files.atomic import write_bytes
-from struck.files.packing import from_bytes, to_bytes
-from struck.geometry import Surface
+from struck.files.container import from_bytes, to_bytes
+from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Contact
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
 from struck.perception.auditory_scale import integrated
-from struck.perception.covering import Cover, covered
-from struck.perception.facets import Ear
-from struck.perception.heard import Heard, surface_of
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
+from struck.perception.covering import Cover, Ear, covered
+from struck.perception.sonic_distance import HeardModel, surface_of
 
 THRESHOLD = 3.0
 
@@ -208,7 +203,7 @@ def sound_map(
     Returns
     -------
     SoundMap
-        Its `bound` holds at all contacts, not at samples: see `struck.perception.facets`. For
+        Its `bound` holds at all contacts, not at samples: see `struck.perception.covering`. For
         modes given at vertices it follows from their being straight in between; for modes in
         closed form, what they bend between the corners and middles of edges is taken as twice the
         most that the middles show.
@@ -224,7 +219,7 @@ def sound_map(
     if not (np.isfinite(threshold_db) and threshold_db > 0):
         raise OptionError(f"threshold_db is {threshold_db}: it must exceed 0, such as 3")
     surface = surface_of(model)
-    heard = Heard.at(model, listener, level)
+    heard = HeardModel.at(model, listener, level)
     if len(heard.listeners) > 1:
         raise OptionError(f"{len(heard.listeners)} listeners are given: make a map for each")
     cover = covered(Ear.of(heard), surface, threshold_db)
@@ -247,7 +242,7 @@ def sound_map(
     )
 
 
-def _factors(heard: Heard, cover: Cover) -> Array:
+def _factors(heard: HeardModel, cover: Cover) -> Array:
     """Return amplitudes at the corners over those of the contacts that sound there (F, 3)."""
     own = np.linalg.norm(heard.amplitudes(cover.points, cover.directions), axis=1)
     return cover.amplitudes / own[cover.owners][:, None]

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, OptionError
 from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
+from struck.model.arrays import Array
 from struck.perception.sound_map import SoundMap
 
-Array = NDArray[np.float64]
 Render = Callable[[Array, Array], Sound]
 
 MANIFEST = "sound_map.json"

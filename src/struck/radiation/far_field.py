@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.model.air import AIR, Air
+from struck.model.arrays import Array
 from struck.model.gains import quarter_turns
 from struck.model.mesh import Mesh
-from struck.radiation.skin import Skin, normal_velocities
-
-Array = NDArray[np.float64]
+from struck.radiation.on_surface import Skin, normal_velocities
 
 _AT_ONCE = 64  # modes, so that memory does not grow with their number
 
@@ -112,7 +111,7 @@ class RadiatedPower:
         """
         _require_modes(surface, shapes, frequencies)
         skin = Skin.of(surface, centre)
-        from struck.radiation.radiator import Radiator  # SciPy takes its time to import
+        from struck.radiation.on_surface import Radiator  # SciPy takes its time to import
 
         radiator = Radiator.of(skin.mesh, skin.radius)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed

@@ -10,9 +10,81 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
+from struck.errors import MeshError
+from struck.model.arrays import Array
 from struck.model.mesh import Mesh
+from struck.model.mesh_topology import pieces, submesh
+from struck.radiation.point_sources import PointSources
+from struck.radiation.spherical import sphere_efficiency, sphere_impedance
 
-Array = NDArray[np.float64]
+# The skin of a body: what of its surface meets free air, and how it moves there.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Skin:
+    """The part of a surface that meets free air: all but the walls of closed cavities.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        That part, F faces, none without area, and the vertices that they use.
+    faces : array (F,)
+        The number of each face in the whole surface.
+    """
+
+    mesh: Mesh
+    faces: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, surface: Mesh, centre: Array) -> Skin:
+        """Find the skin of a surface.
+
+        Raises
+        ------
+        MeshError
+            When no piece of the surface encloses a positive volume.
+        """
+        cones = np.einsum("fd,fd->f", surface.centroids - centre, surface.area_vectors)
+        labels = pieces(surface)
+        exposed = np.bincount(labels, weights=cones)[labels] > 0
+        faces = np.flatnonzero(exposed & (surface.areas > 0))
+        if not len(faces):
+            raise MeshError(
+                f"none of the {labels.max() + 1} pieces of the surface encloses a volume: flip "
+                "the normals so that they point out of the material"
+            )
+        return cls(mesh=submesh(surface, faces), faces=faces)
+
+    @property
+    def radius(self) -> float:
+        """Radius of the sphere of the same area, m."""
+        return float(np.sqrt(self.mesh.areas.sum() / (4 * np.pi)))
+
+
+def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
+    """Return the normal component of `shapes` (V, 3, M) at each face, mean of its corners (F, M).
+
+    Parameters
+    ----------
+    surface : Mesh
+        A surface of V vertices and F faces.
+    shapes : array (V, 3, M)
+        Displacements or velocities.
+
+    Returns
+    -------
+    array (F, M)
+        In the unit of `shapes`.
+    """
+    faces = surface.faces
+    columns = (3 * faces[:, :, None] + np.arange(3)).ravel()
+    weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
+    starts, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
+    from scipy.sparse import csr_array  # SciPy takes its time to import
+
+    projection = csr_array((weights, columns, starts), shape=(len(faces), count))
+    return np.asarray(projection @ shapes.reshape(count, shapes.shape[2]))
+
 
 COUNT = 64
 """Harmonics that are told apart, on a sphere those of the orders 0 to 7."""
@@ -161,3 +233,94 @@ def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tup
             v0=np.random.default_rng(_SEED).normal(size=len(masses)),
         )
     return eigenvalues[:COUNT], functions[:, :COUNT]
+
+
+# A vibrating skin in air: the pressure on it, and the power that leaves it.
+
+# Size ka from which the power is taken in both ways. Below, hardly any of the pressure on the skin
+# does work, and the work is a small difference of guesses.
+_WIDE_AS_A_WAVE = np.pi
+# Size ka that the bundles still resolve. A motion that radiates there radiates above, too.
+_WIDEST = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Radiator:
+    """A skin, prepared for the power of many modes.
+
+    Parameters
+    ----------
+    radius : float
+        Of the sphere of the same area, m.
+    harmonics : SurfaceHarmonics
+        Of the skin, H of them.
+    sources : PointSources
+        Its faces, in K bundles.
+    forces : array (K, 3, H)
+        Integral of the harmonics times the normal over each bundle, m.
+    """
+
+    radius: float
+    harmonics: SurfaceHarmonics
+    sources: PointSources
+    forces: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, radius: float) -> Radiator:
+        """Prepare the skin `mesh`, of the area of a sphere of `radius`."""
+        harmonics, sources = SurfaceHarmonics.of(mesh, radius), PointSources.of(mesh)
+        return cls(
+            radius=radius,
+            harmonics=harmonics,
+            sources=sources,
+            forces=_by_bundle(sources.forces @ harmonics.functions),
+        )
+
+    def mean_squares(self, velocities: Array, wave_numbers: Array) -> Array:
+        """Return mean squares over directions of the pressure at 1 m, in units of (rho c)^2.
+
+        Parameters
+        ----------
+        velocities : array (F, M)
+            Normal velocities of the faces, m/s.
+        wave_numbers : array (M,)
+            1/m.
+
+        Returns
+        -------
+        array (M,)
+            m^2/s^2.
+        """
+        split, sizes = self.harmonics.split(velocities), wave_numbers * self.radius
+        near = self._through_skin(split, sizes)
+        far = self._far_away(velocities, split, np.minimum(sizes, _WIDEST))
+        return np.where(sizes < _WIDE_AS_A_WAVE, far, np.maximum(near, far))
+
+    def _through_skin(self, split: Split, sizes: Array) -> Array:
+        """Return mean squares from the work that the pressure does on the skin."""
+        efficiencies = sphere_efficiency(self.harmonics.orders[:, None], sizes)
+        rest = sphere_efficiency(split.rest_orders, sizes) * split.rest_powers
+        return (np.sum(efficiencies * np.square(split.parts), axis=0) + rest) / (4 * np.pi)
+
+    def _far_away(self, velocities: Array, split: Split, sizes: Array) -> Array:
+        """Return mean squares from the waves that velocity and pressure on the skin send out."""
+        wave_numbers = sizes / self.radius
+        flows = self.sources.flows @ velocities
+        moments = _by_bundle(self.sources.moments @ velocities)
+        dipoles = self._forces(split, sizes) - 1j * wave_numbers * moments
+        squares = [
+            self.sources.mean_square(wave_number, flows[:, mode], dipoles[:, :, mode])
+            for mode, wave_number in enumerate(wave_numbers)
+        ]
+        return np.square(wave_numbers / (4 * np.pi)) * squares
+
+    def _forces(self, split: Split, sizes: Array) -> NDArray[np.complex128]:
+        """Return the forces of the air on the bundles (K, 3, M) in units of rho c, m^3/s."""
+        harmonics = sphere_impedance(self.harmonics.orders[:, None], sizes) * split.parts
+        rest = _by_bundle(self.sources.forces @ split.rest)
+        return self.forces @ harmonics + sphere_impedance(split.rest_orders, sizes) * rest
+
+
+def _by_bundle(values: Array) -> Array:
+    """Return rows (3 K, ...) as (K, 3, ...)."""
+    return values.reshape(-1, 3, values.shape[1])

@@ -8,11 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from struck.model.arrays import Array, Complex, Index
 from struck.model.mesh import Mesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-ComplexArray = NDArray[np.complex128]
 
 COUNT = 512
 """Bundles of faces; the widest wave number that they resolve follows from it."""
@@ -61,7 +58,7 @@ class PointSources:
             forces=_gathering(labels, mesh.area_vectors) @ means,
         )
 
-    def mean_square(self, wave_number: float, flows: Array, dipoles: ComplexArray) -> float:
+    def mean_square(self, wave_number: float, flows: Array, dipoles: Complex) -> float:
         """Return the mean square over all directions of what the sources send there.
 
         Parameters

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import jv, yv
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from struck.model.arrays import Array, Complex
 
 
-def sphere_impedance(order: ArrayLike, ka: ArrayLike) -> ComplexArray:
+def sphere_impedance(order: ArrayLike, ka: ArrayLike) -> Complex:
     """Return pressure over normal velocity on a sphere, in units of rho c (Williams 1999, ch. 6).
 
     For a velocity that is one spherical harmonic of order n, it is i h_n(x) / h_n'(x) at x = ka,
@@ -59,13 +58,13 @@ def sphere_efficiency(order: ArrayLike, ka: ArrayLike) -> Array:
     return np.where(np.isfinite(efficiency), efficiency, 0.0)  # |h'| beyond the largest number
 
 
-def _hankel_and_slope(order: ArrayLike, ka: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
+def _hankel_and_slope(order: ArrayLike, ka: ArrayLike) -> tuple[Complex, Complex]:
     degree, x = np.asarray(order, float), np.asarray(ka, float)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         value = _hankel(degree, x)
         return value, _hankel(degree - 1, x) - (degree + 1) / x * value
 
 
-def _hankel(order: Array, x: Array) -> ComplexArray:
+def _hankel(order: Array, x: Array) -> Complex:
     """Return the spherical Hankel function of the first kind of a real order."""
     return np.sqrt(np.pi / (2 * x)) * (jv(order + 0.5, x) + 1j * yv(order + 0.5, x))

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.files.sound import Sound
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 MARGIN = 0.01
 """Between the lead-in that is kept and the hit, s."""
@@ -43,7 +42,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Verdict:
+class TakeVerdict:
     """What was found.
 
     Parameters
@@ -66,7 +65,7 @@ class Verdict:
 
 def examined(
     sound: Sound, *, lead_in: float, seconds: float, bounds: Bounds, channels: int = 1
-) -> Verdict:
+) -> TakeVerdict:
     """Judge a recording that begins with at least `lead_in` seconds of ambient sound.
 
     Parameters
@@ -82,9 +81,9 @@ def examined(
     samples = sound.samples.astype(np.float64)
     rate, before = sound.sample_rate, round(lead_in * sound.sample_rate)
     if len(samples) != channels:
-        return Verdict(reason=f"it has {len(samples)} channels instead of {channels}")
+        return TakeVerdict(reason=f"it has {len(samples)} channels instead of {channels}")
     if samples.shape[1] <= before:
-        return Verdict(
+        return TakeVerdict(
             reason=f"it is cut short: it lasts {sound.duration:.2f} s, the lead-in alone "
             f"{lead_in:g} s; look whether the device still records"
         )
@@ -99,10 +98,10 @@ def examined(
     )
     reason = next(filter(None, checks), "")
     if reason or hit is None:
-        return Verdict(reason=reason)
+        return TakeVerdict(reason=reason)
     first = max(0, hit - before - round(MARGIN * rate))
     kept = samples[:, first : hit + round(seconds * rate)]
-    return Verdict(
+    return TakeVerdict(
         sound=Sound(samples=kept.astype(np.float32), sample_rate=rate),
         peak=float(_peaks(samples).max()),
         above_noise=float(_above(samples, before).min()),

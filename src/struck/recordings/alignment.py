@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from struck.model.survey import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index
 
 _LATEST = 1e-3
 """By which moments may be off, s."""

@@ -2,17 +2,179 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
-from collections.abc import Iterable, Iterator
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.model.survey import SYMMETRIES
 from struck.recordings.acceptance import Bounds
-from struck.recordings.capture.hooks import Hooks
-from struck.recordings.manifests.entries import LONGEST, Place
-from struck.recordings.survey_plan import Plan
+from struck.recordings.manifest import (
+    LONGEST,
+    MOST_HITS,
+    RATES,
+    Place,
+    TomlTable,
+    numbers,
+    read_toml,
+    toml_listeners,
+)
+from struck.recordings.survey_plan import SurveyPlan
+
+# Programs that a measurement runs: one that moves a positioner, one that fires a solenoid.
+
+PLACES = ("name", "hit", "contact", "listener", "u", "v", "x", "y", "z")
+"""What an argument may hold in braces."""
+_BRACED = re.compile(r"\{(\w*)\}")
+_SHOWN = 300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hooks:
+    """Programs with their arguments, none where nothing is to be run.
+
+    Parameters
+    ----------
+    move : tuple of str
+        Run before the takes of each point, which wait for its end.
+    strike : tuple of str
+        Run in each take when the lead-in is over.
+    timeout : float
+        After which a program is ended, s.
+    folder : Path
+        Where they run.
+    """
+
+    move: tuple[str, ...] = ()
+    strike: tuple[str, ...] = ()
+    timeout: float = 60.0
+    folder: Path = Path()
+
+    def run(self, which: str, facts: Mapping[str, str]) -> None:
+        """Run "move" or "strike", if there is such a program, and wait for its end.
+
+        Parameters
+        ----------
+        which : str
+        facts : mapping
+            What `PLACES` are now: put into arguments for ``{name}``, and given as variables
+            ``STRUCK_NAME``.
+
+        Raises
+        ------
+        RecordingError
+            When it cannot be started, fails or takes too long.
+        """
+        command = self.move if which == "move" else self.strike
+        if not command:
+            return
+        arguments = [_BRACED.sub(lambda braced: facts.get(braced[1], ""), each) for each in command]
+        variables = {f"STRUCK_{name.upper()}": value for name, value in facts.items()}
+        with tempfile.TemporaryFile() as said:
+            trouble = self._outcome(arguments, {**os.environ, **variables}, said)
+            if trouble:
+                raise RecordingError(
+                    f"the program of hooks.{which}, {' '.join(arguments)}, {trouble}{_tail(said)}; "
+                    "what is recorded stays: mend it and start again to go on from here"
+                )
+
+    def _outcome(self, arguments: list[str], environment: dict[str, str], said: IO[bytes]) -> str:
+        """Run a program; return what went wrong."""
+        program = self._located(arguments[0])
+        try:
+            process = subprocess.Popen(  # noqa: S603 - what the plan says, without a shell
+                [program, *arguments[1:]],
+                cwd=self.folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                start_new_session=True,
+            )
+        except OSError as error:
+            return f"cannot be started: {error.strerror or error}"
+        try:
+            code = process.wait(self.timeout)
+        except subprocess.TimeoutExpired:
+            return f"did not end within {self.timeout:g} s (hooks.timeout)"
+        finally:
+            _end(process)
+        return f"ended with exit code {code}" if code else ""
+
+    def _located(self, program: str) -> str:
+        """Return a program given with folders as seen from the plan, another as it is."""
+        return program if Path(program).name == program else str(self.folder / program)
+
+
+def read_hooks(table: TomlTable, folder: Path) -> Hooks:
+    """Return the programs that a table tells, to be run in a folder.
+
+    Raises
+    ------
+    FileFormatError
+        When arguments hold unknown words in braces, or the table what is unknown.
+    """
+    hooks = Hooks(
+        move=table.texts("move"),
+        strike=table.texts("strike"),
+        timeout=table.number("timeout", 0.01, 86_400, 60.0),
+        folder=folder,
+    )
+    table.require_known()
+    for argument in (*hooks.move, *hooks.strike):
+        for name in _BRACED.findall(argument):
+            if name not in PLACES:
+                raise FileFormatError(
+                    f"{table.name}: {{{name}}} is not known: give one of "
+                    f"{', '.join(f'{{{each}}}' for each in PLACES)}"
+                )
+    return hooks
+
+
+def facts_of(
+    name: str, hit: int, contact: Sequence[float], listeners: Sequence[Sequence[float]]
+) -> dict[str, str]:
+    """Return what programs are told: numbers as text; x, y, z of the first channel's listener."""
+    axes = [*zip("uv", contact, strict=False)]
+    if listeners:
+        axes += zip("xyz", listeners[0], strict=True)
+    return {
+        "name": name,
+        "hit": str(hit),
+        "contact": ",".join(map(repr, contact)),
+        "listener": ";".join(",".join(map(repr, place)) for place in listeners),
+        **{axis: repr(value) for axis, value in axes},
+    }
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a program that still runs, and all that it started."""
+    if process.poll() is not None:
+        return
+    if os.name == "nt":
+        process.kill()
+    else:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _tail(said: IO[bytes]) -> str:
+    """Return the last of what a program wrote to its standard error."""
+    said.seek(0, os.SEEK_END)
+    said.seek(max(0, said.tell() - _SHOWN))
+    text = " ".join(said.read().decode(errors="replace").split())
+    return f": {text}" if text else ""
+
 
 PAIRS = ("all", "P+Q")
 PROMPTS = ("take", "contact", "never")
@@ -21,7 +183,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]{0,79}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contact:
+class PlannedContact:
     """Coordinates u, or u and v, with a name."""
 
     name: str
@@ -29,7 +191,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Listener:
+class PlannedListener:
     """A place (x, y, z), m, for each channel, with a name."""
 
     name: str
@@ -116,8 +278,8 @@ class CapturePlan:
     tries: int = 5
     prompt: str = "take"
     bounds: Bounds = field(default_factory=Bounds)
-    contacts: tuple[Contact, ...] = ()
-    listeners: tuple[Listener, ...] = ()
+    contacts: tuple[PlannedContact, ...] = ()
+    listeners: tuple[PlannedListener, ...] = ()
     listed: tuple[Point, ...] = ()
     pairs: str = "all"
     hits: int = 1
@@ -151,7 +313,7 @@ class CapturePlan:
             else:
                 yield self.point(contact, None)
 
-    def point(self, contact: Contact, listener: Listener | None) -> Point:
+    def point(self, contact: PlannedContact, listener: PlannedListener | None) -> Point:
         """Return the point of a contact and a listener."""
         return Point(
             name=contact.name if listener is None else f"{contact.name}_{listener.name}",
@@ -160,9 +322,9 @@ class CapturePlan:
             hits=self.hits,
         )
 
-    def planning(self) -> Plan:
+    def planning(self) -> SurveyPlan:
         """Return which P + Q recordings to make; a listener stands where its first channel is."""
-        return Plan.of(
+        return SurveyPlan.of(
             np.array([contact.at for contact in self.contacts]),
             np.array([listener.at[0] for listener in self.listeners]),
             centre=np.array(self.centre),
@@ -223,3 +385,129 @@ def _require_distinct(values: Iterable[object], what: str) -> None:
         if value in known:
             raise OptionError(f"{what} {value!r} occurs twice: give more hits instead")
         known.add(value)
+
+
+# Plans of a measurement as TOML files.
+
+SHORTEST = 0.05
+"""Lead-in and sound, s: what a spectrum of the noise needs."""
+MOST_CHANNELS = 64
+
+
+def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
+    """Read a plan.
+
+    Raises
+    ------
+    FileFormatError
+        When it cannot be read, or asks for what is unknown, missing or out of bounds.
+    """
+    given = Path(path)
+    table = read_toml(given)
+    try:
+        plan = _plan(table, given.resolve().parent)
+    except OptionError as error:
+        raise FileFormatError(f"{given}: {error}") from error
+    table.require_known()
+    return plan
+
+
+def _plan(table: TomlTable, folder: Path) -> CapturePlan:
+    hooks = read_hooks(table.table("hooks"), folder)
+    listeners = _listeners(table)
+    hits = table.count("hits", 1, MOST_HITS, default=1)
+    return CapturePlan(
+        seconds=table.number("seconds", SHORTEST, LONGEST),
+        lead_in=table.number("lead_in", SHORTEST, 60, 0.5),
+        patience=table.number("patience", 0, 60, 1.0 if hooks.strike else 3.0),
+        sample_rate=table.count("sample_rate", *RATES, default=0) or None,
+        channels=table.count("channels", 1, MOST_CHANNELS, default=1),
+        device=_device(table),
+        tries=table.count("tries", 1, 1000, default=5),
+        prompt=table.choice("prompt", PROMPTS, "never" if hooks.strike else "take"),
+        bounds=_bounds(table.table("levels")),
+        contacts=_contacts(table),
+        listeners=listeners,
+        listed=tuple(_point(each, n, hits) for n, each in enumerate(table.tables("points"), 1)),
+        pairs=table.choice("pairs", PAIRS, "all"),
+        hits=hits,
+        pivot=_pivot(table, listeners),
+        symmetry=table.choice("symmetry", SYMMETRIES, "none"),
+        centre=table.numbers("centre", 3) or (0.0, 0.0, 0.0),
+        coordinates=table.texts("coordinates"),
+        hooks=hooks,
+    )
+
+
+def _device(table: TomlTable) -> int | str | None:
+    given = table.value("device")
+    if isinstance(given, bool) or not isinstance(given, int | str | None):
+        raise table.error(f"device is {given!r}: give its number, or part of its name")
+    return given
+
+
+def _bounds(table: TomlTable) -> Bounds:
+    usual = Bounds()
+    bounds = Bounds(
+        quietest=table.number("quietest", -120, 0, usual.quietest),
+        loudest=table.number("loudest", -60, 0, usual.loudest),
+        above_noise=table.number("above_noise", 0, 120, usual.above_noise),
+    )
+    table.require_known()
+    return bounds
+
+
+def _contacts(table: TomlTable) -> tuple[PlannedContact, ...]:
+    """Return the contacts: lists of coordinates, or tables of `name` and `at`."""
+    found = []
+    for number, given in enumerate(table.list("contacts"), 1):
+        usual = f"contact{number}"
+        if isinstance(given, dict):
+            each = TomlTable(given, f"{table.name}, [[contacts]] {number}")
+            at = each.numbers("at", 1, 2) or numbers(None, each, "at", 1, 2)
+            found.append(PlannedContact(name=each.text("name", usual), at=at))
+            each.require_known()
+        else:
+            found.append(
+                PlannedContact(name=usual, at=numbers(given, table, "one of contacts", 1, 2))
+            )
+    return tuple(found)
+
+
+def _listeners(table: TomlTable) -> tuple[PlannedListener, ...]:
+    """Return the listeners: lists of x, y, z, or tables."""
+    given = enumerate(table.list("listeners"), 1)
+    return tuple(_listener(table, number, each) for number, each in given)
+
+
+def _listener(table: TomlTable, number: int, given: Any) -> PlannedListener:  # noqa: ANN401 - of TOML
+    usual = f"listener{number}"
+    if not isinstance(given, dict):
+        return PlannedListener(name=usual, at=(numbers(given, table, "one of listeners", 3),))
+    each = TomlTable(given, f"{table.name}, [[listeners]] {number}")
+    places = toml_listeners(each, "at", "microphones")
+    if not places:
+        raise each.error("it has no place: give at = [x, y, z], m")
+    listener = PlannedListener(name=each.text("name", usual), at=places)
+    each.require_known()
+    return listener
+
+
+def _point(table: TomlTable, number: int, hits: int) -> Point:
+    point = Point(
+        name=table.text("name", f"point{number}"),
+        contact=table.numbers("contact", 1, 2),
+        listeners=toml_listeners(table),
+        hits=table.count("hits", 1, MOST_HITS, default=hits),
+    )
+    table.require_known()
+    return point
+
+
+def _pivot(table: TomlTable, listeners: tuple[PlannedListener, ...]) -> int | None:
+    """Return the number of the listener that is called as `pivot` says."""
+    name = table.text("pivot", "")
+    names = [listener.name for listener in listeners]
+    if name and name not in names:
+        raise table.error(f"pivot is {name!r}: give one of {', '.join(names) or 'no listeners'}")
+    return names.index(name) if name else None

@@ -1,10 +1,11 @@
-"""From recordings to a model: takes, shared poles, gains over contact and listener."""
+"""The verb: recordings of one object in, its model out."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,26 +14,57 @@ from numpy.typing import ArrayLike, NDArray
 from struck.analysis.cached_steps import Stages, fingerprint, holding
 from struck.errors import OptionError, RecordingError
 from struck.files.cache import opened
-from struck.fitting.gathering import Gathered
-from struck.fitting.outcome import Fitting
-from struck.fitting.room import may_be_of_room, reverberation
-from struck.model.exponentials import Ringing
+from struck.model.arrays import Array
+from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
-from struck.model.provenance import Provenance
+from struck.model.provenance import Progress, Provenance, silent
+from struck.model.residual import Residual
 from struck.model.sampled_field import WAYS
 from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
-from struck.model.timbre_table import TimbreTable
-from struck.progress import Progress, silent
-from struck.recordings.fields.single_point import SinglePoint
-from struck.recordings.gain_table import Recorded, Recording
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.fitted import CLEAR, Fitted
-from struck.recordings.residual_sound import remainder
-from struck.recordings.takes.take import Take
+from struck.model.timbre_table import SinglePoint, TimbreTable
+from struck.recordings.gain_table import Gathered, Recorded, Recording
+from struck.recordings.manifest import KINDS, NAME, read_manifest
+from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
+from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
+from struck.recordings.takes import Take
 
-Array = NDArray[np.float64]
+# What a fit of recordings comes to.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitting:
+    """A model of recordings, with all that is known of how well it fits.
+
+    Parameters
+    ----------
+    model : ModalModel
+    fitted : Fitted
+        Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
+    recorded : Recorded
+        The takes and their places.
+    survey : Survey or None
+        Gains over contact and listener; None for a model of a single point.
+    lead : float
+        From the arrival of a hit to the moment that gains are as of, s: until then the object is
+        still being struck.
+    room : array (M,), bool, or None
+        Which modes the room may have; None where nobody told its reverberation.
+    residual : Residual
+        Attack and noise of the loudest hit, which the model has where it was asked for.
+    """
+
+    model: ModalModel
+    fitted: Fitted
+    recorded: Recorded
+    survey: Survey | None
+    lead: float
+    room: NDArray[np.bool_] | None
+    residual: Residual
+
+
+# From recordings to a model: takes, shared poles, gains over contact and listener.
 
 RECORDED = "recorded"
 """The default contact of a model from recordings."""
@@ -41,7 +73,7 @@ _REFERENCES = {
     "corbett2007": ("corbett2007", "steiglitz1965"),
 }
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
-_RINGING = holding("poles", Ringing)
+_RINGING = holding("poles", Exponentials)
 
 
 def fit_recordings(
@@ -98,7 +130,7 @@ def _fitted(
     stages = Stages(cache=opened(choice=cache), progress=progress)
     heard = fingerprint([(take.samples, take.sample_rate) for take in takes])
 
-    def kept(name: str, compute: Callable[[], Ringing]) -> Ringing:
+    def kept(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
         return stages.kept(_RINGING, compute, name=name, takes=heard, **told)
 
     return fit_poles(takes, **told, progress=progress, kept=kept)
@@ -250,3 +282,22 @@ def _middle(errors: Array | None) -> float | None:
     """Return the median of the errors that are known."""
     known = np.zeros(0) if errors is None else errors[np.isfinite(errors)]
     return float(np.round(np.median(known), 5)) if known.size else None
+
+
+def files_read(
+    recordings: Recording | Sequence[Recording], manifest: str | os.PathLike[str] | None
+) -> list[str | os.PathLike[str]]:
+    """Return the names of all files that a fit reads, those in a manifest or a folder of one too.
+
+    Raises
+    ------
+    FileFormatError
+        When a manifest cannot be read.
+    """
+    several = [recordings]
+    if isinstance(recordings, Sequence) and not isinstance(recordings, str):
+        several = recordings
+    named = [each for each in (*several, manifest) if isinstance(each, str | os.PathLike)]
+    paths = [Path(each) / NAME if Path(each).is_dir() else Path(each) for each in named]
+    lists = [path for path in paths if path.suffix.lower() in KINDS and path.is_file()]
+    return [*named, *lists, *(file for path in lists for file in read_manifest(path).files)]

@@ -8,17 +8,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.errors import OptionError, RecordingError
 from struck.files.sound import Sound
-from struck.model.survey import SYMMETRIES
-from struck.progress import Progress, silent
+from struck.model.air import AIR
+from struck.model.arrays import Array, Complex, Index
+from struck.model.provenance import Progress, silent
+from struck.model.survey import SYMMETRIES, Survey
+from struck.recordings.alignment import aligned, averaged
 from struck.recordings.manifest import KINDS, NAME, Manifest, read_manifest
-from struck.recordings.takes.force import force_channels
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import Fitted
+from struck.recordings.takes import Take, force_channels
 
-Array = NDArray[np.float64]
 Recording = str | os.PathLike[str] | Sound | Take
 """What can be fitted: a file, or samples."""
 _ONE = (str, os.PathLike, Sound, Take)
@@ -234,3 +236,284 @@ def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
             )
         every[sounding] = told
         yield every
+
+
+# When the sound of each hit arrived: the moment from which its fitted modes explain the samples.
+#
+# The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
+# go on to explain the samples up to the moment of the hit, and before it only what rang already
+# does.
+
+_EARLIER = 0.003
+"""So long before the steepest rise a hit may have arrived, s."""
+_MANY, _SAMPLES = 4, 3.0
+"""Of so many takes or more half strike within so many samples: a trigger did."""
+_DOUBTFUL = 100.0
+"""A moment is possible where it leaves no more than this beyond the least, noise being 1."""
+
+
+def arrivals(fitted: Fitted, recorded: Recorded) -> Array:
+    """Return when the sound of each row arrived (rows,), s in its take.
+
+    The channels of a hit share one moment, as far apart as their ways. Takes that a machine fired
+    and recorded at once share the moment of impact too, where no take plainly speaks against it.
+    """
+    times = np.array([row.onset for row in fitted.rows])
+    late = travels(fitted, recorded)
+    numbers = np.array([(row.take, row.hit) for row in fitted.rows])
+    hits = [np.flatnonzero((numbers == hit).all(axis=1)) for hit in np.unique(numbers, axis=0)]
+    costs = [_shared_costs(fitted, recorded, rows, late[rows]) for rows in hits]
+    for rows, cost in zip(hits, costs, strict=True):
+        times[rows] += np.argmin(cost) / _rate(fitted, recorded, rows) - _EARLIER + late[rows]
+    return _triggered(times, hits, costs, fitted, recorded)
+
+
+def _rate(fitted: Fitted, recorded: Recorded, rows: Index) -> int:
+    return recorded.takes[fitted.rows[rows[0]].take].sample_rate
+
+
+def _shared_costs(fitted: Fitted, recorded: Recorded, rows: Index, late: Array) -> Array:
+    """Return what is left of a hit for each moment of its arrival, from the earliest on."""
+    shifts = np.round(late * _rate(fitted, recorded, rows)).astype(int)
+    costs = [
+        _costs(fitted, recorded, int(row), int(shift))
+        for row, shift in zip(rows, shifts, strict=True)
+    ]
+    shortest = min(map(len, costs))
+    return np.sum([each[:shortest] for each in costs], axis=0)
+
+
+def _triggered(
+    times: Array, hits: list[Index], costs: list[Array], fitted: Fitted, recorded: Recorded
+) -> Array:
+    """Return arrivals as of the usual moment of impact, in takes that agree with it.
+
+    A trigger is more exact than any arrival in noise, and nobody's hand strikes many takes within
+    a few samples.
+    """
+    if recorded.listeners is None or len(hits) < _MANY or len(hits) > len(recorded.takes):
+        return times
+    ways = np.array([recorded.distance(row.take, row.channel) for row in fitted.rows])
+    impacts = times - ways / AIR.sound_speed
+    moment = np.median(impacts)
+    if np.median(np.abs(impacts - moment)) * _rate(fitted, recorded, hits[0]) > _SAMPLES:
+        return times
+    moved = times.copy()
+    for rows, cost in zip(hits, costs, strict=True):
+        best = int(np.argmin(cost))
+        place = best + round(float(moment - impacts[rows[0]]) * _rate(fitted, recorded, rows))
+        if 0 <= place < len(cost) and cost[place] - cost[best] < _DOUBTFUL:
+            moved[rows] = moment + ways[rows] / AIR.sound_speed
+    return moved
+
+
+def travels(fitted: Fitted, recorded: Recorded) -> Array:
+    """Return how much later each row's sound arrived than where its take heard it first, s."""
+    if recorded.listeners is None:
+        return np.zeros(len(fitted.rows))
+    ways = [np.linalg.norm(each - recorded.centre, axis=1) for each in recorded.listeners]
+    late = [ways[row.take][row.channel] - np.nanmin(ways[row.take]) for row in fitted.rows]
+    return np.array(late) / AIR.sound_speed
+
+
+def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
+    """Return what is left of a channel, over its noise, for each moment from the earliest on."""
+    what = fitted.rows[row]
+    take = recorded.takes[what.take]
+    rate = take.sample_rate
+    first = round((what.onset - _EARLIER) * rate) + shift
+    last = max(round(what.time * rate) + shift, first + 2)
+    inside = np.arange(first, last)
+    known = (inside >= 0) & (inside < take.samples.shape[1])
+    heard = np.zeros(len(inside))
+    heard[known] = take.samples[what.channel, inside[known]]
+    after = heard - fitted.ringing(row, first / rate, len(inside))
+    earlier = _earlier(fitted, row)
+    before = heard
+    if earlier is not None:
+        before = heard - fitted.ringing(earlier, first / rate, len(inside))
+    noise = float(fitted.noise_in(row, np.array([20.0, 0.45 * rate]))[0])
+    gained = (before**2 - after**2) / max(noise, 1e-300)
+    return np.concatenate([[0.0], np.cumsum(gained)])
+
+
+def _earlier(fitted: Fitted, row: int) -> int | None:
+    """Return the row of the hit before in the same channel, None for the first."""
+    own = fitted.rows[row]
+    same = [
+        number
+        for number, each in enumerate(fitted.rows[:row])
+        if (each.take, each.channel) == (own.take, own.channel)
+    ]
+    return same[-1] if same else None
+
+
+# Gains of many hits and channels, gathered into what a timbre field is made of.
+
+_FINEST = 1e-6
+"""No gain is known better than this, as a share of the largest of its mode."""
+_MOST_GROWN = 1.0
+"""A mode that has died away by more nepers before its hit is fitted is hardly known at the hit."""
+_SLOWEST = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gathered:
+    """Gains of each channel of each hit, all as of the same moment after the sound arrived.
+
+    Parameters
+    ----------
+    gains, errors : array (n, M)
+        Complex gains and their standard errors.
+    poles : array (M,), complex
+        1/s.
+    hits, takes, channels : array (n,)
+        What each row belongs to; hits count on from take to take.
+    arrivals : array (n,)
+        When the sound of each row arrived, s in its take.
+    lead : float
+        From the arrival of a hit to the moment of the gains, s: until then it is being struck.
+    """
+
+    gains: Complex
+    errors: Array
+    poles: Complex
+    hits: Index
+    takes: Index
+    channels: Index
+    arrivals: Array
+    lead: float
+
+    @classmethod
+    def of(cls, fitted: Fitted, recorded: Recorded) -> Gathered:
+        """Gather what was fitted."""
+        rows = fitted.rows
+        arrived = arrivals(fitted, recorded)
+        later = np.array([row.time for row in rows]) - arrived
+        lead = float(np.median(later))
+        growth = np.outer(later - lead, fitted.decays)
+        turns = np.outer(later - lead, 2 * np.pi * fitted.frequencies)
+        turned = np.exp(np.minimum(growth, _MOST_GROWN) - 1j * turns)
+        gains = np.asarray(fitted.gains * turned, np.complex128)
+        errors = fitted.gain_errors * np.abs(turned)
+        errors = np.where(growth > _MOST_GROWN, np.maximum(errors, np.abs(gains)), errors)
+        finest = _FINEST * np.maximum(np.abs(gains).max(axis=0, initial=0.0), 1e-300)
+        hits = list(dict.fromkeys((row.take, row.hit) for row in rows))
+        return cls(
+            gains=gains,
+            errors=np.maximum(errors, finest),
+            poles=-fitted.decays + 2j * np.pi * fitted.frequencies,
+            hits=np.array([hits.index((row.take, row.hit)) for row in rows]),
+            takes=np.array([row.take for row in rows]),
+            channels=np.array([row.channel for row in rows]),
+            arrivals=arrived,
+            lead=lead,
+        )
+
+    @property
+    def energies(self) -> Array:
+        """Energies (n, M) that modes have over their time."""
+        return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _SLOWEST))
+
+    def survey(self, recorded: Recorded) -> Survey:
+        """Return what was recorded of contacts, listeners, or both.
+
+        Where nobody told the listeners, the microphone counts as one place 1 m away; where nobody
+        told the contacts, as one contact.
+
+        Raises
+        ------
+        RecordingError
+            When takes without listeners have different numbers of channels.
+        """
+        told = self if recorded.listeners is not None else self.in_one_channel()
+        places, contact = _contacts(recorded, told.takes)
+        microphones, listener = _listeners(recorded, told)
+        gains, errors = aligned(told.gains, told.errors, told.hits, contact, listener, told.poles)
+        pairs, gains, errors = averaged(gains, errors, np.stack([contact, listener], axis=1))
+        return Survey(
+            contacts=places,
+            listeners=microphones,
+            pairs=pairs,
+            gains=gains,
+            frequencies=told.poles.imag / (2 * np.pi),
+            errors=errors,
+            centre=recorded.centre,
+            symmetry=recorded.symmetry,
+        )
+
+    def in_one_channel(self) -> Gathered:
+        """Return one row for each hit: in each mode that of the channel that hears it best.
+
+        Its size is the root mean square over channels, in the mean over hits.
+
+        Raises
+        ------
+        RecordingError
+            When takes have different numbers of channels.
+        """
+        counts = np.bincount(self.hits)
+        if np.ptp(counts):
+            raise RecordingError(
+                f"takes have {counts.min()} and {counts.max()} channels, and nobody told where "
+                "their microphones were: give listeners, or the same number of channels in all"
+            )
+        rows = np.argsort(self.hits, kind="stable").reshape(len(counts), -1)  # of a hit in order
+        energies = self.energies[rows].sum(axis=0)
+        best, modes = energies.argmax(axis=0), np.arange(self.gains.shape[1])
+        level = np.sqrt(energies.mean(axis=0) / np.maximum(energies[best, modes], 1e-300))
+        chosen = rows[:, best], modes
+        return Gathered(
+            gains=self.gains[chosen] * level,
+            errors=self.errors[chosen] * level,
+            poles=self.poles,
+            hits=self.hits[rows[:, 0]],
+            takes=self.takes[rows[:, 0]],
+            channels=self.channels[rows[:, 0]],
+            arrivals=self.arrivals[rows[:, 0]],
+            lead=self.lead,
+        )
+
+    def in_one_point(self) -> Complex:
+        """Return the gains (M,) of one contact, heard at one place: how the object rings as a rule.
+
+        The size of each mode is its root mean square over hits, each brought to the strength of
+        the loudest one; phases are that one's.
+
+        Raises
+        ------
+        RecordingError
+            When takes have different numbers of channels.
+        """
+        one = self.in_one_channel()
+        energies = one.energies.sum(axis=1)
+        loudest = int(energies.argmax())
+        shares = np.abs(one.gains) ** 2 / energies[:, None]
+        sure = one.errors < np.abs(one.gains)
+        sure[loudest] |= ~sure.any(axis=0)
+        mean = (shares * sure).sum(axis=0) / sure.sum(axis=0)
+        turns = one.gains[loudest] / np.maximum(np.abs(one.gains[loudest]), 1e-300)
+        phases = np.where(one.gains[loudest] == 0, 1.0, turns)
+        return np.asarray(np.sqrt(mean * energies[loudest]) * phases, np.complex128)
+
+
+def _contacts(recorded: Recorded, takes: Index) -> tuple[Array, Index]:
+    """Return each contact once, and the number of that of each row."""
+    if recorded.contacts is None:
+        return np.zeros((1, 1)), np.zeros(len(takes), np.int64)
+    places, number = np.unique(recorded.contacts, axis=0, return_inverse=True)
+    return places, number.reshape(-1)[takes]
+
+
+def _listeners(recorded: Recorded, told: Gathered) -> tuple[Array, Index]:
+    """Return each listener once, m, and the number of that of each row."""
+    if recorded.listeners is None:
+        return recorded.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(len(told.takes), np.int64)
+    every = np.array(
+        [
+            recorded.listeners[take][channel]
+            for take, channel in zip(told.takes, told.channels, strict=True)
+        ]
+    )
+    places, number = np.unique(every, axis=0, return_inverse=True)
+    return places, number.reshape(-1)

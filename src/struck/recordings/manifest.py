@@ -2,23 +2,498 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import math
 import os
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, RecordingError
-from struck.model.survey import SYMMETRIES
-from struck.recordings.manifests.entries import Entry, toml_entry
-from struck.recordings.manifests.rows import csv_entries
-from struck.recordings.manifests.toml_table import TomlTable, read_text, read_toml
+from struck.model.arrays import Array, Index
+from struck.model.survey import SYMMETRIES, from_spherical
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# TOML files whose keys are asked for one by one: what is wrong or unknown is named.
+
+LARGEST = 2**26
+"""Bytes of a file that is read."""
+
+
+class TomlTable:
+    """A table of a TOML file.
+
+    Parameters
+    ----------
+    values : mapping
+        As `tomllib` gives it.
+    name : str
+        What errors call it.
+    """
+
+    def __init__(self, values: Mapping[str, Any], name: str) -> None:
+        self.name = name
+        self._values = values
+        self._known: list[str] = []
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def value(self, key: str) -> Any:  # noqa: ANN401 - whatever TOML holds
+        """Return what stands there; None where nothing does."""
+        self._known.append(key)
+        return self._values.get(key)
+
+    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
+        """Return a number from `low` to `high`; without a default it has to be there."""
+        found = self.value(key)
+        if found is None and default is not None:
+            return default
+        if not (_is_number(found) and low <= found <= high):
+            raise self.error(f"{key} is {_told(found)}: give a number from {low:g} to {high:g}")
+        return float(found)
+
+    def maybe(self, key: str, low: float, high: float) -> float | None:
+        """Return a number from `low` to `high`, or None where nothing stands."""
+        if key in self._values:
+            return self.number(key, low, high)
+        return self.value(key)
+
+    def count(self, key: str, low: int, high: int, *, default: int) -> int:
+        """Return a whole number from `low` to `high`."""
+        found = float(self.number(key, low, high, default))
+        if not found.is_integer():
+            raise self.error(f"{key} is {found:g}: give a whole number from {low} to {high}")
+        return int(found)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return text; without a default it has to be there and not be empty."""
+        found = self.value(key)
+        if found is None and default is not None:
+            return default
+        if not isinstance(found, str) or not (found or default is not None):
+            raise self.error(f'{key} is {_told(found)}: give text, as {key} = "..."')
+        return found
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts; empty where nothing stands."""
+        found = self.value(key)
+        if found is None:
+            return ()
+        if not (isinstance(found, list) and found and all(isinstance(each, str) for each in found)):
+            raise self.error(f'{key} is {_told(found)}: give a list of texts, as ["...", "..."]')
+        return tuple(found)
+
+    def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
+        """Return one of some names."""
+        found = self.text(key, default)
+        if found not in names:
+            raise self.error(f"{key} is {found!r}: give one of {', '.join(names)}")
+        return found
+
+    def numbers(self, key: str, *counts: int) -> tuple[float, ...]:
+        """Return a list of one of some numbers of finite numbers; empty where nothing stands."""
+        found = self.value(key)
+        return () if found is None else numbers(found, self, key, *counts)
+
+    def table(self, key: str) -> TomlTable:
+        """Return the table there; an empty one where nothing stands."""
+        found = self.value(key)
+        if not isinstance(found, dict | None):
+            raise self.error(f"{key} is {_told(found)}: give a table, as [{key}]")
+        return TomlTable(found or {}, f"{self.name}, [{key}]")
+
+    def list(self, key: str) -> list[Any]:
+        """Return the list there; an empty one where nothing stands."""
+        found = self.value(key)
+        if not isinstance(found, list | None):
+            raise self.error(f"{key} is {_told(found)}: give a list")
+        return found or []
+
+    def tables(self, key: str) -> list[TomlTable]:
+        """Return the tables that stand there as [[key]]."""
+        found = self.list(key)
+        if not all(isinstance(each, dict) for each in found):
+            raise self.error(f"{key} holds what is no table: write each as [[{key}]]")
+        return [
+            TomlTable(each, f"{self.name}, [[{key}]] {number}")
+            for number, each in enumerate(found, 1)
+        ]
+
+    def require_known(self) -> None:
+        """Refuse keys that nobody asked for.
+
+        Raises
+        ------
+        FileFormatError
+            Naming them, and those that are known.
+        """
+        strange = sorted(set(self._values) - set(self._known))
+        if strange:
+            raise self.error(
+                f"{', '.join(strange)} is not known here: use {', '.join(sorted(self._known))}"
+            )
+
+    def error(self, trouble: str) -> FileFormatError:
+        """Return an error that says where it is."""
+        return FileFormatError(f"{self.name}: {trouble}")
+
+
+def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
+    """Return a list of finite numbers, of one of some lengths.
+
+    Raises
+    ------
+    FileFormatError
+        When it is none.
+    """
+    if (
+        not (isinstance(found, list) and len(found) in counts)
+        or not all(map(_is_number, found))
+        or not all(map(math.isfinite, found))
+    ):
+        wanted = " or ".join(map(str, counts))
+        raise table.error(f"{key} is {_told(found)}: give a list of {wanted} finite numbers")
+    return tuple(map(float, found))
+
+
+def read_toml(path: Path) -> TomlTable:
+    """Read a TOML file.
+
+    Raises
+    ------
+    FileFormatError
+        When it cannot be read or is no TOML.
+    """
+    try:
+        return TomlTable(tomllib.loads(read_text(path)), str(path))
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"{path} is no TOML: {error}; correct it there") from error
+
+
+def read_text(path: Path) -> str:
+    """Read a file as UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    FileFormatError
+        When it cannot be read, is too large, or holds something else.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise FileFormatError(f"{path} has {size} bytes, more than {LARGEST}: split it")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FileFormatError(
+            f"{path} cannot be read ({error.strerror or error}): check its name"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
+
+
+def _is_number(found: object) -> TypeGuard[float]:
+    return isinstance(found, int | float) and not isinstance(found, bool)
+
+
+def _told(found: object) -> str:
+    return "missing" if found is None else repr(found)[:80]
+
+
+# A take of a manifest, and how a TOML table tells it.
+
+Place = tuple[float, ...]
+
+RATES = (8_000, 192_000)
+"""Of recordings, Hz."""
+LONGEST = 600.0
+"""Of a take, s."""
+MOST_HITS = 1000
+_LEVELS = (-400.0, 400.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ManifestEntry:
+    """A take of a manifest.
+
+    Parameters
+    ----------
+    file : str
+        Name of the recording, relative to the manifest.
+    contact : tuple of numbers
+        Coordinates u, or u and v, of what was struck; empty where that is not told.
+    listeners : tuple of (x, y, z)
+        Of each channel's microphone, body coordinates, m; empty where that is not told.
+    hit : int
+        Which of several hits of one place, from 1.
+    sample_rate : int or None
+        Hz.
+    lead_in : float or None
+        Ambient sound before the hit, s.
+    peak : float or None
+        Of the loudest channel, dB of full scale.
+    above_noise : float or None
+        Peak over the root mean square of the ambient sound, in the worst channel, dB.
+    note : str
+        Anything else.
+    """
+
+    file: str
+    contact: Place = ()
+    listeners: tuple[Place, ...] = ()
+    hit: int = 1
+    sample_rate: int | None = None
+    lead_in: float | None = None
+    peak: float | None = None
+    above_noise: float | None = None
+    note: str = ""
+
+
+def toml_entry(table: TomlTable) -> ManifestEntry:
+    """Return the take that a table tells."""
+    rate = table.count("sample_rate", *RATES, default=0)
+    entry = ManifestEntry(
+        file=table.text("file"),
+        contact=table.numbers("contact", 1, 2),
+        listeners=toml_listeners(table),
+        hit=table.count("hit", 1, MOST_HITS, default=1),
+        sample_rate=rate or None,
+        lead_in=table.maybe("lead_in", 0, LONGEST),
+        peak=table.maybe("peak", *_LEVELS),
+        above_noise=table.maybe("above_noise", *_LEVELS),
+        note=table.text("note", default=""),
+    )
+    table.require_known()
+    return entry
+
+
+def toml_listeners(
+    table: TomlTable, single: str = "listener", many: str = "listeners"
+) -> tuple[Place, ...]:
+    """Return the listeners that a table tells: one, or one for each channel; or none.
+
+    Under the key `single` (x, y, z), m, under "spherical" (distance, azimuth, polar angle), m and
+    rad, or under "spherical_degrees"; under the key `many` a list of (x, y, z).
+    """
+    one = table.numbers(single, 3)
+    radians = table.numbers("spherical", 3)
+    degrees = table.numbers("spherical_degrees", 3)
+    several = table.list(many)
+    if sum(map(bool, (one, radians, degrees, several))) > 1:
+        raise table.error(
+            f"its listeners are given twice: give one of {single}, spherical, spherical_degrees "
+            f"and {many}"
+        )
+    if degrees:
+        radians = (degrees[0], *map(math.radians, degrees[1:]))
+    if radians:
+        one = cartesian(radians)
+    if one:
+        return (one,)
+    return tuple(numbers(each, table, f"one of {many}", 3) for each in several)
+
+
+def cartesian(spherical: Place) -> Place:
+    """Return x, y, z, m, of distance, azimuth and polar angle, m and rad, as `from_spherical`."""
+    return tuple(from_spherical(*spherical)[0].tolist())
+
+
+# The takes of a manifest in CSV: a row for each file, or for each channel of one.
+
+_CARTESIAN = ("x", "y", "z")
+_SPHERICAL = ("distance", "azimuth", "polar")
+_DEGREES = ("distance", "azimuth_degrees", "polar_degrees")
+_SYSTEMS = (_CARTESIAN, _SPHERICAL, _DEGREES)
+_WHOLE: dict[str, tuple[int, int]] = {
+    "channel": (1, MOST_HITS),
+    "hit": (1, MOST_HITS),
+    "sample_rate": RATES,
+}
+_TEXTS = ("file", "note")
+COLUMNS = (
+    "file",
+    *_WHOLE,
+    "u",
+    "v",
+    *dict.fromkeys(_CARTESIAN + _SPHERICAL + _DEGREES),
+    "lead_in",
+    "peak",
+    "above_noise",
+    "note",
+)
+"""Names that may stand in the first line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """A line: `contact` and `listener` are empty where it tells none; `others` by column."""
+
+    file: str
+    note: str
+    contact: Place
+    listener: Place
+    others: Mapping[str, float]
+
+    @property
+    def channel(self) -> int:
+        return int(self.others.get("channel", 1))
+
+
+def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
+    """Return the takes that the rows of a CSV file tell; those of one file are its channels.
+
+    Raises
+    ------
+    FileFormatError
+        On unknown columns, missing cells, or cells that are no numbers.
+    """
+    lines = _rows_lines(text, name)
+    if not lines:
+        raise FileFormatError(f"{name} is empty: begin it with a line as file,u,x,y,z")
+    header = lines[0][1]
+    _require_columns(header, name)
+    by_file: dict[str, list[_Row]] = {}
+    for number, cells in lines[1:]:
+        row = _row(header, cells, f"{name}, line {number}")
+        by_file.setdefault(row.file, []).append(row)
+    return tuple(_joined(rows, name) for rows in by_file.values())
+
+
+def _rows_lines(text: str, name: str) -> list[tuple[int, list[str]]]:
+    """Return the number and the cells of each line that is not empty."""
+    lines = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        return [(lines.line_num, [cell.strip() for cell in row]) for row in lines if any(row)]
+    except csv.Error as error:
+        raise FileFormatError(
+            f"{name}, line {lines.line_num}: it is no CSV ({error}): save it with commas"
+        ) from error
+
+
+def _require_columns(header: Sequence[str], name: str) -> None:
+    strange = [column for column in header if column not in COLUMNS]
+    if strange:
+        hint = "separate names by commas, and " if len(header) == 1 else ""
+        raise FileFormatError(
+            f"{name}: the columns {', '.join(map(repr, strange))} are not known: {hint}use "
+            f"{', '.join(COLUMNS)}"
+        )
+    twice = [column for column in dict.fromkeys(header) if header.count(column) > 1]
+    if twice:
+        raise FileFormatError(f"{name}: the column {twice[0]!r} occurs twice: take one out")
+    if "file" not in header:
+        raise FileFormatError(f"{name} has no column 'file': add the name of each recording")
+    if "v" in header and "u" not in header:
+        raise FileFormatError(f"{name} has a column v and no u: call a single coordinate u")
+    used = {column for system in _SYSTEMS for column in system} & set(header)
+    if used and used != set(_system(header)):
+        ways = "; or ".join(", ".join(system) for system in _SYSTEMS)
+        raise FileFormatError(
+            f"{name} has the columns {', '.join(sorted(used))} for listeners: give {ways}"
+        )
+
+
+def _system(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns in which listeners stand; none where none do."""
+    return next((each for each in _SYSTEMS if set(each) <= set(header)), ())
+
+
+def _row(header: Sequence[str], cells: Sequence[str], where: str) -> _Row:
+    if len(cells) > len(header):
+        raise FileFormatError(
+            f"{where}: it has {len(cells)} cells for {len(header)} columns: put texts with commas "
+            'in "quotes"'
+        )
+    given = {column: cell for column, cell in zip(header, cells, strict=False) if cell}
+    if "file" not in given:
+        raise FileFormatError(f"{where}: it names no file: add it, or take the line out")
+    values = {
+        column: _number(cell, column, where)
+        for column, cell in given.items()
+        if column not in _TEXTS
+    }
+    axes = [column for column in ("u", "v") if column in header]
+    return _Row(
+        file=given["file"],
+        note=given.get("note", ""),
+        contact=_complete(values, axes, where),
+        listener=_listener(values, _system(header), where),
+        others=values,
+    )
+
+
+def _listener(values: dict[str, float], system: tuple[str, ...], where: str) -> Place:
+    place = _complete(values, system, where)
+    if place and system == _DEGREES:
+        return cartesian((place[0], *map(math.radians, place[1:])))
+    return cartesian(place) if place and system == _SPHERICAL else place
+
+
+def _complete(values: dict[str, float], columns: Sequence[str], where: str) -> Place:
+    """Take the numbers of some columns out: of all, or of none."""
+    missing = [column for column in columns if column not in values]
+    if missing and len(missing) < len(columns):
+        raise FileFormatError(f"{where}: {', '.join(missing)} is missing: add it")
+    return () if missing else tuple(values.pop(column) for column in columns)
+
+
+def _number(cell: str, column: str, where: str) -> float:
+    try:
+        number = float(cell)
+    except ValueError:
+        number = math.nan
+    if column in _WHOLE:
+        low, high = _WHOLE[column]
+        if not (low <= number <= high and number.is_integer()):
+            raise FileFormatError(
+                f"{where}: {column} is {cell!r}: give a whole number from {low} to {high}"
+            )
+    elif not math.isfinite(number) or (column == "lead_in" and not 0 <= number <= LONGEST):
+        kind = f"seconds from 0 to {LONGEST:g}" if column == "lead_in" else "a finite number"
+        raise FileFormatError(f"{where}: {column} is {cell!r}: give {kind}, as 0.5")
+    return number
+
+
+def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
+    """Return the take whose channels are some rows."""
+    first, channels = rows[0], sorted(row.channel for row in rows)
+    if channels != list(range(1, len(rows) + 1)):
+        raise FileFormatError(
+            f"{name}: {first.file} has lines for the channels {', '.join(map(str, channels))}: "
+            "give a line for each channel from 1 on, or a single one"
+        )
+    if len({_shared(row) for row in rows}) > 1:
+        raise FileFormatError(
+            f"{name}: the channels of {first.file} differ in more than listener: make them alike"
+        )
+    ordered = sorted(rows, key=lambda row: row.channel)
+    heard = tuple(row.listener for row in ordered if row.listener)
+    if heard and len(heard) < len(rows):
+        raise FileFormatError(f"{name}: a channel of {first.file} has no listener: add it")
+    rate = first.others.get("sample_rate")
+    return ManifestEntry(
+        file=first.file,
+        contact=first.contact,
+        listeners=heard,
+        hit=int(first.others.get("hit", 1)),
+        sample_rate=None if rate is None else int(rate),
+        lead_in=first.others.get("lead_in"),
+        peak=first.others.get("peak"),
+        above_noise=first.others.get("above_noise"),
+        note=first.note,
+    )
+
+
+def _shared(row: _Row) -> tuple[object, ...]:
+    """Return what all channels of a file have in common."""
+    others = {name: value for name, value in row.others.items() if name != "channel"}
+    return row.contact, row.note, tuple(sorted(others.items()))
+
 
 NAME = "manifest.toml"
 """What `struck record` calls a manifest."""
@@ -51,7 +526,7 @@ class Manifest:
     """
 
     path: Path
-    entries: tuple[Entry, ...]
+    entries: tuple[ManifestEntry, ...]
     coordinates: tuple[str, ...] = ()
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
     symmetry: str = "none"
@@ -208,7 +683,7 @@ def _require_files(manifest: Manifest) -> None:
         )
 
 
-def _require_alike(path: Path, entries: tuple[Entry, ...]) -> None:
+def _require_alike(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
     """Refuse takes without places among others, or with other numbers of coordinates."""
     for what in ("contact", "listeners"):
         without = [entry.file for entry in entries if not getattr(entry, what)]
@@ -224,7 +699,7 @@ def _require_alike(path: Path, entries: tuple[Entry, ...]) -> None:
         )
 
 
-def _require_once(path: Path, entries: tuple[Entry, ...]) -> None:
+def _require_once(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
     files: set[str] = set()
     places: dict[object, str] = {}
     for entry in entries:
@@ -244,7 +719,7 @@ def _distinct(places: Iterable[tuple[float, ...]]) -> list[tuple[float, ...]]:
     return list(dict.fromkeys(places))
 
 
-def _entry_text(entry: Entry) -> str:
+def _entry_text(entry: ManifestEntry) -> str:
     told = {
         "file": entry.file,
         "contact": list(entry.contact),

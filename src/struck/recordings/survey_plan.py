@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.survey import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index
 
 SILENT = -20.0
 """Level of a mode under that at its loudest contact from which a contact counts as silent, dB."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class SurveyPlan:
     """P + Q recordings that tell what P Q would, since the table of a mode has rank one.
 
     First the pivot listener hears all contacts. That shows which contact drives all modes: the
@@ -51,7 +51,7 @@ class Plan:
         centre: Array | None = None,
         symmetry: str = "none",
         listener: int | None = None,
-    ) -> Plan:
+    ) -> SurveyPlan:
         """Plan the recordings of P contacts and Q listeners.
 
         Parameters
@@ -76,7 +76,7 @@ class Plan:
             raise OptionError(f"listener is {pivot}: there are 0 to {len(listeners) - 1}")
         return cls(contacts=contacts, listeners=listeners, listener=pivot)
 
-    def after(self, gains: Complex) -> Plan:
+    def after(self, gains: Complex) -> SurveyPlan:
         """Choose the pivot contact from gains (P, M) of the first recordings.
 
         It is the one at which modes are strongest over all, compared to where each is loudest: with

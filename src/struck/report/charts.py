@@ -1,4 +1,4 @@
-"""Pictures: spectra, spectrograms and mode shapes, as figures that save themselves."""
+"""What charts have in common: paper, axes of frequency, levels."""
 
 from __future__ import annotations
 
@@ -10,20 +10,70 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.charts import BLUE, FAINT, INK, RANGE, chart, decibels, label_frequencies, lighten
 from struck.errors import FileFormatError, OptionError
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
+from struck.model.arrays import Array
 from struck.model.gains import ShapeGains
-from struck.report.surface_picture import Body, Painter, columns_for
+from struck.report.surface_picture import Drawable, Painter, columns_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
 
-Array = NDArray[np.float64]
+INK, FAINT, GRID = "#222222", "#6b6b6b", "#dddddd"
+"""Of what is read first, of what is read second, and of lines behind it."""
+BLUE, ORANGE = "#20558a", "#d1611c"
+"""Of one thing, and of another beside it."""
+RANGE = 90.0
+"""Levels that are shown below the strongest, dB."""
+_BANDS = 1200
+_TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
+
+
+def chart(width: float, height: float) -> Figure:
+    """Return an empty figure of so many inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=120, layout="constrained", facecolor="white")
+
+
+def label_frequencies(axis: Axis) -> None:
+    """Label a logarithmic axis in Hz."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    axis.set_major_locator(FixedLocator(_TICKS))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(
+        FuncFormatter(lambda hertz, _: f"{hertz:g}" if hertz < 1e3 else f"{hertz / 1e3:g}k")
+    )
+
+
+def lighten(axes: Axes) -> None:
+    """Draw a faint grid behind, and no frame above and to the right."""
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def strongest(sound: Sound) -> tuple[Array, Array]:
+    """Return narrow bands (B,), Hz, and the strongest power of all channels together in each."""
+    frequencies, values = sound.spectrum()
+    edges = np.geomspace(20.0, sound.sample_rate / 2, _BANDS)
+    starts = np.unique(np.searchsorted(frequencies, edges))
+    starts = starts[starts < len(frequencies)]
+    powers = np.square(values).sum(axis=0)
+    return frequencies[starts], np.asarray(np.maximum.reduceat(powers, starts), np.float64)
+
+
+def decibels(power: Array) -> Array:
+    """Return levels below the strongest, down to -200."""
+    return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
+
+
+# Pictures: spectra, spectrograms and mode shapes, as figures that save themselves.
 
 _SHORTEST = 0.1
 _ENDINGS = (".png", ".pdf", ".svg")
@@ -55,7 +105,7 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
     return figure
 
 
-def mode_shapes(model: Body, which: int | Sequence[int] = 6) -> Figure:
+def mode_shapes(model: Drawable, which: int | Sequence[int] = 6) -> Figure:
     """Draw a body as its modes displace it, exaggerated.
 
     Parameters
@@ -87,7 +137,7 @@ def mode_shapes(model: Body, which: int | Sequence[int] = 6) -> Figure:
     return figure
 
 
-def overview(model: Body, sound: Sound | None = None, title: str | None = None) -> Figure:
+def overview(model: Drawable, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a strike (else how long modes ring).
 
     Of a body without mode shapes, as of one that was recorded, how long modes ring is drawn in
@@ -126,7 +176,7 @@ def overview(model: Body, sound: Sound | None = None, title: str | None = None) 
     return figure
 
 
-def _unshaped_overview(model: Body, sound: Sound | None, title: str | None) -> Figure:
+def _unshaped_overview(model: Drawable, sound: Sound | None, title: str | None) -> Figure:
     _require_modes(model)
     figure = chart(11.0, 4.2)
     figure.suptitle(_title(model) if title is None else title, fontsize=13, color=INK)
@@ -153,7 +203,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     write_bytes(path, data.getvalue())
 
 
-def _shaped(model: Body) -> ShapeGains:
+def _shaped(model: Drawable) -> ShapeGains:
     if not isinstance(model.gains, ShapeGains):
         raise OptionError(
             "this model has no mode shapes on a surface to draw: draw the spectrum of its sound"
@@ -162,12 +212,12 @@ def _shaped(model: Body) -> ShapeGains:
     return model.gains
 
 
-def _require_modes(model: Body) -> None:
+def _require_modes(model: Drawable) -> None:
     if not len(model.frequencies):
         raise OptionError("this model has 0 modes, so there is nothing to draw: widen its band")
 
 
-def _chosen(model: Body, which: int | Sequence[int]) -> list[int]:
+def _chosen(model: Drawable, which: int | Sequence[int]) -> list[int]:
     count = len(model.frequencies)
     modes = list(range(min(which, count))) if isinstance(which, int) else [int(m) for m in which]
     if not modes or min(modes) < 0 or max(modes) >= count:
@@ -176,7 +226,11 @@ def _chosen(model: Body, which: int | Sequence[int]) -> list[int]:
 
 
 def _draw_modes(
-    figure: Figure | SubFigure, painter: Painter, model: Body, modes: Sequence[int], columns: int
+    figure: Figure | SubFigure,
+    painter: Painter,
+    model: Drawable,
+    modes: Sequence[int],
+    columns: int,
 ) -> None:
     shapes = [_shaped(model).shapes[:, :, mode].astype(np.float64) for mode in modes]
     titles = [f"{mode + 1}:  {_hertz(model.frequencies[mode])}" for mode in modes]
@@ -202,7 +256,7 @@ def _draw_spectrum(axes: Axes, sound: Sound) -> None:
     lighten(axes)
 
 
-def _draw_ringing(axes: Axes, model: Body) -> None:
+def _draw_ringing(axes: Axes, model: Drawable) -> None:
     frequencies, decays = model.frequencies[model.decays > 0], model.decays[model.decays > 0]
     times = np.log(1000) / decays
     axes.plot(frequencies, times, "o", color=BLUE, markersize=4, alpha=0.7)
@@ -282,7 +336,7 @@ def _dimensions(gains: ShapeGains) -> str:
     return " \N{MULTIPLICATION SIGN} ".join(f"{edge * factor:.3g}" for edge in size) + f" {unit}"
 
 
-def _title(model: Body) -> str:
+def _title(model: Drawable) -> str:
     name = "" if model.material is None else model.material.name
     mass = "" if model.mass is None else f"{model.mass:.3g} kg"
     return ", ".join(part for part in (name, mass) if part)

@@ -4,26 +4,67 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from struck.comparison.others import Other, other_side
-from struck.comparison.pictures import differences, spectra
-from struck.comparison.sides import Side
+from struck.errors import OptionError
 from struck.excitation.strike import Strike
+from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
+from struck.model.arrays import Array, Index
 from struck.model.model import ModalModel
-from struck.progress import Progress, silent
-from struck.recordings.calibration.chance import explains
-from struck.recordings.calibration.pairing import Pairing, paired
+from struck.model.provenance import Progress, silent
+from struck.recordings.calibration.agreement import FittedModes
+from struck.recordings.calibration.pairing import Pairing, explains, paired
+from struck.recordings.takes import Take
 from struck.report.charts import spectrogram
-from struck.report.comparison_page import page
+from struck.report.comparison_page import differences, page, spectra
+from struck.report.comparison_sides import RecordedHit, Side
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# What a model is compared with: another model, a recording, or modes that somebody fitted.
+
+Other = ModalModel | FittedModes | Sound | Take | str | os.PathLike[str]
+
+
+def other_side(
+    other: Other,
+    against: Strike | None,
+    strike: Strike,
+    listener: ArrayLike | None,
+    recording: Sound | None,
+    *,
+    modes: int,
+    progress: Progress,
+) -> Side:
+    """Return the side that a model is compared with; parameters are those of `compare`.
+
+    Raises
+    ------
+    OptionError
+        On `against` or `recording` without what they belong to.
+    ContactError, RecordingError, FileFormatError, MissingDependencyError
+        As `compare`.
+    """
+    if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
+        other = model_file.load_model(other)
+    if isinstance(other, ModalModel):
+        if recording is not None:
+            raise OptionError("recording= belongs to fitted modes: another model is rendered")
+        return Side.of_model("other model", other, against or strike, listener)
+    if against is not None:
+        raise OptionError("against= tells how another model is struck: a recording was struck once")
+    if not isinstance(other, Sound | Take | str | os.PathLike):
+        return Side.of_recording(other, recording)
+    if recording is not None:
+        raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
+    heard = RecordedHit.of(other, modes=modes, progress=progress)
+    side = Side.of_recording(heard.fitted, heard.sound)
+    return replace(side, begins=heard.begins, notes=heard.notes)
+
 
 _DOUBT = 0.1
 """Nobody strikes a node so well, or tells where, that its modes cannot be heard: a share."""

@@ -5,24 +5,24 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Iterator, Sequence
+from pathlib import PurePath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.files.atomic import write_bytes
-from struck.fitting import report_pictures, report_places, report_tables
-from struck.fitting.outcome import Fitting
-from struck.fitting.report_tables import counted
-from struck.model.html import document, picture, table
+from struck.model.arrays import Array, Mask
+from struck.model.html import document, note, picture, table
 from struck.model.model import ModalModel
 from struck.model.survey import Survey
+from struck.recordings.fit import Fitting
 from struck.recordings.gain_table import Recorded
-from struck.recordings.poles.fitted import Fitted
+from struck.recordings.poles.search import Fitted
+from struck.recordings.poles.verdict import LEAST, ModalVerdict
 from struck.recordings.residual_sound import loudest
-from struck.report import players
+from struck.report import fit_pictures, players
 from struck.report.fit_pictures import (
     Energies,
-    Played,
+    RenderedHit,
     chosen_hits,
     hits_of,
     played,
@@ -30,8 +30,180 @@ from struck.report.fit_pictures import (
     with_residual,
 )
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+# Words and tables of a report: what was found, how sure it is, and in which takes.
+
+MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (dB)")
+"""Headings of the table of modes."""
+PLACES = ("rank error (%)", "measured")
+"""Further ones, of gains over contacts and listeners."""
+ROOM = ("of the room",)
+"""One more, where the room's reverberation was told."""
+TAKES = ("take", "hits", "channels", "peak (dB FS)", "lead-in (dB FS)", "signal to residual (dB)")
+"""Headings of the table of takes."""
+_LITTLE = 20.0
+_HARDLY_ANY = 30.0
+_OF_NOISE = 3.0
+
+
+def verdict_lines(verdict: ModalVerdict, count: int) -> list[str]:
+    """Return what to think of a fit of so many modes, in plain words."""
+    if not verdict.modal:
+        return [f"Not modal: {verdict.reason}.", *([_ratio(verdict)] if count else [])]
+    return ["Modal: decaying modes explain what was recorded.", _ratio(verdict)]
+
+
+def _ratio(verdict: ModalVerdict) -> str:
+    ratio = verdict.signal_to_residual
+    if not np.isfinite(ratio):
+        return "The modes leave nothing."
+    share = 100 * 10 ** (-ratio / 10)
+    return (
+        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {share:.2g} % of the "
+        f"energy; {_meaning(verdict)}."
+    )
+
+
+def _meaning(verdict: ModalVerdict) -> str:
+    ratio = verdict.signal_to_residual
+    if verdict.signal_to_misfit > ratio + _OF_NOISE:
+        return "most of that is the noise of the recording"
+    if ratio >= _HARDLY_ANY:
+        return "hardly anything is missing"
+    if ratio >= _LITTLE:
+        return "little is missing: as a rule the attack, and the room"
+    if ratio >= LEAST:
+        return "part of the sound is missing: attack, room, noise; listen to the residual"
+    return "the modes are not what one hears"
+
+
+def modes_line(frequencies: Array, decays: Array) -> str:
+    """Return how many modes there are, how high, and how long they ring."""
+    count = len(frequencies)
+    if not count:
+        return "No modes were found."
+    times = np.log(1000) / np.maximum(decays, np.finfo(float).tiny)
+    low, high = frequencies.min(), frequencies.max()
+    return (
+        f"{counted(count, 'mode')} from {low:.1f} to {high:.1f} Hz, which fall by 60 dB in "
+        f"{times.min():.2g} to {times.max():.2g} s."
+    )
+
+
+def mode_table(fitted: Fitted, known: Mask) -> list[list[str]]:
+    """Return a row for each mode, under `MODES`.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    known : array (M,)
+        Of which modes the errors are known.
+    """
+    columns = (
+        fitted.frequencies,
+        np.where(known, fitted.frequency_errors, np.nan),
+        np.maximum(fitted.decays, 1e-300),
+        np.where(known, fitted.decay_errors, np.nan),
+        _levels(fitted),
+    )
+    return [
+        [str(number), *_mode_row(*values)]
+        for number, values in enumerate(zip(*columns, strict=True), start=1)
+    ]
+
+
+def _mode_row(
+    frequency: float, frequency_error: float, decay: float, decay_error: float, level: float
+) -> list[str]:
+    quality = np.pi * frequency / decay
+    return [
+        f"{frequency:.3f}",
+        note(frequency),
+        figure(frequency_error),
+        figure(np.log(1000) / decay, 3),
+        figure(100 * decay_error / decay),
+        figure(quality, 3) if quality < 100 else f"{quality:.0f}",
+        f"{level:.1f}" if np.isfinite(level) else "-",
+    ]
+
+
+def place_columns(rank_errors: Array, unmeasured: Mask) -> list[list[str]]:
+    """Return what there is to tell of each mode's gains, under `PLACES`."""
+    return [
+        [figure(100 * error), "not measured" if lost else "yes"]
+        for error, lost in zip(rank_errors, unmeasured, strict=True)
+    ]
+
+
+def take_table(fitted: Fitted, recorded: Recorded, energies: Energies) -> list[list[str]]:
+    """Return a row for each take, under `TAKES`."""
+    names = short_names(recorded)
+    return [
+        _take_row(names[number], number, fitted, recorded, energies)
+        for number in range(len(recorded.takes))
+    ]
+
+
+def short_names(recorded: Recorded) -> list[str]:
+    """Return the names of takes without folders, where that tells them apart."""
+    names = [take.name for take in recorded.takes]
+    short = [PurePath(name).name or name for name in names]
+    return short if len(set(short)) == len(set(names)) else names
+
+
+def counted(count: int, thing: str) -> str:
+    """Return so many of a thing."""
+    return f"{count} {thing}{'s' * (count != 1)}"
+
+
+def figure(value: float, digits: int = 2) -> str:
+    """Return a number of so many digits, without an exponent; a dash where it is unknown."""
+    if not np.isfinite(value):
+        return "-"
+    return np.format_float_positional(value, digits, fractional=False, trim="-")
+
+
+def _levels(fitted: Fitted) -> Array:
+    """Return how loud modes are where they are loudest, dB below the loudest of all (M,)."""
+    sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(20 * np.log10(sizes / sizes.max(initial=1e-300)), np.float64)
+
+
+def _take_row(
+    name: str, number: int, fitted: Fitted, recorded: Recorded, energies: Energies
+) -> list[str]:
+    take = recorded.takes[number]
+    hits = [rows for rows in hits_of(fitted) if fitted.rows[rows[0]].take == number]
+    rows = [row for hit in hits for row in hit]
+    return [
+        name,
+        str(len(hits)),
+        str(take.channels),
+        f"{_decibels(float(np.abs(take.samples).max())):.1f}",
+        _lead_in(fitted, rows),
+        f"{energies.ratio(rows):.1f}" if rows else "-",
+    ]
+
+
+def _lead_in(fitted: Fitted, rows: Sequence[int]) -> str:
+    """Return the level of the sound before the first hit."""
+    before = [_before(fitted, row) for row in rows]
+    heard = [samples for samples in before if samples.size]
+    if not heard:
+        return "-"
+    level = _decibels(float(np.sqrt(np.mean([np.mean(samples**2) for samples in heard]))))
+    return f"{level:.1f}" if np.isfinite(level) else "silent"
+
+
+def _before(fitted: Fitted, row: int) -> Array:
+    place = int(fitted.order[row])
+    segment = next(each for each in fitted.segments if place < each.rows.stop)
+    return segment.before[place - segment.rows.start]
+
+
+def _decibels(size: float) -> float:
+    return float(20 * np.log10(size)) if size > 0 else -np.inf
+
 
 _FIRST, _OTHERS = 3e6, 3e6
 """What the sounds of the loudest hit, and of all others, may take in the page, bytes."""
@@ -61,7 +233,7 @@ def report(fitting: Fitting) -> str:
     times = setting_in(fitted, recorded, fitting.lead)
     hits = [played(fitted, recorded, rows, times) for rows in chosen]
     first = _with_rest(fitting, hits[0])
-    names = report_tables.short_names(recorded)
+    names = short_names(recorded)
     sections = (
         _section("", _summary(fitting)),
         _section("Listen", _players(fitting, [first, *hits[1:]], names)),
@@ -82,7 +254,7 @@ def _section(title: str, body: str) -> str:
     return f"<section>{heading}{body}</section>" if body else ""
 
 
-def _with_rest(fitting: Fitting, hit: Played) -> Played:
+def _with_rest(fitting: Fitting, hit: RenderedHit) -> RenderedHit:
     """Return the loudest hit, with attack and noise where the model has them or they help."""
     fitted, recorded, residual = fitting.fitted, fitting.recorded, fitting.residual
     if fitting.model.residual is None and not residual.levels.any():
@@ -94,8 +266,8 @@ def _with_rest(fitting: Fitting, hit: Played) -> Played:
 def _summary(fitting: Fitting) -> str:
     fitted, model = fitting.fitted, fitting.model
     count = len(model.frequencies)
-    verdict, *meaning = report_tables.verdict_lines(fitted.verdict, count)
-    lines = [*meaning, report_tables.modes_line(model.frequencies, model.decays), _made_of(fitting)]
+    verdict, *meaning = verdict_lines(fitted.verdict, count)
+    lines = [*meaning, modes_line(model.frequencies, model.decays), _made_of(fitting)]
     kind = "modal" if fitted.verdict.modal else "caution"
     told = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
     notes = list(dict.fromkeys((*fitted.notes, *model.provenance.dropped)))
@@ -129,7 +301,7 @@ def _noted(notes: Sequence[str]) -> str:
     return f'<div class="notes"><b>Notes</b>{listed(shown)}{rest if more else ""}</div>'
 
 
-def _players(fitting: Fitting, hits: Sequence[Played], names: Sequence[str]) -> str:
+def _players(fitting: Fitting, hits: Sequence[RenderedHit], names: Sequence[str]) -> str:
     first, *others = hits
     one = players.player(f"{_named(first, names)}, the loudest hit", first, _FIRST)
     share = _OTHERS / max(len(others), 1)
@@ -138,7 +310,7 @@ def _players(fitting: Fitting, hits: Sequence[Played], names: Sequence[str]) -> 
     return f"<p>{_how(fitting, first)}</p>{one}{_folded(more, hidden)}"
 
 
-def _how(fitting: Fitting, first: Played) -> str:
+def _how(fitting: Fitting, first: RenderedHit) -> str:
     beside = "" if first.beside is None else _BESIDE
     lost = _LOST if beside and fitting.model.residual is None else ""
     return " ".join(filter(None, (_HOW, beside, lost, _SWITCH)))
@@ -152,34 +324,34 @@ def _folded(players: Sequence[str], hidden: int) -> str:
     return f"<details><summary>{told}</summary>{''.join(players)}</details>"
 
 
-def _named(hit: Played, names: Sequence[str]) -> str:
+def _named(hit: RenderedHit, names: Sequence[str]) -> str:
     return f"{names[hit.take]}, hit at {hit.onset:.2f} s"
 
 
-def _spectrograms(first: Played, fitted: Fitted) -> str:
-    lowest = report_pictures.lowest_shown(fitted.frequencies)
+def _spectrograms(first: RenderedHit, fitted: Fitted) -> str:
+    lowest = fit_pictures.lowest_shown(fitted.frequencies)
     text = "Spectrograms of original, model and residual"
-    return _wide(picture(text, report_pictures.spectrograms(first, lowest)))
+    return _wide(picture(text, fit_pictures.spectrograms(first, lowest)))
 
 
-def _modes(fitting: Fitting, first: Played) -> str:
+def _modes(fitting: Fitting, first: RenderedHit) -> str:
     fitted = fitting.fitted
-    lowest = report_pictures.lowest_shown(fitted.frequencies)
-    drawn = report_pictures.spectra(first, fitted.frequencies, lowest)
+    lowest = fit_pictures.lowest_shown(fitted.frequencies)
+    drawn = fit_pictures.spectra(first, fitted.frequencies, lowest)
     seen = _wide(picture("Spectra of original and residual, with the modes", drawn))
     known = _known(fitting.model)
     errors = np.where(known, fitted.decay_errors, np.nan)
-    rings = report_pictures.ringing_times(
+    rings = fit_pictures.ringing_times(
         fitted.frequencies, fitted.decays, errors, first.sample_rate / 2
     )
     seen += _wide(picture("How long each mode rings, over its frequency", rings))
-    headings, rows = report_tables.MODES, report_tables.mode_table(fitted, known)
+    headings, rows = MODES, mode_table(fitted, known)
     if fitting.survey is not None:
-        headings += report_tables.PLACES
-        more = report_tables.place_columns(*_ranks(fitting.model))
+        headings += PLACES
+        more = place_columns(*_ranks(fitting.model))
         rows = [[*row, *columns] for row, columns in zip(rows, more, strict=True)]
     if fitting.room is not None:
-        headings += report_tables.ROOM
+        headings += ROOM
         rows = [
             [*row, "perhaps" if own else ""] for row, own in zip(rows, fitting.room, strict=True)
         ]
@@ -207,14 +379,14 @@ def _places(fitting: Fitting) -> Iterator[str]:
         return
     errors, lost = _ranks(fitting.model)
     if np.isfinite(errors).any():
-        drawn = report_places.rank_errors(survey.frequencies, errors, lost)
+        drawn = fit_pictures.rank_errors(survey.frequencies, errors, lost)
         yield f"<p>{_RANK}</p>{_wide(picture('Rank error of each mode', drawn))}"
     names = f"contact: {', '.join(fitting.model.coordinates)}", "listener: x, y, z (m)"
     for side, (what, places) in enumerate(zip(names, _sides(survey), strict=True)):
         if len(places) > 1:
-            levels = report_places.levels_at(survey, side)
-            named = report_places.named(places)
-            drawn = report_places.gain_map(levels, survey.frequencies, named, lost, what)
+            levels = fit_pictures.levels_at(survey, side)
+            named = fit_pictures.named(places)
+            drawn = fit_pictures.gain_map(levels, survey.frequencies, named, lost, what)
             yield _wide(picture(f"How loud each mode is at each {what}", drawn))
 
 
@@ -223,8 +395,8 @@ def _sides(survey: Survey) -> tuple[Array, Array]:
 
 
 def _takes(fitted: Fitted, recorded: Recorded, energies: Energies) -> str:
-    rows = report_tables.take_table(fitted, recorded, energies)
-    return _scrolling("takes", table(report_tables.TAKES, rows))
+    rows = take_table(fitted, recorded, energies)
+    return _scrolling("takes", table(TAKES, rows))
 
 
 def _references(model: ModalModel) -> str:

@@ -4,17 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.fitting.arrival import arrivals
+from struck.files.sound import Sound
+from struck.model.arrays import Array, Mask
 from struck.model.residual import Residual
-from struck.recordings.gain_table import Recorded
-from struck.recordings.poles.fitted import Fitted
+from struck.model.survey import Survey
+from struck.recordings.gain_table import Recorded, arrivals
+from struck.recordings.poles.search import Fitted
+from struck.report.charts import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    RANGE,
+    chart,
+    decibels,
+    label_frequencies,
+    lighten,
+    strongest,
+)
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST = 6
 """Hits that are played."""
@@ -26,7 +41,7 @@ _FADE_IN, _FADE_OUT = 0.01, 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Played:
+class RenderedHit:
     """One hit, from shortly before it on.
 
     Parameters
@@ -71,7 +86,7 @@ class Played:
             yield "model with residual", self.modes + self.beside
         yield "residual", self.rest
 
-    def shortened(self, seconds: float) -> Played:
+    def shortened(self, seconds: float) -> RenderedHit:
         """Return its beginning, faded out."""
         length = round(seconds * self.sample_rate)
         if length >= self.original.shape[1]:
@@ -84,7 +99,7 @@ class Played:
         }
         return replace(self, **parts)
 
-    def in_one_channel(self) -> Played:
+    def in_one_channel(self) -> RenderedHit:
         """Return the loudest channel."""
         best = int((self.original**2).sum(axis=1).argmax())
         return replace(
@@ -157,7 +172,7 @@ def setting_in(fitted: Fitted, recorded: Recorded, lead: float) -> Array:
     return np.maximum(arrivals(fitted, recorded) + lead, times - _BACKWARDS)
 
 
-def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array) -> Played:
+def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array) -> RenderedHit:
     """Return one hit, its modes from the times (all rows,) on; of many channels the loudest."""
     heard = [fitted.heard_in(row)[0] for row in rows]
     if len(rows) > _EARS:
@@ -174,7 +189,7 @@ def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array
         start = min(max(first, round(times[row] * rate)), last)
         modes[channel, start - first :] = fitted.ringing(row, start / rate, last - start)
     fade = _fades(last - first, round(_FADE_IN * rate), round(_FADE_OUT * rate))
-    return Played(
+    return RenderedHit(
         take=what.take,
         onset=what.onset,
         lead=(onset - first) / rate,
@@ -185,7 +200,7 @@ def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array
     )
 
 
-def with_residual(hit: Played, residual: Residual, distance: float) -> Played:
+def with_residual(hit: RenderedHit, residual: Residual, distance: float) -> RenderedHit:
     """Return the loudest hit with attack and noise as well, recorded from so many m away.
 
     They are those of the channel that holds most; in another they are as loud as what is left
@@ -210,3 +225,217 @@ def _fades(length: int, rising: int, falling: int) -> Array:
     factors[:up] *= np.sin(np.linspace(0, np.pi / 2, up)) ** 2
     factors[length - down :] *= np.cos(np.linspace(0, np.pi / 2, down)) ** 2
     return factors
+
+
+# Pictures of a report: how a hit sounds and what its modes leave, and how long these ring.
+
+_LINES = 300
+_COLUMNS = 500
+_WIDE = 11.0
+
+
+def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
+    """Draw original, model and residual from a lowest frequency on, on one scale of colours."""
+    named = (("original", hit.original), ("model", hit.modes), ("residual", hit.rest))
+    seen = [_powers(samples, hit.sample_rate, lowest) for _, samples in named]
+    loudest = max(float(seen[0][2].max()), 1e-300)
+    figure = chart(_WIDE, 4.2)
+    panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    for axes, (caption, _), (times, frequencies, powers) in zip(panels, named, seen, strict=True):
+        levels = 10 * np.log10(np.maximum(powers / loudest, 1e-20))
+        axes.pcolormesh(
+            times - hit.lead, frequencies, levels, cmap="magma", vmin=-RANGE, vmax=0,
+            rasterized=True,
+        )  # fmt: skip
+        axes.set_title(caption, fontsize=10, color=INK)
+        axes.set(xlabel="time (s)", yscale="log")
+        label_frequencies(axes.yaxis)
+    panels[0].set_ylabel("frequency (Hz)")
+    image = panels[0].collections[0]
+    bar = figure.colorbar(image, ax=panels, pad=0.01, label="level (dB, loudest = 0)")
+    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
+    return figure
+
+
+def spectra(hit: RenderedHit, frequencies: Array, lowest: float) -> Figure:
+    """Draw the spectra of original and residual, with the frequencies of the modes marked."""
+    figure = chart(_WIDE, 4.4)
+    axes = figure.subplots()
+    middles, heard = strongest(_sound(hit.original, hit.sample_rate))
+    _, left = strongest(_sound(hit.rest, hit.sample_rate))
+    levels = decibels(np.concatenate([heard, left])).reshape(2, -1)
+    axes.plot(middles, levels[0], color=BLUE, linewidth=0.9, label="original")
+    axes.plot(middles, levels[1], color=ORANGE, linewidth=0.8, alpha=0.8, label="residual")
+    if len(frequencies):
+        heights = np.interp(frequencies, middles, levels[0])
+        axes.vlines(frequencies, heights, 6, color=FAINT, linewidth=0.5, alpha=0.5)
+        axes.plot(frequencies, np.full(len(frequencies), 6.0), "v", color=INK, markersize=4,
+                  label="modes")  # fmt: skip
+    axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 12))
+    _frequency_axis(axes, lowest, hit.sample_rate / 2)
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, fontsize=9, frameon=False)
+    return figure
+
+
+def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: float) -> Figure:
+    """Draw how long each mode rings, with its standard error where one is known.
+
+    Parameters
+    ----------
+    frequencies, decays, errors : array (M,)
+        Hz, 1/s and the decays' standard errors, 1/s; NaN where unknown.
+    highest : float
+        Where the axis of frequencies ends, Hz.
+    """
+    figure = chart(_WIDE, 3.6)
+    axes = figure.subplots()
+    known = np.isfinite(errors)
+    over = np.where(known, errors, 0.0)
+    times = np.log(1000) / decays
+    # As far as one standard error up and down in the decay, which is not alike in the time.
+    longest = np.log(1000) / np.maximum(decays - over, 0.1 * decays)
+    ends = [times - np.log(1000) / (decays + over), longest - times]
+    axes.errorbar(
+        frequencies, times, yerr=ends, fmt="o", color=BLUE, ecolor=ORANGE, elinewidth=1.2,
+        capsize=2.5, markersize=4,
+    )  # fmt: skip
+    axes.set(xlabel="frequency (Hz)", ylabel="T60 (s)", yscale="log")
+    label_sizes(axes)
+    _frequency_axis(axes, lowest_shown(frequencies), highest)
+    return figure
+
+
+def label_sizes(axes: Axes) -> None:
+    """Label a logarithmic axis upwards at 1, 2, 5, 10 ..."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
+
+
+def lowest_shown(frequencies: Array) -> float:
+    """Return where axes of frequency begin, Hz."""
+    return max(20.0, 0.6 * float(frequencies.min())) if len(frequencies) else 20.0
+
+
+def _powers(samples: Array, sample_rate: int, lowest: float) -> tuple[Array, Array, Array]:
+    """Return times (T,), log-spaced frequencies (B,) and powers of all channels (B, T)."""
+    sound = _sound(samples, sample_rate)
+    step = max(0.002, sound.duration / _COLUMNS)
+    times, linear, amplitudes = sound.spectrogram(window=0.05, step=step)
+    frequencies = np.geomspace(min(lowest, linear[-1] / 2), linear[-1], _LINES)
+    levels = np.log(np.square(amplitudes).sum(axis=0) + 1e-300)
+    rows = np.stack([np.interp(frequencies, linear, column) for column in levels.T], axis=1)
+    return times, frequencies, np.exp(rows)
+
+
+def _sound(samples: Array, sample_rate: int) -> Sound:
+    return Sound(samples=samples.astype(np.float32), sample_rate=sample_rate)
+
+
+def _frequency_axis(axes: Axes, lowest: float, highest: float) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(min(lowest, highest / 2), highest)
+    label_frequencies(axes.xaxis)
+    lighten(axes)
+
+
+# Pictures of a report: how gains go over contacts and listeners.
+
+_DEEP = 40.0
+"""Levels that a map shows below the loudest place of each mode, dB."""
+_LABELS = 24
+_SAME = 1e-6
+
+
+def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
+    """Draw how far the gains of each mode are from a product, %, those not measured apart."""
+    figure = chart(_WIDE, 3.2)
+    axes = figure.subplots()
+    kinds = ((~unmeasured, "o", BLUE, "measured"), (unmeasured, "x", ORANGE, "not measured"))
+    for chosen, mark, colour, label in kinds:
+        if chosen.any():
+            shares = 100 * errors[chosen]
+            axes.plot(frequencies[chosen], shares, mark, color=colour, markersize=5, label=label)
+    axes.set(xlabel="frequency (Hz)", ylabel="rank error (%)", xscale="log", yscale="log")
+    label_sizes(axes)
+    label_frequencies(axes.xaxis)
+    lighten(axes)
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, fontsize=9, frameon=False)
+    return figure
+
+
+def gain_map(
+    levels: Array, frequencies: Array, places: Sequence[str], unmeasured: Mask, what: str
+) -> Figure:
+    """Draw how loud each mode is at each place.
+
+    Parameters
+    ----------
+    levels : array (P, M)
+        Below each mode's loudest place, dB.
+    frequencies : array (M,)
+        Hz.
+    places : sequence of P str
+        What to call them.
+    unmeasured : array (M,)
+        Modes that are marked.
+    what : str
+        What the places are.
+    """
+    figure = chart(_WIDE, float(np.clip(0.24 * len(places) + 1.8, 2.6, 8.0)))
+    axes = figure.subplots()
+    image = axes.imshow(
+        levels, aspect="auto", cmap="viridis", vmin=-_DEEP, vmax=0, interpolation="nearest"
+    )
+    axes.set_title("each mode below its loudest place", fontsize=9, color=INK, loc="left")
+    _label_modes(axes, frequencies, unmeasured)
+    shown = _spread(len(places))
+    axes.set_yticks(shown, [places[place] for place in shown], fontsize=8)
+    axes.set(ylabel=what, xlabel="mode (Hz)")
+    bar = figure.colorbar(image, ax=axes, pad=0.01, label="level (dB)")
+    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
+    return figure
+
+
+def levels_at(survey: Survey, side: int) -> Array:
+    """Return how loud modes are at contacts (side 0) or listeners (side 1), dB (places, M).
+
+    Root mean squares over the other side, below each mode's loudest place; NaN where nothing was
+    recorded.
+    """
+    count = len(survey.contacts if side == 0 else survey.listeners)
+    powers = np.full((count, len(survey.frequencies)), np.nan)
+    squares = np.square(np.abs(survey.gains))
+    for place in np.unique(survey.pairs[:, side]):
+        powers[place] = squares[survey.pairs[:, side] == place].mean(axis=0)
+    loudest = np.maximum(np.nanmax(powers, axis=0), 1e-300)
+    return np.asarray(10 * np.log10(np.maximum(powers / loudest, 1e-20)), np.float64)
+
+
+def named(places: Array) -> list[str]:
+    """Return coordinates (n, D) as text, without the last digits of what should be 0."""
+    step = max(float(np.abs(places).max()), 1e-300) * _SAME
+    tidy = np.round(places / step) * step + 0.0
+    return [", ".join(f"{value:.3g}" for value in place) for place in tidy]
+
+
+def _label_modes(axes: Axes, frequencies: Array, unmeasured: Mask) -> None:
+    shown = _spread(len(frequencies), 2 * _LABELS)
+    axes.set_xticks(shown, [f"{frequencies[mode]:.0f}" for mode in shown], rotation=90, fontsize=8)
+    axes.tick_params(length=0)
+    marked = np.flatnonzero(unmeasured)
+    if len(marked):
+        above = axes.secondary_xaxis("top")
+        above.set_xticks(marked, ["\N{MULTIPLICATION SIGN}"] * len(marked), color=ORANGE)
+        above.tick_params(length=0)
+        axes.set_title(
+            "\N{MULTIPLICATION SIGN} not measured", fontsize=9, color=ORANGE, loc="right"
+        )
+    axes.xaxis.label.set_color(INK)
+
+
+def _spread(count: int, most: int = _LABELS) -> list[int]:
+    """Return so many numbers below the count, spread evenly."""
+    return list(range(0, count, -(-count // most)))

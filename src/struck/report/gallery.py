@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
-from struck.demo.piece import Piece
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from struck.analysis.analysis import BAND, analyze
+from struck.analysis.discretisation import Solid
+from struck.errors import FileFormatError
+from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
+from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
+from struck.files import model_file
+from struck.files.atomic import write_bytes
+from struck.files.sound import Sound
+from struck.model.arrays import Array
 from struck.model.damping import InternalFriction
 from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.model.provenance import Progress, silent
+from struck.recordings.fit import fit_recordings
+from struck.report.charts import overview, spectrogram
+from struck.report.charts import save as save_picture
+from struck.report.fit_page import report
+from struck.report.model_page import Exhibit, page
+from struck.scene.body import Action
+from struck.scene.render import render
 from struck.shapes import (
     AnnularMembrane,
     Bar,
@@ -17,8 +42,279 @@ from struck.shapes import (
     RectangularPlate,
     String,
 )
+from struck.shapes.shape import Shape
+from struck.solids import Block, Tube
+from struck.solids.filling.stuffing import stuffed
+from struck.solids.revolution import bell, bowl, wine_glass
 
-INTRODUCTION = (
+# A bird for the demo: a closed surface around a few rounded parts melted together.
+
+# Parts as rounded cones from one ball to another: (centre, radius) twice, m.
+_PARTS = (
+    (((-0.012, 0.0, 0.0), 0.028), ((0.010, 0.0, 0.004), 0.031)),
+    (((0.024, 0.0, 0.036), 0.019), ((0.026, 0.0, 0.037), 0.019)),
+    (((0.040, 0.0, 0.036), 0.008), ((0.052, 0.0, 0.033), 0.004)),
+    (((-0.030, 0.0, 0.006), 0.016), ((-0.066, 0.0, 0.022), 0.008)),
+)
+_MELT, _FLOOR, _SPACING = 0.012, -0.024, 0.002
+_BOUNDS = np.array([(-0.08, -0.035, -0.024), (0.06, 0.035, 0.06)])
+
+
+def bird() -> Mesh:
+    """Return the bird, 13 cm long, standing on a flat base; z points up."""
+    surface, _ = stuffed(_depth, _BOUNDS, _SPACING).surface()
+    points = surface.points
+    for _ in range(4):
+        points = points - _depth(points)[:, None] * _gradients(points)
+    return Mesh(points=points, faces=surface.faces, up="z")
+
+
+def written(mesh: Mesh, path: Path) -> Path:
+    """Write a surface as an OBJ file and return its path."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.points]
+    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    write_bytes(path, ("\n".join(lines) + "\n").encode("ascii"))
+    return path
+
+
+def _depth(points: Array) -> Array:
+    """Return a 1-Lipschitz function, negative inside the bird, m."""
+    depth = _cone(points, *_PARTS[0])
+    for part in _PARTS[1:]:
+        depth = _melted(depth, _cone(points, *part))
+    return np.maximum(depth, _FLOOR - points[:, 2])
+
+
+def _cone(points: Array, first: tuple, second: tuple) -> Array:
+    """Return the depth of balls swept along a segment, their radius changing linearly."""
+    (start, r0), (end, r1) = first, second
+    axis = np.subtract(end, start)
+    share = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
+    length = np.linalg.norm(points - start - share[:, None] * axis, axis=1)
+    slope = abs(r1 - r0) / np.linalg.norm(axis)
+    return (length - r0 - share * (r1 - r0)) / np.hypot(1.0, slope)
+
+
+def _melted(a: Array, b: Array) -> Array:
+    """Return the smooth minimum of two depths."""
+    blend = np.maximum(_MELT - np.abs(a - b), 0.0)
+    return np.minimum(a, b) - blend**2 / (4 * _MELT)
+
+
+def _gradients(points: Array) -> Array:
+    step = 1e-6
+    parts = [_depth(points + step * e) - _depth(points - step * e) for e in np.eye(3)]
+    gradients = np.stack(parts, axis=1) / (2 * step)
+    return gradients / np.maximum(np.square(gradients).sum(axis=1, keepdims=True), 0.25)
+
+
+# One body of the gallery: computed, struck, drawn and saved.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """One body of the gallery.
+
+    Parameters
+    ----------
+    name, title, text : str
+    body : callable
+        Makes the body.
+    material : str or Material
+    sounds : sequence of (caption, what happens)
+    band : pair of float
+        Hz.
+    wall : float or None
+        m, of a hollow mesh.
+    damping : str
+    spectrograms : bool
+        Whether each sound gets a picture of its own.
+    """
+
+    name: str
+    title: str
+    text: str
+    body: Callable[[], Solid | Mesh | Shape]
+    material: str | Material
+    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]
+    band: tuple[float, float] = BAND
+    wall: float | None = None
+    damping: str = "own"
+    spectrograms: bool = False
+
+    def exhibit(self, folder: Path, progress: Progress) -> Exhibit:
+        """Compute the body into a folder, with its sounds and its picture."""
+
+        def staged(stage: str, fraction: float) -> None:
+            progress(f"{self.title}: {stage}", fraction)
+
+        body = self.body()
+        source = written(body, folder / f"{self.name}.obj") if isinstance(body, Mesh) else body
+        model = analyze(
+            source,
+            self.material,
+            up="z" if isinstance(body, Mesh) else None,
+            band=self.band,
+            wall=self.wall,
+            damping=self.damping,
+            progress=staged,
+        )
+        model_file.save(model, folder / f"{self.name}.struck")
+        staged("sounds", 0.0)
+        sounds = list(self._played(model, folder))
+        staged("picture", 0.0)
+        picture = overview(model, sounds[0][1], title=self.title)
+        save_picture(picture, folder / f"{self.name}.png")
+        return Exhibit(
+            title=self.title,
+            text=self.text,
+            model=model,
+            sounds=sounds,
+            picture=picture,
+            spectrograms=[spectrogram(sound) for _, sound in sounds] if self.spectrograms else (),
+        )
+
+    def _played(self, model: ModalModel, folder: Path) -> Iterator[tuple[str, Sound]]:
+        for number, (caption, actions) in enumerate(self.sounds, start=1):
+            sound = render(model, actions, seconds=3.0)
+            sound.save(folder / f"{self.name}_{number}.wav", encoding="int24")
+            yield caption, sound
+
+
+# A recording of the gallery: a drum that somebody struck, and the model of it.
+
+NAME, TITLE = "tabla", "A recorded tabla"
+
+
+def recording(folder: Path, progress: Progress) -> str:
+    """Fit the recording, save model and sounds into a folder, and return the page that plays them.
+
+    The sound is as recorded, and that of a drum half and twice as large.
+    """
+
+    def staged(stage: str, fraction: float) -> None:
+        progress(f"{TITLE}: {stage}", fraction)
+
+    with resources.as_file(
+        resources.files("struck.report.gallery").joinpath(f"{NAME}.wav")
+    ) as path:
+        made = fit_recordings(path, residual=True, progress=staged)
+    model_file.save(made.model, folder / f"{NAME}.struck")
+    for name, size in (("half", 0.5), ("recorded", 1.0), ("twice", 2.0)):
+        model = made.model if size == 1 else made.model.scaled(size)
+        render(model, Strike(impulse=1.0, duration=0.0)).save(folder / f"{NAME}_{name}.wav")
+    return report(made)
+
+
+# Bodies of the gallery that finite elements compute.
+
+SOLIDS_INTRODUCTION = (
+    "Each body below is a shape and a material, nothing else: its modes of vibration were "
+    "computed by finite elements, and the sounds are those modes under a touch."
+)
+
+_FROM, _TO = (-0.1, -0.06, 0.0015), (0.11, 0.05, 0.0015)
+
+
+def _scrape(roughness: str) -> Scrape:
+    return Scrape(path=(_FROM, _TO), speed=0.15, load=2.0, roughness=roughness, radius=0.5e-3)
+
+
+def _solids_blow(time: float = 0.0) -> Strike:
+    return Strike(at=_FROM, striker="wood", speed=1.0, time=time)
+
+
+SOLIDS = (
+    Piece(
+        name="chime",
+        title="A wind chime",
+        text="The D tube of the wind chimes of O'Brien et al. (2002): aluminium, 505 mm long. "
+        "Struck at its end every bending mode speaks; at the middle every second one is silent.",
+        body=lambda: Tube(length=0.505, radius=0.0125, wall=0.001),
+        material="aluminium",
+        damping="heard",
+        sounds=(
+            ("wooden striker at the end", Strike(at="end", striker="wood", speed=1.0)),
+            ("wooden striker at the middle", Strike(at="middle", striker="wood", speed=1.0)),
+            ("steel striker at the end", Strike(at="end", striker="steel", speed=1.0)),
+        ),
+    ),
+    Piece(
+        name="bowl",
+        title="A bronze bowl",
+        text="A shallow singing bowl, struck on its rim.",
+        body=bowl,
+        material="bronze",
+        sounds=(
+            ("felt on the rim", Strike(at="rim", striker="felt", speed=1.0)),
+            ("wood on the rim", Strike(at="rim", striker="wood", speed=1.0)),
+        ),
+    ),
+    Piece(
+        name="bell",
+        title="A bronze bell",
+        text="A bell with a thick sound bow.",
+        body=bell,
+        material="bronze",
+        sounds=(
+            ("steel on the rim", Strike(at="rim", striker="steel", speed=1.0)),
+            ("wood on the side", Strike(at="side", striker="wood", speed=1.0)),
+        ),
+    ),
+    Piece(
+        name="glass",
+        title="A wine glass",
+        text="Bowl, stem and foot of one piece of glass.",
+        body=wine_glass,
+        material="glass",
+        sounds=(
+            ("fingertip on the rim", Strike(at="rim", striker="fingertip", speed=1.0)),
+            ("plastic on the rim", Strike(at="rim", striker="plastic", speed=0.5)),
+        ),
+    ),
+    Piece(
+        name="bird",
+        title="A hollow ceramic bird",
+        text="A closed triangle mesh from a file (bird.obj, beside this page), filled to a wall "
+        "of 4 mm: the road that any scan or model takes.",
+        body=bird,
+        material="ceramic",
+        damping="heard",
+        wall=0.004,
+        sounds=(
+            ("wood on the head", Strike(at="top", striker="wood", speed=0.5)),
+            ("steel on the head", Strike(at="top", striker="steel", speed=0.5)),
+            ("fingertip on the tail", Strike(at="-x", striker="fingertip", speed=1.0)),
+        ),
+    ),
+    Piece(
+        name="plate",
+        title="A steel plate, touched in many ways",
+        text="One body, 300 x 200 x 3 mm: struck, scraped over three kinds of roughness (measured "
+        "profiles of sandpaper and wood from ThreeDWorld, and a fractal one of concrete), rolled "
+        "on, and struck twice, with a hand that takes hold at the second blow.",
+        body=lambda: Block(size=(0.3, 0.2, 0.003)),
+        material="steel",
+        damping="heard",
+        sounds=(
+            ("struck with wood", _solids_blow()),
+            ("scraped: sandpaper", _scrape("sandpaper")),
+            ("scraped: wood", _scrape("wood")),
+            ("scraped: concrete", _scrape("concrete")),
+            (
+                "a marble rolls over it",
+                Roll(path=(_FROM, _TO), radius=0.012, speed=0.15, mass=0.02),
+            ),
+            (
+                "struck free, then held",
+                [_solids_blow(), _solids_blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)],
+            ),
+        ),
+        spectrograms=True,
+    ),
+)
+
+SHAPES_INTRODUCTION = (
     "The sounds of physical shapes (van den Doel & Pai 1998): the modes of this body have a "
     "formula. Listen how the timbre changes with the place that is struck."
 )
@@ -47,7 +343,7 @@ def _blow(at: tuple[float, ...] | str, striker: str = "wood") -> Strike:
     return Strike(at=at, striker=striker, speed=1.0)
 
 
-PIECES = (
+SHAPES = (
     Piece(
         name="string",
         title="A taut string",
@@ -154,3 +450,54 @@ PIECES = (
         ),
     ),
 )
+
+
+# The demo: a gallery of bodies, computed, struck, drawn and put on pages that play.
+
+_TITLE = "struck: a gallery"
+
+
+def gallery(folder: Path, progress: Progress = silent) -> Path:
+    """Compute the gallery: models, sounds, pictures and the pages that play them.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Returns
+    -------
+    Path
+        The first page. Each body in closed form, and a recording, has one of its own beside it.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
+    links = _pages_of_shapes(folder, progress)
+    _written(folder / f"{NAME}.html", recording(folder, progress))
+    links = {**links, f"{NAME}.html": TITLE}
+    exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS]
+    return _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
+
+
+def _pages_of_shapes(folder: Path, progress: Progress) -> Mapping[str, str]:
+    """Write a page for each closed form; return titles by the pages' names."""
+    back = {"index.html": _TITLE}
+    for piece in SHAPES:
+        exhibit = piece.exhibit(folder, progress)
+        text = page(f"struck: {piece.title}", SHAPES_INTRODUCTION, [exhibit], back)
+        _written(folder / f"{piece.name}.html", text)
+    return {f"{piece.name}.html": piece.title for piece in SHAPES}
+
+
+def _written(path: Path, text: str) -> Path:
+    write_bytes(path, text.encode())
+    return path

@@ -13,9 +13,8 @@ import numpy as np
 
 from struck.files.sound import Sound
 from struck.model.gains import ExpandedGains, ShapeGains
-from struck.model.html import document, picture
+from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
-from struck.tables import modes_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,8 +92,7 @@ def _unit(model: ModalModel) -> str:
 def _recorded(model: ModalModel) -> list[str]:
     """Return what is known of recordings that gains were made of."""
     from struck.model.timbre_field import TimbreField
-    from struck.model.timbre_table import TimbreTable
-    from struck.recordings.fields.single_point import SinglePoint
+    from struck.model.timbre_table import SinglePoint, TimbreTable
 
     gains = model.gains.products if isinstance(model.gains, ExpandedGains) else model.gains
     if isinstance(gains, SinglePoint):

@@ -6,13 +6,11 @@ import base64
 import html
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.files import wav
 from struck.files.sound import PEAK
-from struck.report.fit_pictures import Played
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
+from struck.report.fit_pictures import RenderedHit
 
 _BYTES = 2 * 4 / 3
 """Of one sample of 16 bits, as text."""
@@ -53,7 +51,7 @@ for (const kind of ["play", "pause", "ended"])
 """A button goes on where the sound that plays is; one that plays silences all others."""
 
 
-def player(told: str, hit: Played, size: float) -> str:
+def player(told: str, hit: RenderedHit, size: float) -> str:
     """Return the sounds of one hit on one scale, the loudest 1 dB below full scale.
 
     Parameters

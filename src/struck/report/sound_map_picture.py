@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from struck.model.arrays import Array, Mask
 from struck.model.mesh import Mesh
 from struck.perception.auditory_scale import integrated
 from struck.perception.sound_map import SoundMap
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _COLOURS = "viridis"  # as bright as the sound, and the colour-blind can read it
 _SILENT, _INK, _FAINT = "#d9d9d9", "#222222", "#6b6b6b"
@@ -74,7 +71,7 @@ class _Scene:
     surface: Mesh
     places: Array
     depths: Array
-    facing: Flags
+    facing: Mask
     dots: Array
 
     @classmethod

@@ -7,19 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from struck.geometry import Surface
+from struck.model.arrays import Array
 from struck.model.gains import Gains
 from struck.model.material import Material
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-Array = NDArray[np.float64]
 
 _COLOURS = "RdBu_r"  # diverges from white, and the colour-blind can read it
 MOST_FACES = 20_000
@@ -34,7 +31,7 @@ _LIGHT = np.array([-0.42, 0.58, 0.70])
 _OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
 
 
-class Body(Protocol):
+class Drawable(Protocol):
     """What a picture needs of a model."""
 
     @property

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from struck.ears.pose import aside
-from struck.ears.sources import Emitter
-from struck.ears.trajectory import Course3, Trajectory
+from struck.ears.listeners import Course3, Trajectory
+from struck.ears.propagation import Emitter, aside
 from struck.errors import OptionError
+from struck.excitation.excitation import Excitation
 from struck.excitation.hold import Hold
-from struck.excitation.pushing import Excitation
+from struck.model.arrays import Array
 from struck.model.model import ModalModel
 
-Array = NDArray[np.float64]
 Action = Excitation | Hold
 """What may happen to a body."""
 

@@ -1,17 +1,13 @@
 """Bodies whose modes are known in closed form, or nearly so (1998, sections 2 and 6)."""
 
-from struck.shapes.annular_membrane import AnnularMembrane
-from struck.shapes.bar import Bar
-from struck.shapes.bending import BendingForms
-from struck.shapes.circular_membrane import CircularMembrane
+from struck.shapes.bar import Bar, GivenSection, RectangularSection, RoundSection
+from struck.shapes.beam import BendingForms
+from struck.shapes.circular_membrane import AnnularMembrane, CircularMembrane, RoundForms
 from struck.shapes.circular_plate import CircularPlate
-from struck.shapes.fourier_bessel import PolygonForms
+from struck.shapes.particular_solutions import PolygonForms
 from struck.shapes.polygon_membrane import PolygonMembrane
 from struck.shapes.rectangular_membrane import RectangularMembrane, SineForms
-from struck.shapes.rectangular_plate import RectangularPlate
-from struck.shapes.ritz_forms import RitzForms
-from struck.shapes.round_forms import RoundForms
-from struck.shapes.sections import GivenSection, RectangularSection, RoundSection
+from struck.shapes.rectangular_plate import RectangularPlate, RitzForms
 from struck.shapes.string import String, StringForms
 
 __all__ = [
@@ -28,7 +24,7 @@ __all__ = [
     "String",
 ]
 
-# What a model file may hold: see struck.files.formulas.
+# What a model file may hold: see struck.files.gains_file.
 FORMS: tuple[type, ...] = (
     BendingForms,
     PolygonForms,

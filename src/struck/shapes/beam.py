@@ -7,15 +7,198 @@ conditions at the other end. A beam with equal ends has its mirror in the middle
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.shapes.standing_waves import Beam, Waves
+from struck.model.arrays import Array, Index
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# Standing waves of a uniform beam: the four motions it can have at one frequency.
+#
+# Lengths are shares of the beam's; frequencies omega stand as omega^2 = squared^2 E I / (rho A
+# L^4).
+
+Function = Callable[[Array, Array], Array]
+
+# Below this (b h)^2 differences of like terms lose digits, and a series takes over.
+_SLOW = 1e-2
+_TINY = 1e-200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beam:
+    """A uniform beam of unit length.
+
+    Parameters
+    ----------
+    rotary : float
+        I / (A L^2): turning sections are heavy. 0 in the theory of Euler and Bernoulli.
+    shear : float
+        E I / (kappa G A L^2): sections slip. 0 in the theory of Euler and Bernoulli.
+    """
+
+    rotary: float
+    shear: float
+
+    def first(self, wave: Array) -> Array:
+        """Return the squared frequencies of bending waves with wave numbers `wave`."""
+        linear, root = self._dispersion(wave)
+        return 2 * wave**4 / (linear + root)
+
+    def second(self, wave: Array) -> Array:
+        """Return the squared frequencies of waves of shear with wave numbers `wave`."""
+        linear, root = self._dispersion(wave)
+        return (linear + root) / (2 * self.rotary * self.shear)
+
+    def _dispersion(self, wave: Array) -> tuple[Array, Array]:
+        """Return linear and root: rotary shear squared^2 - linear squared + wave^4 = 0."""
+        linear = 1 + (self.rotary + self.shear) * wave**2
+        # The discriminant as a sum, so that no digits are lost.
+        slant = 1 + (self.rotary - self.shear) * wave**2
+        return linear, np.sqrt(slant**2 + 4 * self.shear * wave**2)
+
+
+class Values(NamedTuple):
+    """The four waves at a distance from their origin: first and second, even and odd."""
+
+    cosine: Array
+    level: Array
+    sine: Array
+    rising: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StandingWaves:
+    """Waves at M frequencies (Timoshenko 1921; Huang 1961).
+
+    Even and odd ones about an origin are cos(a u) and cosh(b u), sin(a u) and sinh(b u). The
+    second wave number b is imaginary beyond the critical frequency, where that wave stops decaying.
+
+    Parameters
+    ----------
+    beam : Beam
+    squared : array (M,)
+        Squared frequencies, above 0.
+    span : float
+        How far u reaches.
+    first : array (M,)
+        Wave number a.
+    second : array (M,)
+        Signed square b^2 of the second wave number, below 0 where that wave travels.
+    ratio : array (M,)
+        Quotient b^2 / a^2.
+    turnings : pair of arrays (M,)
+        Turning of sections over slope, of the first wave and (times b^2 / a^2) the second.
+    """
+
+    beam: Beam
+    squared: Array
+    span: float
+    first: Array
+    second: Array
+    ratio: Array
+    turnings: tuple[Array, Array]
+
+    @classmethod
+    def at(cls, beam: Beam, squared: Array, span: float) -> StandingWaves:
+        """Find the waves of a beam at squared frequencies."""
+        half = squared * (beam.shear - beam.rotary) / 2
+        root = np.hypot(half, np.sqrt(squared))
+        wave = squared * (beam.shear + beam.rotary) / 2 + root
+        second = squared * (1 - squared * beam.rotary * beam.shear) / wave
+        # Of two turnings whose product is known, the smaller one follows from the larger one.
+        larger = (np.abs(half) + root) / wave
+        smaller = squared / (larger * wave**2)
+        slips = beam.shear >= beam.rotary
+        return cls(
+            beam=beam,
+            squared=squared,
+            span=span,
+            first=np.sqrt(wave),
+            second=second,
+            ratio=second / wave,
+            turnings=(smaller, larger) if slips else (larger, smaller),
+        )
+
+    def at_end(self) -> Values:
+        """Return the waves at u = span, the last one times a."""
+        phase = self.first * self.span
+        return Values(
+            np.cos(phase),
+            level(self.second, self.span, np.array(self.span)),
+            np.sin(phase),
+            self.first * rising(self.second, self.span, np.array(self.span)),
+        )
+
+    def products(self) -> tuple[Array, Array]:
+        """Return the mean products (M, 2, 2) of the even waves, and of the odd ones."""
+        cosine, high, sine, rise = self.at_end()
+        phase = self.first * self.span
+        swing, growth = cosine * sine / phase, high * rise / phase
+        middle = level(self.second, self.span, np.zeros(1)) ** 2
+        mixed = phase * (1 + self.ratio)
+        even = _symmetric(
+            (1 + swing) / 2,
+            (sine * high + self.ratio * cosine * rise) / mixed,
+            (middle + growth) / 2,
+        )
+        odd = _symmetric(
+            (1 - swing) / 2,
+            (sine * high - cosine * rise) / mixed,
+            self._mean_square_of_rise(middle, growth),
+        )
+        return even, odd
+
+    def _mean_square_of_rise(self, middle: Array, growth: Array) -> Array:
+        argument = self.second * self.span**2
+        slow = np.abs(argument) < _SLOW
+        series = 1 / 3 + argument * (1 / 15 + argument * (2 / 315 + argument / 2835))
+        return np.where(
+            slow,
+            (self.first * self.span) ** 2 * middle * series,
+            (growth - middle) / (2 * np.where(slow, 1.0, self.ratio)),
+        )
+
+
+def level(second: Array, span: float, u: Array) -> Array:
+    """Return cosh(b u) / cosh(b span), or cos(|b| u) where b^2 = `second` lies below 0."""
+    return _either(
+        second, u, lambda b, at: _decaying_level(b, span, at), lambda b, at: np.cos(b * at)
+    )
+
+
+def rising(second: Array, span: float, u: Array) -> Array:
+    """Return sinh(b u) / (b cosh(b span)), or sin(|b| u) / |b| where b^2 lies below 0."""
+    return _either(
+        second, u, lambda b, at: _decaying_rise(b, span, at), lambda b, at: np.sin(b * at) / b
+    )
+
+
+def _either(second: Array, u: Array, decaying: Function, travelling: Function) -> Array:
+    """Return one function of |b| and u where the second wave decays, the other where not."""
+    b = np.sqrt(np.maximum(np.abs(second), _TINY))
+    values = np.empty(np.broadcast_shapes(second.shape, u.shape))
+    for which, function in ((second >= 0, decaying), (second < 0, travelling)):
+        values[..., which] = function(b[which], u)
+    return values
+
+
+def _decaying_level(b: Array, span: float, u: Array) -> Array:
+    far = np.abs(u)
+    return np.exp(b * (far - span)) * (1 + np.exp(-2 * b * far)) / (1 + np.exp(-2 * b * span))
+
+
+def _decaying_rise(b: Array, span: float, u: Array) -> Array:
+    far = np.abs(u)
+    rise = -np.expm1(-2 * b * far) / (b * (1 + np.exp(-2 * b * span)))
+    return np.sign(u) * np.exp(b * (far - span)) * rise
+
+
+def _symmetric(first: Array, mixed: Array, second: Array) -> Array:
+    rows = [np.stack([first, mixed], axis=-1), np.stack([mixed, second], axis=-1)]
+    return np.stack(rows, axis=-2)
+
 
 ENDS = ("free", "clamped", "hinged", "sliding")
 _MIRRORS = {"sliding": "even", "hinged": "odd"}
@@ -57,7 +240,7 @@ class Family:
         if self.end in _MIRRORS:
             return self._between_mirrors(beam, highest)
         squared = self._counted(beam, highest)
-        waves = Waves.at(beam, squared, self.span)
+        waves = StandingWaves.at(beam, squared, self.span)
         amplitudes = np.zeros((len(squared), 4))
         # What the conditions let through: the direction that they map to nothing.
         amplitudes[:, _COLUMNS[self.kind]] = np.linalg.svd(self._conditions(waves))[2][:, -1]
@@ -65,7 +248,7 @@ class Family:
 
     def _between_mirrors(self, beam: Beam, highest: float) -> tuple[Array, Array]:
         """Return modes of one wave alone: whole numbers of quarter waves fit between mirrors."""
-        bound = Waves.at(beam, np.array([highest]), self.span)
+        bound = StandingWaves.at(beam, np.array([highest]), self.span)
         shift = 0.5 if (self.end == "hinged") == (self.kind == "even") else 0.0
         first = beam.first(self._fitting(bound.first, shift))
         second = np.empty(0)
@@ -89,7 +272,7 @@ class Family:
         """Return squared frequencies by halving intervals until each holds one root."""
 
         def count(root: Array) -> Index:
-            return self.count(Waves.at(beam, root**4, self.span))
+            return self.count(StandingWaves.at(beam, root**4, self.span))
 
         low = beam.first(np.array([_LEAST_PHASE / self.span])) ** 0.25
         high = np.array([highest**0.25])
@@ -98,7 +281,7 @@ class Family:
         numbers = np.arange(count(low)[0], count(high)[0]) + 1
         return _halved(count, numbers, low, high) ** 4
 
-    def count(self, waves: Waves) -> Index:
+    def count(self, waves: StandingWaves) -> Index:
         """Return how many frequencies lie below those of the waves, rigid motions included.
 
         Notes
@@ -110,7 +293,7 @@ class Family:
         """
         if self.kind == "both":
             hinged = Family(kind="odd", end="clamped", span=2 * self.span)
-            whole = Waves.at(waves.beam, waves.squared, 2 * self.span)
+            whole = StandingWaves.at(waves.beam, waves.squared, 2 * self.span)
             least, step = hinged.count(whole), 1
         else:
             least, step = self._count_hinged(waves), 1 if self.end == "free" else -1
@@ -119,7 +302,7 @@ class Family:
         even = (determinant > 0) == upward
         return least + step * ((least % 2 == 0) != even)
 
-    def _count_hinged(self, waves: Waves) -> Index:
+    def _count_hinged(self, waves: StandingWaves) -> Index:
         """Return how many frequencies lie below with the end hinged."""
         phase = waves.first * self.span / np.pi
         travels = waves.second < 0
@@ -130,7 +313,7 @@ class Family:
             counts = np.floor(phase) + travels * (np.floor(other) + 1)
         return counts.astype(np.int64)
 
-    def _conditions(self, waves: Waves) -> Array:
+    def _conditions(self, waves: StandingWaves) -> Array:
         """Return what must vanish for each wave of the family, (M, 2, 2) or (M, 4, 4)."""
         rows = _at(self.end, waves)
         if self.kind == "both":
@@ -156,7 +339,7 @@ def families(ends: tuple[str, str]) -> tuple[float, list[Family]]:
     return 0.5, [Family(kind=kind, end=far, span=0.5) for kind in kinds]
 
 
-def _at(end: str, waves: Waves) -> Array:
+def _at(end: str, waves: StandingWaves) -> Array:
     """Return the two quantities (M, 2, 4) that vanish at an end, of each wave, of order 1.
 
     Deflection and turning at a clamp; moment and shear force at a free end.
@@ -184,3 +367,143 @@ def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
         reached = count(middle) >= numbers
         below, above = np.where(reached, below, middle), np.where(reached, middle, above)
     return (below + above) / 2
+
+
+# Bending modes of a uniform beam: frequencies, shapes, and what shear has to do with them.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BendingForms:
+    """Deflections along a bar: two standing waves each, even and odd about an origin.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    origin, span : float
+        Of u, and how far it reaches from there, in lengths.
+    first : array (M,)
+        Wave numbers a of cos(a u) and sin(a u), in units of 1 / length.
+    second : array (M,)
+        Signed squares b^2 of those of cosh(b u) and sinh(b u), below 0 where that wave travels.
+    amplitudes : array (M, 4)
+        Of cos(a u), cosh(b u) / cosh(b span), sin(a u), and sinh(b u) / (b cosh(b span)).
+    """
+
+    length: float
+    origin: float
+    span: float
+    first: Array
+    second: Array
+    amplitudes: Array
+
+    @property
+    def dimensions(self) -> int:
+        """One: x."""
+        return 1
+
+    def values(self, places: Array) -> Array:
+        """Return the deflections at x in m (K, 1): (K, M)."""
+        u = np.clip(np.asarray(places)[:, :1] / self.length, 0.0, 1.0) - self.origin
+        functions = (
+            lambda some: np.cos(u * self.first[some]),
+            lambda some: level(self.second[some], self.span, u),
+            lambda some: np.sin(u * self.first[some]),
+            lambda some: rising(self.second[some], self.span, u),
+        )
+        values = np.zeros((len(u), len(self.first)))
+        for amplitudes, function in zip(self.amplitudes.T, functions, strict=True):
+            # Even and odd modes need half of the functions each.
+            some = np.flatnonzero(amplitudes)
+            values[:, some] += amplitudes[some] * function(some)
+        return values
+
+    def chosen(self, modes: Index) -> Self:
+        """Return the deflections of some modes, in that order."""
+        return replace(
+            self,
+            first=self.first[modes],
+            second=self.second[modes],
+            amplitudes=self.amplitudes[modes],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bending:
+    """Modes of a beam.
+
+    Parameters
+    ----------
+    squared : array (M,)
+        Squared frequencies, ascending, in units of E I / (rho A L^4).
+    forms : BendingForms
+        Normalised to the kinetic energy of a rigid motion by 1, all along and turning included.
+    shear_shares : array (M,)
+        Potential energy of shear over all potential energy.
+    """
+
+    squared: Array
+    forms: BendingForms
+    shear_shares: Array
+
+
+def bending(beam: Beam, ends: tuple[str, str], highest: float, length: float) -> Bending:
+    """Return all elastic modes with squared frequencies up to `highest`.
+
+    Parameters
+    ----------
+    beam : Beam
+        At least as long as its radius of gyration.
+    ends : pair of str
+        Of `ENDS`, at x = 0 and at x = length.
+    highest : float
+        Squared frequency in units of E I / (rho A L^4).
+    length : float
+        m.
+    """
+    origin, kinds = families(ends)
+    found = [family.frequencies(beam, highest) for family in kinds]
+    squared = np.concatenate([one for one, _ in found])
+    order = np.argsort(squared, kind="stable")
+    waves = StandingWaves.at(beam, squared[order], kinds[0].span)
+    amplitudes = np.concatenate([one for _, one in found])[order]
+    amplitudes, shares = _normalised(waves, amplitudes)
+    forms = BendingForms(
+        length=length,
+        origin=origin,
+        span=waves.span,
+        first=waves.first,
+        second=waves.second,
+        amplitudes=_deflections(waves, amplitudes),
+    )
+    return Bending(squared=waves.squared, forms=forms, shear_shares=shares)
+
+
+def _normalised(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
+    """Return amplitudes of modes with unit kinetic energy, and their shares of shear energy."""
+    even, odd = amplitudes[:, :2], amplitudes[:, 2:]
+    first, second = (part[:, None] for part in waves.turnings)
+    one, ratio = np.ones_like(first), waves.ratio[:, None]
+    along, across = waves.products()
+
+    def mean_square(at_even: Array, at_odd: Array) -> Array:
+        return _quadratic(along, at_even) + _quadratic(across, at_odd)
+
+    deflection = mean_square(even, odd * np.hstack([one, ratio]))
+    turning = mean_square(odd * np.hstack([first, second]), even * np.hstack([-first, second]))
+    force = mean_square(odd * np.hstack([one, -one]), even)
+    beam, wave = waves.beam, waves.first**2
+    energy = deflection + beam.rotary * wave * turning
+    shares = beam.shear * waves.squared / wave * force / energy
+    return amplitudes / np.sqrt(energy)[:, None], shares
+
+
+def _quadratic(products: Array, amplitudes: Array) -> Array:
+    return np.einsum("mi,mij,mj->m", amplitudes, products, amplitudes)
+
+
+def _deflections(waves: StandingWaves, amplitudes: Array) -> Array:
+    """Return amplitudes of cos(a u), cosh(b u), sin(a u) and sinh(b u) / b."""
+    scales = np.ones_like(amplitudes)
+    scales[:, 3] = waves.ratio * waves.first
+    return amplitudes * scales

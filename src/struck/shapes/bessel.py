@@ -2,13 +2,187 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy import special
+from scipy.special import j0, y0
 
-Array = NDArray[np.float64]
+from struck.errors import SolverError
+from struck.model.arrays import Array, Index
+
+# The loops over orders and places of Bessel functions, compiled when they are first used.
+
+# Orders above the argument from which the recurrence starts downwards: by then J is below 1e-20.
+_RUN_UP = 30
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill(orders: Array, arguments: Array, values: Array) -> None:
+    """Write J_nu(x) Gamma(nu + 1) (2 / x)^nu for arguments (K,) and orders (n,) into (K, n)."""
+    highest = max(orders.max(), arguments.max())
+    work = np.empty(int(highest) + 2 * _RUN_UP + int(3 * highest ** (1 / 3)))
+    for i in range(len(arguments)):
+        for j in range(len(orders)):
+            values[i, j] = _by_recurrence(orders[j], arguments[i], work)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _by_recurrence(order: float, x: float, work: Array) -> float:
+    steps = math.floor(order)
+    lowest, quarter = order - steps, x * x / 4
+    top = int(max(order, x)) + _RUN_UP + int(3 * x ** (1 / 3))
+    above, here = 0.0, 1.0
+    work[top] = here
+    for n in range(top, 0, -1):
+        above, here = here, here - quarter / ((lowest + n) * (lowest + n + 1)) * above
+        work[n - 1] = here
+        if abs(here) > 1e200:
+            above, here = above * 1e-200, here * 1e-200
+            for m in range(n - 1, top + 1):
+                work[m] *= 1e-200
+    return work[steps] / _neumann_sum(lowest, quarter, top, work)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _neumann_sum(lowest: float, quarter: float, top: int, work: Array) -> float:
+    """Return what the recurrence's values must sum to 1 for."""
+    total, weight = work[0], quarter / (lowest + 1)
+    for k in range(1, top // 2 + 1):
+        total += weight * work[2 * k]
+        ratio = (lowest + 2 * k + 2) * (lowest + k) / ((lowest + 2 * k) * (k + 1))
+        weight *= ratio * quarter / ((lowest + 2 * k + 1) * (lowest + 2 * k + 2))
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def series(arguments: Array, table: Array) -> Array:
+    """Sum Chebyshev series, one cell (13, n) a unit of argument, at arguments (K,): (K, n).
+
+    By Clenshaw's recurrence (Clenshaw 1955), two terms a turn so that no array changes its name.
+    """
+    terms, count = table.shape[1:]
+    sums = np.empty((len(arguments), count))
+    other = np.empty(count)
+    for i in range(len(arguments)):
+        cell = int(arguments[i])
+        at = 2 * (arguments[i] - cell) - 1
+        one, here = sums[i], table[cell]
+        for j in range(count):
+            one[j], other[j] = here[terms - 1, j], 0.0
+        for degree in range(terms - 2, 1, -2):
+            for j in range(count):
+                other[j] = 2 * at * one[j] - other[j] + here[degree, j]
+            for j in range(count):
+                one[j] = 2 * at * other[j] - one[j] + here[degree - 1, j]
+        for j in range(count):
+            other[j] = 2 * at * one[j] - other[j] + here[1, j]
+        for j in range(count):
+            one[j] = at * other[j] - one[j] + here[0, j]
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def series_slope(arguments: Array, table: Array) -> Array:
+    """Sum the derivatives of Chebyshev series at arguments (K,): (K, n)."""
+    terms, count = table.shape[1:]
+    sums = np.empty((len(arguments), count))
+    for i in range(len(arguments)):
+        cell = int(arguments[i])
+        at = 2 * (arguments[i] - cell) - 1
+        for j in range(count):
+            one, two, slope, older = 0.0, 0.0, 0.0, 0.0
+            for degree in range(terms - 1, 0, -1):
+                slope, older = 2 * one + 2 * at * slope - older, slope
+                one, two = 2 * at * one - two + table[cell, degree, j], one
+            sums[i, j] = 2 * (one + at * slope - older)
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def pair(arguments: Array, table: Array) -> Array:
+    """Sum two Chebyshev series (cells, terms, 2) at arguments (K, C): (2, K, C)."""
+    rows, columns = arguments.shape
+    sums = np.empty((2, rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            cell = int(arguments[i, j])
+            at = 2 * (arguments[i, j] - cell) - 1
+            one, two, three, four = 0.0, 0.0, 0.0, 0.0
+            for degree in range(table.shape[1] - 1, 0, -1):
+                one, two = 2 * at * one - two + table[cell, degree, 0], one
+                three, four = 2 * at * three - four + table[cell, degree, 1], three
+            sums[0, i, j] = at * one - two + table[cell, 0, 0]
+            sums[1, i, j] = at * three - four + table[cell, 0, 1]
+    return sums
+
+
+# Bessel functions of many orders as local Chebyshev series: quick, and exact to rounding.
+
+# Over cells one wide: functions whose waves are 2 pi long keep all their digits. An odd number.
+_TERMS = 13
+
+
+@lru_cache(maxsize=64)
+def regular(step: float, count: int, cells: int) -> Array:
+    """Tabulate Bessel functions freed from their power of x, J_nu(x) Gamma(nu + 1) (2 / x)^nu.
+
+    These are 0F1(; nu + 1; -x^2 / 4): 1 at x = 0, at most 1 beyond, smooth for every order.
+
+    Parameters
+    ----------
+    step : float
+        The orders are nu = step * (1, 2, ...).
+    count : int
+        How many.
+    cells : int
+        The table reaches from 0 to x = cells.
+
+    Returns
+    -------
+    array (cells, _TERMS, count)
+        Chebyshev coefficients in 2 (x - cell) - 1.
+
+    Notes
+    -----
+    Miller's recurrence downwards from a high order, normalised by Neumann's series for
+    (x / 2)^nu (Watson 1944, section 5.2; Olver et al. 2010, sections 10.23 and 10.74).
+    """
+    orders, samples = step * np.arange(1, count + 1, dtype=np.float64), _samples(cells)
+    values = np.empty((len(samples), count))
+    fill(orders, samples, values)
+    return _fitted(values.reshape(cells, _TERMS, count))
+
+
+@lru_cache(maxsize=16)
+def irregular(cells: int) -> Array:
+    """Tabulate J_0 and what is left of Y_0 without its logarithm: (cells, _TERMS, 2).
+
+    Y_0(x) = (2 / pi) ln(x / 2) J_0(x) + an entire function (Olver et al. 2010, 10.8.2).
+    """
+    samples = _samples(cells)
+    entire = y0(samples) - 2 / np.pi * np.log(samples / 2) * j0(samples)
+    return _fitted(np.stack([j0(samples), entire], axis=-1).reshape(cells, _TERMS, 2))
+
+
+def _samples(cells: int) -> Array:
+    """Return Chebyshev points of all cells, ascending."""
+    return (np.arange(cells)[:, None] + 0.5 + chebyshev.chebpts1(_TERMS) / 2).ravel()
+
+
+def _fitted(values: Array) -> Array:
+    """Return Chebyshev coefficients from values at the points of each cell, both along axis 1."""
+    series = np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_TERMS), _TERMS - 1))
+    table = np.ascontiguousarray(np.einsum("dp,cpk->cdk", series, values))
+    table.flags.writeable = False
+    return table
+
 
 _SMALL = 1e-30
 _UNHEARD = 1e-18
@@ -88,3 +262,221 @@ def ring_parts(orders: Array, inner: Array) -> tuple[Array, Array, Array]:
     dull = np.abs(first) < _UNHEARD
     regular = np.where(dull, -1.0, second / np.where(dull, 1.0, size))
     return regular, np.where(dull, 0.0, -first / size), size
+
+
+# Roots of equations in Bessel functions, each from an interval that holds no other.
+
+# Of orders and arguments of one shape.
+Function = Callable[[Array, Array], Array]
+
+ROUNDING = 2 * float(np.finfo(float).eps)
+_TINY = float(np.finfo(float).tiny)
+_STEPS = 120
+# Phases, over pi, past the k-th root of a membrane, after which its next cannot be missed.
+_PAST_A_ZERO = 0.4
+
+
+def enclosed(
+    function: Function, places: Array, highest: float, precision: float = ROUNDING
+) -> Array:
+    """Return the roots of ``function(m, x)`` in x between successive places, up to `highest`.
+
+    Parameters
+    ----------
+    function : callable
+    places : array (rows, K + 1)
+        Of order m = 0, 1, ... in each row, ascending; one root lies between any two that are
+        finite. Behind infinity there are none.
+    highest : float
+        Where the search ends; between it and the last place before it there may be one.
+    precision : float
+        Relative.
+
+    Returns
+    -------
+    array (rows, K)
+        Infinity where there is no root, or none up to `highest`.
+    """
+    orders = np.broadcast_to(np.arange(len(places), dtype=float)[:, None], places.shape)[:, 1:]
+    low, high = places[:, :-1], np.minimum(places[:, 1:], highest)
+    rows, columns = np.nonzero(low < high)
+    order, ends = orders[rows, columns], (low[rows, columns], high[rows, columns])
+    levels = function(order, ends[0]), function(order, ends[1])
+    changes = np.sign(levels[0]) * np.sign(levels[1]) <= 0
+    order = order[changes]
+    roots = np.full(low.shape, np.inf)
+    roots[rows[changes], columns[changes]] = narrowed(
+        lambda x: function(order, x),
+        (ends[0][changes], ends[1][changes]),
+        (levels[0][changes], levels[1][changes]),
+        precision,
+    )
+    return roots
+
+
+def narrowed(
+    function: Callable[[Array], Array],
+    ends: tuple[Array, Array],
+    levels: tuple[Array, Array],
+    precision: float = ROUNDING,
+) -> Array:
+    """Return a root in each of many intervals at whose ends the function differs in sign.
+
+    Inverse quadratic interpolation where it may be trusted, else halves (T. R. Chandrupatla,
+    Advances in Engineering Software 28, 145, 1997), until each interval has shrunk.
+
+    Parameters
+    ----------
+    function : callable
+        Of places (N,), one in each interval.
+    ends, levels : pairs of arrays (N,)
+        The intervals, and the function there.
+    precision : float
+        Largest width of an interval at the end, over its place; half of it, in fact.
+
+    Raises
+    ------
+    SolverError
+        When an interval does not shrink.
+    """
+    (near, far), (at_near, at_far) = ends, levels
+    share = np.full(near.shape, 0.5)
+    for _ in range(_STEPS):
+        middle = near + share * (far - near)
+        level = function(middle)
+        same = np.sign(level) == np.sign(at_near)
+        old, at_old = np.where(same, near, far), np.where(same, at_near, at_far)
+        far, at_far = np.where(same, far, near), np.where(same, at_far, at_near)
+        near, at_near = middle, level
+        best = np.where(np.abs(at_near) < np.abs(at_far), near, far)
+        least = precision * np.abs(best) / np.maximum(np.abs(far - near), _TINY)
+        if np.all((least > 0.5) | (at_near == 0) | (at_far == 0)):
+            return best
+        share = _interpolated((near, far, old), (at_near, at_far, at_old))
+        share = np.clip(share, np.minimum(least, 0.5), np.maximum(1 - least, 0.5))
+    raise SolverError(
+        f"a root near {near.flat[0]} was not found in {_STEPS} steps: please report it with the "
+        "body's dimensions"
+    )
+
+
+def _interpolated(places: tuple[Array, Array, Array], values: tuple[Array, Array, Array]) -> Array:
+    """Return the share of the way from the first to the second place at which zero is expected."""
+    (a, b, c), (fa, fb, fc) = places, values
+    with np.errstate(all="ignore"):
+        xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
+        trusted = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
+        quadratic = (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
+        inverse = fa / (fb - fa) * fc / (fb - fc) + quadratic
+    return np.where(trusted & np.isfinite(inverse), inverse, 0.5)
+
+
+def membrane_roots(highest: float, ratio: float = 0.0) -> Array:
+    """Return every root up to `highest` of a round membrane that is held at its edges.
+
+    They are the zeros of J_m(x) for a disk, and of J_m(b x) Y_m(x) - J_m(x) Y_m(b x) for a ring
+    whose hole has b times its radius.
+
+    Parameters
+    ----------
+    highest : float
+        Largest radius times wavenumber.
+    ratio : float
+        b, from 0 (a disk) to below 1.
+
+    Returns
+    -------
+    array (rows, K)
+        x(m, k) ascending in each row, infinity beyond `highest`.
+
+    Raises
+    ------
+    SolverError
+        When roots are not as many as theory demands.
+    """
+    orders = np.arange(int(highest) + 1, dtype=float)
+    places = separators(orders, highest, _PAST_A_ZERO, ratio)
+    roots = enclosed(lambda m, x: membrane_edge(m, x, ratio), places, highest)
+    require_counts(roots, zeros_below(orders, highest, ratio))
+    return roots
+
+
+def membrane_edge(orders: Array, x: Array, ratio: float) -> Array:
+    """Return the form of wavenumber x / radius at the outer edge, of those 0 at the inner."""
+    if ratio == 0:
+        return at_edge(orders, x).wave
+    regular, singular, _ = ring_parts(orders, ratio * x)
+    return regular * special.jv(orders, x) + singular * special.yv(orders, x)
+
+
+def zeros_below(orders: Array, highest: float, ratio: float = 0.0) -> Index:
+    """Return how many roots a round membrane has up to `highest`, by order from 0 on.
+
+    Those of successive orders interlace, x(m, k) < x(m + 1, k) < x(m, k + 1), and those of order
+    1/2 are k pi / (1 - b) (Watson, "Theory of Bessel Functions", 2nd ed., 1944, sections 15.22 and
+    15.24; for rings by Sturm's comparison of successive orders). So an order has as many roots as
+    the one before, or one less, as the sign at `highest` tells: a Sturm sequence.
+    """
+    start = -1 if ratio else 1
+    signs = start * np.sign(membrane_edge(orders, np.full(len(orders), highest), ratio))
+    counts = np.empty(len(orders), np.int64)
+    count = int(highest * (1 - ratio) / np.pi) + 1
+    for order, sign in enumerate(signs):
+        # One less if the sign is that after one less; at a root itself, it counts.
+        count = max(count - (sign == 1 - 2 * ((count - 1) % 2)), 0)
+        counts[order] = count
+    return counts
+
+
+def require_counts(roots: Array, counts: Index) -> None:
+    """Refuse roots that are not as many as theory demands, by order.
+
+    Raises
+    ------
+    SolverError
+        Where they are not.
+    """
+    found = np.isfinite(roots).sum(axis=1)
+    wrong = np.flatnonzero(found != counts)
+    if len(wrong):
+        raise SolverError(
+            f"{found[wrong[0]]} roots of order {wrong[0]} were found where {counts[wrong[0]]} must "
+            "lie: please report it with the body's dimensions"
+        )
+
+
+def separators(orders: Array, highest: float, past: float, ratio: float = 0.0) -> Array:
+    """Return places up to `highest` at which waves reach phases of (k + past) pi, k = 0, 1, ...
+
+    Roots of a membrane lie near phases of k pi, or (k - 1/4) pi where the wave turns before it
+    meets the hole or the centre (Wentzel, Kramers and Brillouin). Whoever takes these places for
+    ends of intervals has to see the sign change in each, and to count.
+
+    Returns
+    -------
+    array (orders, K)
+        Infinity beyond `highest`.
+    """
+    steps = np.arange(int(highest * (1 - ratio) / np.pi) + 2, dtype=np.float64)
+    targets: Array = np.tile(np.pi * (steps + past), (len(orders), 1))
+    after = _phase(orders, np.full(len(orders), highest), ratio)[:, None] - targets
+    rows, columns = np.nonzero(after > 0)
+    order, target = orders[rows], targets[rows, columns]
+    ends = np.maximum(order, 1e-9), np.full(len(order), highest)
+    places = np.full(targets.shape, np.inf)
+    places[rows, columns] = narrowed(
+        lambda x: _phase(order, x, ratio) - target, ends, (-target, after[rows, columns]), 1e-6
+    )
+    return places
+
+
+def _phase(orders: Array, x: Array, ratio: float) -> Array:
+    """Return the phase that a wave with m periods around gathers from the hole to the edge."""
+    return _phase_within(orders, x) - _phase_within(orders, ratio * x)
+
+
+def _phase_within(orders: Array, x: Array) -> Array:
+    beyond = np.maximum(x, orders)
+    turn = np.divide(orders, beyond, out=np.ones_like(beyond), where=beyond > 0)
+    phase: Array = np.sqrt(beyond**2 - orders**2) - orders * np.arccos(turn)
+    return phase

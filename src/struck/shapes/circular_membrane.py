@@ -3,23 +3,349 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import special
 
+from struck.errors import OptionError
+from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.disks import disk, places_on_disk
-from struck.shapes.plans import require_tension
-from struck.shapes.round_membranes import round_membrane
-from struck.shapes.shape import Shape, Vibration
-from struck.shapes.skins import slab
+from struck.shapes.bessel import at_edge, membrane_roots, ring_parts
+from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
+from struck.shapes.skins import annulus, disk, places_on_disk, slab
 from struck.solids.resolution import require_length
 
-Array = NDArray[np.float64]
+# Forms of round bodies: Bessel functions of the radius times waves around.
+
+Radial = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoundForms:
+    """Functions of a disk or ring: [a J_m(x r) + b Y_m(x r) + c I_m(x r) / I_m(x)] cos or sin.
+
+    r is the distance from the centre over the radius; the angle is that from the x axis, times m.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    ratio : float
+        Radius of the hole over that of the body; 0 for none.
+    orders : array (M,)
+        Nodal diameters m.
+    sines : array (M,)
+        1 where the wave around is a sine, 0 where it is a cosine.
+    wavenumbers : array (M,)
+        x, times the radius.
+    regular, singular, growing : array (M,)
+        a, b and c.
+    """
+
+    radius: float
+    ratio: float = 0.0
+    orders: Index
+    sines: Index
+    wavenumbers: Array
+    regular: Array
+    singular: Array
+    growing: Array
+
+    @property
+    def dimensions(self) -> int:
+        """Coordinates of a place: x and y."""
+        return 2
+
+    def values(self, places: Array) -> Array:
+        """Return the forms at places (K, 2), m: (K, M). Beyond the edge: as on it."""
+        x, y = np.asarray(places, dtype=np.float64)[:, :2].T
+        distance = np.clip(np.hypot(x, y) / self.radius, self.ratio, 1.0)
+        return self._radial(distance) * self._around(np.arctan2(y, x))
+
+    def chosen(self, modes: Index) -> Self:
+        """Return the forms of some modes, in that order."""
+        names = ("orders", "sines", "wavenumbers", "regular", "singular", "growing")
+        return replace(self, **{name: getattr(self, name)[modes] for name in names})
+
+    def _around(self, angles: Array) -> Array:
+        orders, back = np.unique(self.orders, return_inverse=True)
+        turns = angles[:, None] * orders
+        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+        return waves[:, back + len(orders) * self.sines]
+
+    def _radial(self, distances: Array) -> Array:
+        """Return the factors that depend on the distance (K, M), for each pair of modes once."""
+        _, first, back = np.unique(
+            self.orders + 1j * self.wavenumbers, return_index=True, return_inverse=True
+        )
+        pairs = self.chosen(first)
+        count = _enough(float(self.wavenumbers.max(initial=0.0)), self.ratio)
+        radial = np.empty((len(distances), len(pairs.orders)))
+        for part, more in ((pairs.singular == 0, 0), (pairs.singular != 0, self._more())):
+            function = partial(_exact, pairs.chosen(np.flatnonzero(part)))
+            radial[:, part] = _carried(function, distances, count + more, self.ratio)
+        return radial[:, back]
+
+    def _more(self) -> int:
+        """Return how many more points Y_m needs, which is singular at the centre."""
+        return int(20 / np.arctanh(np.sqrt(self.ratio))) if self.ratio else 0
+
+
+def _exact(forms: RoundForms, distances: Array) -> Array:
+    """Return the factors that depend on the distance (K, M)."""
+    at = distances[:, None] * forms.wavenumbers
+    total = forms.regular * special.jv(forms.orders, at)
+    ring, plate = np.flatnonzero(forms.singular), np.flatnonzero(forms.growing)
+    total[:, ring] += forms.singular[ring] * special.yv(forms.orders[ring], at[:, ring])
+    total[:, plate] += forms.growing[plate] * _growing(
+        forms.orders[plate], forms.wavenumbers[plate], distances
+    )
+    return total
+
+
+def _growing(orders: Index, wavenumbers: Array, distances: Array) -> Array:
+    """Return I_m(x r) / I_m(x) without overflow."""
+    r = distances[:, None]
+    scaled = special.ive(orders, wavenumbers * r) / special.ive(orders, wavenumbers)
+    return np.asarray(scaled * np.exp(wavenumbers * (r - 1)), dtype=np.float64)
+
+
+def _enough(wavenumber: float, ratio: float) -> int:
+    """Return how many of Chebyshev's points carry J_m and I_m to rounding.
+
+    Waves need two points a wavelength and some more (Trefethen, "Approximation Theory and
+    Approximation Practice", 2013, chapter 8).
+    """
+    half = wavenumber * (1 - ratio) / 2
+    return int(half + 12 * np.cbrt(half)) + 25
+
+
+def _carried(function: Radial, distances: Array, count: int, ratio: float) -> Array:
+    """Return a function of the distance from `ratio` to 1, interpolated where that is quicker."""
+    if len(distances) <= count:
+        return function(distances)
+    nodes = (1 + ratio) / 2 + (1 - ratio) / 2 * np.cos(np.linspace(0, np.pi, count))
+    return _interpolation(nodes, distances) @ function(nodes)
+
+
+def _interpolation(nodes: Array, places: Array) -> Array:
+    """Return the matrix (K, N) from values at Chebyshev's points to those at other places.
+
+    The barycentric formula: Berrut and Trefethen, SIAM Review 46, 501 (2004).
+    """
+    weights = (-1.0) ** np.arange(len(nodes))
+    weights[[0, -1]] /= 2
+    gaps = places[:, None] - nodes
+    rows, columns = np.nonzero(gaps == 0)
+    gaps[rows] = 1.0
+    matrix = weights / gaps
+    matrix[rows] = 0.0
+    matrix[rows, columns] = 1.0
+    return matrix / matrix.sum(axis=1, keepdims=True)
+
+
+def with_pairs(roots: Array) -> tuple[Index, Index, Array]:
+    """Return orders, 1 for sines, and roots of all modes (M,), ascending.
+
+    Each of the roots (orders, K) that is finite is a mode that goes as a cosine around and, but for
+    order 0, another that goes as a sine.
+    """
+    orders, columns = np.nonzero(np.isfinite(roots))
+    turned = np.flatnonzero(orders > 0)
+    every = np.append(np.arange(len(orders)), turned)
+    sines = np.append(np.zeros_like(orders), np.ones_like(turned))
+    found = roots[orders, columns][every]
+    ascending = np.lexsort((sines, orders[every], found))
+    return orders[every][ascending], sines[ascending], found[ascending]
+
+
+# What disks and rings under tension have in common.
+
+_ROUNDING = 1e-13
+
+
+def round_membrane(
+    material: Material,
+    highest: float,
+    *,
+    radius: float,
+    hole: float,
+    thickness: float,
+    tension: float,
+) -> Vibration:
+    """Return every mode up to `highest` Hz of a membrane held at its edges.
+
+    Parameters
+    ----------
+    material : Material
+    highest : float
+        Hz.
+    radius, hole, thickness : float
+        m; no hole: 0.
+    tension : float
+        N/m.
+
+    Raises
+    ------
+    OptionError
+        When they are more than 100,000.
+    """
+    speed = math.sqrt(tension / (material.density * thickness))
+    ratio, wavenumber = hole / radius, 2 * math.pi * highest / speed
+    require_countable("membrane", math.pi * (radius**2 - hole**2), wavenumber, highest)
+    orders, sines, roots = with_pairs(membrane_roots(radius * wavenumber, ratio))
+    return Vibration(
+        frequencies=speed / (2 * math.pi * radius) * roots,
+        forms=_forms(radius, ratio, (orders, sines), roots),
+        poisson_slopes=np.zeros(len(roots)),
+        # Phases of narrow rings are small differences of large ones.
+        errors=np.full(len(roots), _ROUNDING + 20 * np.finfo(float).eps / (1 - ratio)),
+        half_wave=math.pi * radius / float(roots.max(initial=math.pi)),
+        method="round membrane: zeros of Bessel functions, counted by a Sturm sequence",
+        references=("morse1948",),
+        details={"speed of waves": speed},
+    )
+
+
+def _forms(radius: float, ratio: float, waves: tuple[Index, Index], roots: Array) -> RoundForms:
+    orders, sines = waves
+    parts = _disk(orders, roots) if ratio == 0 else _ring(orders, roots, ratio)
+    around = np.where(orders > 0, math.sqrt(2), 1.0)
+    return RoundForms(
+        radius=radius,
+        ratio=ratio,
+        orders=orders,
+        sines=sines,
+        wavenumbers=roots,
+        regular=around * parts[0],
+        singular=around * parts[1],
+        growing=np.zeros(len(roots)),
+    )
+
+
+def _disk(orders: Index, roots: Array) -> tuple[Array, Array]:
+    """Return the factors of J_m and Y_m: the mean square of J_m is J_{m+1}(x)^2."""
+    _, following, _ = at_edge(orders.astype(float), roots)
+    return 1 / np.abs(following), np.zeros(len(roots))
+
+
+def _ring(orders: Index, roots: Array, ratio: float) -> tuple[Array, Array]:
+    """Return the factors of J_m and Y_m, by Lommel's integral and Wronski's determinant."""
+    m = orders.astype(float)
+    regular, singular, inner = ring_parts(m, ratio * roots)
+    _, _, outer = ring_parts(m, roots)
+    square = 4 / (math.pi * roots) ** 2 * (outer**-2.0 - inner**-2.0) / (1 - ratio**2)
+    return regular / np.sqrt(square), singular / np.sqrt(square)
+
+
+# Annular membranes: rings held at both edges.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnnularMembrane(Shape):
+    """A taut ring around the origin, held at its outer edge and at that of its round hole.
+
+    Parameters
+    ----------
+    radius : float
+        Outer, m.
+    hole : float
+        Radius of the hole, m; below `radius`.
+    thickness : float
+        m.
+    tension : float
+        N/m, the same in all directions.
+
+    Raises
+    ------
+    OptionError
+        On lengths or a tension that are not positive, or a hole that leaves nothing.
+
+    Notes
+    -----
+    f_mk = c x_mk / (2 pi radius) with c^2 = tension / (density thickness) and the roots of
+    J_m(b x) Y_m(x) = J_m(x) Y_m(b x), where b = hole / radius; with m > 0 nodal diameters each
+    comes twice, as cosine and sine of m times the angle (Morse 1948, section 19).
+
+    Examples
+    --------
+    >>> ring = AnnularMembrane(radius=0.2, hole=0.05, thickness=0.0005, tension=2000.0)
+    >>> skin = Material(density=1300.0, youngs_modulus=3.5e9, poisson_ratio=0.4)
+    >>> ring.vibration(skin, 240.0).frequencies.round(2)
+    array([180.88, 196.32, 196.32, 234.83, 234.83])
+    """
+
+    radius: float
+    hole: float
+    thickness: float
+    tension: float
+
+    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "hole", "thickness"):
+            require_length(f"{name} of the membrane", getattr(self, name))
+        if self.hole >= self.radius:
+            raise OptionError(
+                f"hole of the membrane has a radius of {self.hole} m: it must lie below that of "
+                f"the membrane, {self.radius} m"
+            )
+        require_tension("membrane", self.tension)
+
+    @property
+    def supported(self) -> bool:
+        """True: its edges are held."""
+        return True
+
+    @property
+    def tensioned(self) -> bool:
+        """True: tension drives it back."""
+        return True
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return math.pi * (self.radius**2 - self.hole**2) * self.thickness
+
+    @property
+    def extent(self) -> float:
+        """Outer diameter, m."""
+        return 2 * self.radius
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the top, at y = 0.
+
+        "middle" of the ring (also "top"), "quarter" of its width from the outer edge, "edge" (also
+        "rim") 1 % off it.
+        """
+        return places_on_disk(self.radius, self.hole, self.thickness)
+
+    def vibration(self, material: Material, highest: float) -> Vibration:
+        """Return every mode up to `highest` Hz.
+
+        Raises
+        ------
+        OptionError
+            When they are more than 100,000.
+        """
+        return round_membrane(
+            material,
+            highest,
+            radius=self.radius,
+            hole=self.hole,
+            thickness=self.thickness,
+            tension=self.tension,
+        )
+
+    def skin(self, spacing: float) -> Mesh:
+        """Return its closed surface with vertices about `spacing` m apart over the plan."""
+        return slab(*annulus(self.radius, self.hole, spacing), self.thickness)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

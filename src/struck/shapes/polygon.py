@@ -3,20 +3,220 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from struck.solids.outline import distance_to_edges, signed_area
+from struck.model.arrays import Array, Index
+from struck.solids.fem.factorisation import Factoriser
+from struck.solids.fem.lanczos import Mass, block_lanczos
+from struck.solids.polygon_mesh import (
+    contains,
+    distance_to_edges,
+    edges_of,
+    sides,
+    signed_area,
+    triangulated,
+)
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# Finite elements on a polygon's triangles: bounds of a membrane's eigenvalues from both sides.
+#
+# Quadratic elements conform, so their eigenvalues bound the true ones from above, one by one.
+# Crouzeix-Raviart elements do not; corrected by their size, theirs bound the true ones from below
+# (Carstensen & Gedicke 2014; Liu 2015). Counted by inertia, one such bound proves that no more
+# eigenvalues than those found lie below a value.
+
+# Liu 2015: the Crouzeix-Raviart interpolation error in L2 is at most this times the longest edge
+# times its error in the gradient.
+_INTERPOLATION = 0.1893
+_AT_ONCE = 120  # eigenvalues a slice
+
+
+class Triangulation:
+    """Triangles that fill a polygon.
+
+    Parameters
+    ----------
+    points : array (N, 2)
+        m.
+    triangles : array (T, 3)
+        Counter-clockwise.
+    """
+
+    def __init__(self, points: Array, triangles: Index) -> None:
+        self.points = points
+        self.triangles = triangles
+
+    @classmethod
+    def of(cls, corners: Array, longest: float) -> Triangulation:
+        """Fill a polygon (n, 2) with triangles whose edges are at most `longest` m.
+
+        A coarse triangulation is halved: that is quicker, and keeps its angles.
+        """
+        extent = float(np.ptp(corners, axis=0).max())
+        times = max(0, round(np.log2(extent / longest / _COARSE)))
+        size = 2**times * longest / np.sqrt(2)
+        while True:
+            filling = cls(*triangulated((corners,), size)[:2])
+            excess = filling.longest / (2**times * longest)
+            if excess <= 1:
+                break
+            size *= 0.97 / excess
+        for _ in range(times):
+            filling = filling.halved()
+        return filling
+
+    @cached_property
+    def _edges(self) -> tuple[Index, Index, NDArray[np.bool_]]:
+        """Edges (E, 2), the edges opposite the triangles' corners (T, 3), which are inner."""
+        every = np.sort(sides(self.triangles), axis=2)[:, [1, 2, 0]]
+        edges, numbers, counts = np.unique(
+            every.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
+        )
+        return edges, numbers.reshape(-1, 3), counts == 2
+
+    @property
+    def longest(self) -> float:
+        """Length of the longest edge, m."""
+        start, end = np.moveaxis(self.points[self._edges[0]], 1, 0)
+        return float(np.linalg.norm(end - start, axis=1).max())
+
+    def halved(self) -> Triangulation:
+        """Cut each triangle into four alike."""
+        edges, opposite, _ = self._edges
+        a, b, c = self.triangles.T
+        p, q, r = (opposite + len(self.points)).T
+        parts = [np.stack(part, axis=1) for part in ((a, r, q), (r, b, p), (q, p, c), (p, q, r))]
+        return Triangulation(
+            np.vstack([self.points, self.points[edges].mean(axis=1)]), np.vstack(parts)
+        )
+
+    @cached_property
+    def _gradients(self) -> tuple[Array, Array]:
+        """Return gradients of the area coordinates (T, 3, 2) and areas (T,)."""
+        corners = self.points[self.triangles]
+        along = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        doubled = along[:, 0, 0] * along[:, 1, 1] - along[:, 0, 1] * along[:, 1, 0]
+        inwards = np.stack([-along[..., 1], along[..., 0]], axis=2)
+        return inwards / doubled[:, None, None], doubled / 2
+
+    def quadratic(self) -> Pencil:
+        """Return the matrices of six-node triangles, held along the boundary."""
+        slopes, areas = self._gradients
+        edges, opposite, inner = self._edges
+        numbers = np.hstack([self.triangles, len(self.points) + opposite])
+        grown = np.einsum("qni,tid->tqnd", _RISES, slopes)
+        stiffness = np.einsum("t,tqnd,tqmd->tnm", areas / 3, grown, grown)
+        free = np.ones(len(self.points) + len(edges), bool)
+        free[edges[~inner]] = False
+        free[len(self.points) :] = inner
+        return Pencil.of(numbers, free, stiffness, areas[:, None, None] * _QUADRATIC_MASS)
+
+    def nonconforming(self) -> Pencil:
+        """Return the matrices of Crouzeix-Raviart elements, held along the boundary."""
+        slopes, areas = self._gradients
+        _, opposite, inner = self._edges
+        stiffness = 4 * areas[:, None, None] * (slopes @ np.swapaxes(slopes, 1, 2))
+        return Pencil.of(opposite, inner, stiffness, areas[:, None, None] * np.eye(3) / 3)
+
+    @property
+    def slack(self) -> float:
+        """How far a true eigenvalue lies at most below a Crouzeix-Raviart one.
+
+        lambda >= raviart / (1 + slack * raviart), m^2 (Liu 2015).
+        """
+        return (_INTERPOLATION * self.longest) ** 2
+
+
+def edge_for(slack: float) -> float:
+    """Return the longest edge that a triangulation of some slack, m^2, may have, m."""
+    return float(np.sqrt(slack)) / _INTERPOLATION
+
+
+_COARSE = 12  # edges along the extent
+# Derivatives of the six quadratic shape functions by area coordinates, at the three mid-sides.
+_CORNERS = np.eye(3)
+_MIDDLES = (1 - _CORNERS) / 2
+_RISES = np.array(
+    [
+        [(4 * at[i] - 1) * _CORNERS[i] for i in range(3)]
+        + [4 * (at[j] * _CORNERS[k] + at[k] * _CORNERS[j]) for j, k in ((1, 2), (2, 0), (0, 1))]
+        for at in _MIDDLES
+    ]
+)
+_QUADRATIC_MASS = (
+    np.block(
+        [
+            [7 * np.eye(3) - np.ones((3, 3)), -4 * np.eye(3)],
+            [-4 * np.eye(3), 16 * np.eye(3) + 16 * np.ones((3, 3))],
+        ]
+    )
+    / 180
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pencil:
+    """Stiffness and mass matrix of a membrane under unit tension and of unit density."""
+
+    stiffness: sparse.csc_matrix
+    mass: sparse.csc_matrix
+    factorise: Factoriser
+
+    @classmethod
+    def of(cls, numbers: Index, free: NDArray[np.bool_], stiffness: Array, mass: Array) -> Pencil:
+        """Add up element matrices (T, n, n) over node numbers (T, n), without nodes not free."""
+        rows = np.repeat(numbers, numbers.shape[1], axis=1).ravel()
+        columns = np.tile(numbers, (1, numbers.shape[1])).ravel()
+        shape = (len(free), len(free))
+        assembled = [
+            sparse.coo_matrix((part.ravel(), (rows, columns)), shape=shape).tocsc()[free][:, free]
+            for part in (stiffness, mass)
+        ]
+        return cls(stiffness=assembled[0], mass=assembled[1], factorise=Factoriser())
+
+    def count(self, value: float) -> int:
+        """Return how many eigenvalues lie below a value: the inertia of K - value M."""
+        return self.factorise(self._shifted(value)).negative
+
+    def below(self, value: float) -> Array:
+        """Return all eigenvalues below a value, ascending; counted by inertia, none is missed."""
+        total = self.count(value)
+        ends = value * np.linspace(0, 1, -(-total // _AT_ONCE) + 1)
+        counts = [0, *(self.count(end) for end in ends[1:-1]), total]
+        slices = zip(ends[:-1], ends[1:], counts[:-1], counts[1:], strict=True)
+        found = [self._slice(*each) for each in slices] if total else [np.zeros(0)]
+        return np.concatenate(found)
+
+    def _slice(self, low: float, high: float, under: int, up_to: int) -> Array:
+        """Return the eigenvalues between two values below which so many lie."""
+        middle = (low + high) / 2
+        factor = self.factorise(self._shifted(middle))
+        if up_to == under:
+            return np.zeros(0)
+        pairs = block_lanczos(
+            factor.solve,
+            cast("Mass", self.mass),  # only multiplies
+            middle,
+            up_to - factor.negative,
+            np.zeros((self.mass.shape[0], 0)),
+            below=factor.negative - under,
+        )
+        return pairs.values
+
+    def _shifted(self, value: float) -> sparse.csc_matrix:
+        return sparse.tril(self.stiffness - value * self.mass, format="csc")
+
+
 _SMALLEST_BEND = 1e-12  # rad
 _WHOLE = 1e-9  # how near to a whole number pi / angle counts as one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class Polygon:
     """A simple polygon, cut into ears.
 
     Parameters
@@ -129,12 +329,12 @@ class Plan:
         return self.corners + share[..., None] * steps
 
 
-def plan_of(corners: Array) -> Plan:
+def plan_of(corners: Array) -> Polygon:
     """Return the plan of a simple polygon (n, 2) given in either direction round."""
     corners = corners if signed_area(corners) > 0 else corners[::-1]
     corners = corners[np.abs(inner_angles(corners) - np.pi) > _SMALLEST_BEND]
     ears = _cut(corners)
-    return Plan(corners=corners, ears=ears, bearings=_bearings(corners, ears))
+    return Polygon(corners=corners, ears=ears, bearings=_bearings(corners, ears))
 
 
 def cross(first: Array, second: Array) -> Array:
@@ -209,3 +409,179 @@ def _doors(ears: Index) -> list[list[tuple[int, list[int]]]]:
             if here != there and len(common) == 2:
                 doors[here].append((there, common.tolist()))
     return doors
+
+
+# Where functions over a plan are looked at: along its edges, inside, all over for integrals.
+
+# Nodes crowd towards corners, where solutions rise with a broken power of the distance.
+_CROWDED_ON_EDGES = 2.5
+_TRIANGLES_ALONG, _TOUCHING = 2, 1e-9
+_NODES_A_RADIAN = 0.6  # of the phase of a wave: half of it would do for an infinite line
+_SPARE, _SPARE_AT_CORNERS = 7, 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nodes:
+    """Places in a plan.
+
+    Parameters
+    ----------
+    points : array (K, 2)
+        m.
+    ears : array (K,)
+        Ears of the plan that hold them.
+    weights : array (K,)
+        For integrals, m or m^2.
+    normals : array (K, 2)
+        Pointing out of the plan; zero inside.
+    """
+
+    points: Array
+    ears: Index
+    weights: Array
+    normals: Array
+
+    @classmethod
+    def joined(cls, parts: list[Nodes]) -> Nodes:
+        """Put nodes together."""
+        return cls(
+            points=np.vstack([part.points for part in parts]),
+            ears=np.concatenate([part.ears for part in parts]),
+            weights=np.concatenate([part.weights for part in parts]),
+            normals=np.vstack([part.normals for part in parts]),
+        )
+
+
+def along_edges(plan: Polygon, counts: Array, crowded: float = _CROWDED_ON_EDGES) -> Nodes:
+    """Return nodes on all edges, so many on each (n,), for integrals along them.
+
+    Gauss-Legendre points drawn towards the corners by Kress' substitution (Kress 1990).
+    """
+    parts = []
+    for edge, (length, count) in enumerate(zip(plan.lengths, counts.tolist(), strict=True)):
+        share, weights = _gauss(int(np.ceil(count)))
+        here, there = share**crowded, (1 - share) ** crowded
+        stretch = crowded * (share * (1 - share)) ** (crowded - 1) / (here + there) ** 2
+        points, outwards = plan.on_edge(edge, here / (here + there))
+        parts.append(
+            Nodes(
+                points=points,
+                ears=np.full(len(points), plan.ear_of_edge(edge)),
+                weights=length * weights * stretch,
+                normals=np.tile(outwards, (len(points), 1)),
+            )
+        )
+    return Nodes.joined(parts)
+
+
+def all_over(plan: Polygon, wavenumber: float) -> Nodes:
+    """Return nodes for integrals over the plan of products of two solutions, 1/m `wavenumber`.
+
+    Gauss-Legendre points in triangles, laid out as rays from one vertex (Duffy 1982): from the
+    plan's corner, where there is one, and crowding towards it.
+    """
+    extent = float(np.ptp(plan.corners, axis=0).max())
+    filling = Triangulation.of(plan.corners, extent / _TRIANGLES_ALONG).halved()
+    corners = filling.points[filling.triangles]
+    gaps = np.linalg.norm(corners[:, :, None] - plan.corners, axis=3).min(axis=2)
+    tips = gaps.argmin(axis=1)
+    turned = np.stack(
+        [np.roll(each, -tip, axis=0) for each, tip in zip(corners, tips, strict=True)]
+    )
+    touching = gaps.min(axis=1) < _TOUCHING * extent
+    phase = _NODES_A_RADIAN * wavenumber * filling.longest
+    parts = [
+        _rays(turned[touching], int(_SPARE_AT_CORNERS + phase), 2),
+        _rays(turned[~touching], int(_SPARE + phase), 1),
+    ]
+    points, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    points, ears = plan.located(points)
+    return Nodes(points=points, ears=ears, weights=weights, normals=np.zeros_like(points))
+
+
+def _rays(triangles: Array, count: int, crowded: int) -> tuple[Array, Array]:
+    """Return points and weights of products of rules in triangles (T, 3, 2), from their tips."""
+    share, weights = _gauss(count)
+    out = share**crowded
+    growth = out * crowded * share ** (crowded - 1) * weights
+    tips, first, second = np.moveaxis(triangles, 1, 0)
+    ends = (first[:, None] - tips[:, None]) + share[:, None] * (second - first)[:, None]
+    points = tips[:, None, None] + out[:, None, None] * ends[:, None]
+    areas = cross(first - tips, second - tips)[:, None, None]
+    return points.reshape(-1, 2), (areas * growth[:, None] * weights).ravel()
+
+
+def scattered(plan: Polygon, count: int) -> Nodes:
+    """Return `count` places inside, at random with a fixed seed."""
+    draw = np.random.default_rng(0)
+    first, second, third = np.moveaxis(plan.corners[plan.ears], 1, 0)
+    areas = cross(second - first, third - first) / 2
+    ears = draw.choice(len(areas), count, p=areas / areas.sum())
+    u, v = draw.random((2, count))
+    u, v = np.where(u + v > 1, 1 - u, u)[:, None], np.where(u + v > 1, 1 - v, v)[:, None]
+    points = first[ears] + u * (second - first)[ears] + v * (third - first)[ears]
+    weights = np.full(count, areas.sum() / count)
+    return Nodes(points=points, ears=ears, weights=weights, normals=np.zeros_like(points))
+
+
+# Sources recede from a corner by this share of the way from it, and stand off so many spacings.
+_RECEDING, _SOURCES_A_DISTANCE = 0.5, 4
+
+
+def around(plan: Polygon, farthest: float, share: float, widest: float) -> Array:
+    """Return points (C, 2) outside a plan, about as dense as they are far from its edges.
+
+    Parameters
+    ----------
+    plan : Plan
+    farthest : float
+        Distance from the edges far from all corners, m.
+    share : float
+        Distance near a corner, as a share of its clearance.
+    widest : float
+        Largest spacing, m.
+    """
+
+    def distances(points: Array) -> Array:
+        ways = np.linalg.norm(points[:, None] - plan.corners, axis=2)
+        return np.minimum(farthest, (share * plan.clearances + _RECEDING * ways).min(axis=1))
+
+    points, apart = [np.zeros((0, 2))], [np.zeros(0)]
+    for corner, bend in enumerate(np.pi - plan.angles):
+        fine, _ = plan.on_edge(corner, np.linspace(0, 1, _FINE))
+        spacings = np.minimum(distances(fine) / _SOURCES_A_DISTANCE, widest)
+        at, outwards = plan.on_edge(corner, _spread(plan.lengths[corner] / spacings))
+        points.append(at + distances(at)[:, None] * outwards)
+        apart.append(distances(at))
+        if bend > 0:
+            radius = distances(fine[:1])
+            turns = -bend * _spread(np.full(_FINE, bend * radius / spacings[0]))
+            points.append(fine[0] + radius * _rotated(outwards, turns))
+            apart.append(np.repeat(radius, len(turns)))
+    candidates, edges = np.vstack(points), edges_of((plan.corners,))
+    clear = distance_to_edges(edges, candidates) > _CLEAR * np.concatenate(apart)
+    return candidates[clear & ~contains(edges, candidates)]
+
+
+_FINE, _CLEAR = 400, 0.8
+
+
+def _spread(densities: Array) -> Array:
+    """Return shares of a way, given how many points the whole would have if dense as here."""
+    steps = (densities[1:] + densities[:-1]) / 2 / (len(densities) - 1)
+    passed = np.concatenate([[0.0], np.cumsum(steps)])
+    parts = int(np.ceil(passed[-1]))
+    middles = (np.arange(parts) + 0.5) / parts * passed[-1]
+    return np.interp(middles, passed, np.linspace(0, 1, len(densities)))
+
+
+def _rotated(vector: Array, angles: Array) -> Array:
+    x, y = vector
+    turned = [np.cos(angles) * x - np.sin(angles) * y, np.sin(angles) * x + np.cos(angles) * y]
+    return np.stack(turned, axis=1)
+
+
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Return the points and weights of a Gauss-Legendre rule on 0 to 1."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return (points + 1) / 2, weights / 2

@@ -8,17 +8,20 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.plans import INSET, places_on, require_countable, require_tension
-from struck.shapes.shape import Shape, Vibration
+from struck.shapes.shape import (
+    INSET,
+    Shape,
+    Vibration,
+    places_on,
+    require_countable,
+    require_tension,
+)
 from struck.shapes.skins import rectangle, slab
 from struck.solids.resolution import require_length
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _ROUNDING = 1e-14
 

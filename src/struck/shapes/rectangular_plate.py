@@ -2,27 +2,353 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.linalg
+from numpy.polynomial.legendre import leggauss
+from scipy.special import eval_jacobi
 
-from struck.errors import OptionError
+from struck.errors import OptionError, SolverError
+from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.counterpart import Counterpart, require_clamped_or_free
-from struck.shapes.plans import INSET, places_on
-from struck.shapes.ritz import Axis, Plate, bend
-from struck.shapes.ritz_forms import RitzForms
-from struck.shapes.shape import Shape, Vibration
+from struck.shapes.shape import (
+    INSET,
+    Counterpart,
+    Shape,
+    Vibration,
+    places_on,
+    require_clamped_or_free,
+)
 from struck.shapes.skins import rectangle, slab
 from struck.solids import Block
 from struck.solids.resolution import require_length
 
-Array = NDArray[np.float64]
+# Deflections of rectangular plates as sums of products of polynomials.
+
+# Values held at once while many places are read.
+_AT_ONCE = 2**22
+
+
+def edge_polynomials(count: int, ends: tuple[int, int], u: Array, order: int = 0) -> Array:
+    """Return orthonormal polynomials on [-1, 1] that vanish at the ends, or derivatives of them.
+
+    They are (1 + u)^a (1 - u)^b P_n^(2b, 2a)(u), with P_n the polynomials of Jacobi: of all
+    polynomials with zeros of orders a and b at the ends, these are orthonormal.
+
+    Parameters
+    ----------
+    count : int
+        How many, from n = 0.
+    ends : pair of int
+        Orders a and b of the zeros at u = -1 and u = 1.
+    u : array (K,)
+    order : int
+        Of the derivative: 0, 1 or 2.
+
+    Returns
+    -------
+    array (K, count)
+    """
+    a, b = ends
+    factor = np.polynomial.Polynomial([1.0, 1.0]) ** a * np.polynomial.Polynomial([1.0, -1.0]) ** b
+    total = np.zeros((len(u), count))
+    for taken, binomial in enumerate(((1,), (1, 1), (1, 2, 1))[order]):
+        weights = factor.deriv(order - taken)(u) if order > taken else factor(u)
+        total += binomial * weights[:, None] * _jacobi(count, (2 * b, 2 * a), u, taken)
+    return total / _norms(count, ends)
+
+
+def _jacobi(count: int, powers: tuple[int, int], u: Array, order: int) -> Array:
+    """Return derivatives of Jacobi's polynomials at u (K, count)."""
+    numbers, (alpha, beta) = np.arange(count), powers
+    factors = np.ones(count)
+    for taken in range(order):
+        factors = factors * (numbers + alpha + beta + 1 + taken) / 2
+    lower = np.maximum(numbers - order, 0)
+    values = eval_jacobi(lower, alpha + order, beta + order, u[:, None])
+    return np.where(numbers >= order, factors * values, 0.0)
+
+
+def _norms(count: int, ends: tuple[int, int]) -> Array:
+    a, b = ends
+    u, weights = leggauss(count + a + b + 1)
+    factor = (1 + u) ** a * (1 - u) ** b
+    values = factor[:, None] * _jacobi(count, (2 * b, 2 * a), u, 0)
+    return np.sqrt(weights @ np.square(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RitzForms:
+    """Sums of products of `edge_polynomials` along x and y, with a mean square of 1.
+
+    Parameters
+    ----------
+    length, width : float
+        m.
+    ends : array (2, 2)
+        Orders of the zeros at both ends, along x and along y.
+    stride : array (2,)
+        2 where only even or only odd polynomials occur in a mode, 1 elsewhere; along x and y.
+    starts : array (M, 2)
+        Numbers of the first polynomials of each mode.
+    coefficients : array (M, I, J)
+    """
+
+    length: float
+    width: float
+    ends: Index
+    stride: Index
+    starts: Index
+    coefficients: Array
+
+    @property
+    def dimensions(self) -> int:
+        """Two: x and y."""
+        return 2
+
+    def values(self, places: Array) -> Array:
+        """Return the deflections at x and y in m (K, 2): (K, M)."""
+        shares = np.clip(np.asarray(places)[:, :2] / (self.length, self.width), 0.0, 1.0)
+        along, across = (self._polynomials(2 * shares[:, axis] - 1, axis) for axis in (0, 1))
+        values = np.empty((len(shares), len(self.starts)))
+        for start in np.unique(self.starts, axis=0):
+            modes = np.flatnonzero((self.starts == start).all(axis=1))
+            x, y = (
+                functions[:, first::stride]
+                for functions, first, stride in zip(
+                    (along, across), start, self.stride, strict=True
+                )
+            )
+            values[:, modes] = _products(x, y, self.coefficients[modes])
+        return 2 * values
+
+    def _polynomials(self, u: Array, axis: int) -> Array:
+        """Return all polynomials along an axis (K, N), each place once."""
+        distinct, back = np.unique(u, return_inverse=True)
+        count = int(self.stride[axis]) * self.coefficients.shape[1 + axis]
+        ends = (int(self.ends[axis, 0]), int(self.ends[axis, 1]))
+        return edge_polynomials(count, ends, distinct)[back]
+
+    def chosen(self, modes: Index) -> Self:
+        """Return the deflections of some modes, in that order."""
+        return replace(self, starts=self.starts[modes], coefficients=self.coefficients[modes])
+
+
+def _products(x: Array, y: Array, coefficients: Array) -> Array:
+    """Return sums over i and j of x_i c_mij y_j: (K, M)."""
+    modes, rows, columns = coefficients.shape
+    flat = coefficients.transpose(1, 0, 2).reshape(rows, modes * columns)
+    step = max(1, _AT_ONCE // flat.shape[1])
+    parts = []
+    for first in range(0, len(x), step):
+        some = slice(first, first + step)
+        mixed = (x[some, :rows] @ flat).reshape(-1, modes, columns)
+        parts.append(np.einsum("kmj,kj->km", mixed, y[some, :columns]))
+    return np.concatenate(parts)
+
+
+# Bending of rectangular plates by Rayleigh and Ritz, with orthonormal polynomials.
+
+Ends = tuple[int, int]
+
+# Rigid motions keep this share of the least that is not zero, by rounding.
+_ZERO = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolynomialAxis:
+    """Integrals over one axis, [-1, 1], of products of its polynomials' derivatives.
+
+    Parameters
+    ----------
+    ends : pair of int
+        Zeros of the polynomials there: 0 free, 1 supported, 2 clamped.
+    count : int
+        Polynomials.
+    scale : float
+        du / dx, 1/m.
+    """
+
+    ends: Ends
+    count: int
+    scale: float
+
+    @cached_property
+    def _derivatives(self) -> tuple[Array, Array, Array, Array]:
+        u, weights = leggauss(self.count + sum(self.ends) + 1)
+        roots = np.sqrt(weights)[:, None]
+        functions = [
+            edge_polynomials(self.count, self.ends, u, order) * self.scale**order * roots
+            for order in range(3)
+        ]
+        return functions[0], functions[1], functions[2], u
+
+    @cached_property
+    def slopes(self) -> Array:
+        """Of first derivatives with first derivatives, 1/m^2."""
+        _, first, _, _ = self._derivatives
+        return first.T @ first
+
+    @cached_property
+    def curvatures(self) -> Array:
+        """Of second derivatives with second derivatives, 1/m^4."""
+        _, _, second, _ = self._derivatives
+        return second.T @ second
+
+    @cached_property
+    def mixed(self) -> Array:
+        """Of functions with second derivatives, 1/m^2."""
+        values, _, second, _ = self._derivatives
+        return values.T @ second
+
+    @property
+    def stride(self) -> int:
+        """2 where equal ends make even and odd functions strangers, else 1."""
+        return 2 if self.ends[0] == self.ends[1] else 1
+
+    def rigid(self) -> int:
+        """Return how many of 1 and x vanish at the ends as they must."""
+        return {(0, 0): 2, (0, 1): 1, (1, 0): 1}.get(self.ends, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plate:
+    """Modes of a plate whose bending stiffness equals its mass per area.
+
+    Parameters
+    ----------
+    squared : array (M,)
+        Squares of the angular frequencies, 1/m^4, ascending, without rigid motions.
+    slopes : array (M,)
+        Their derivatives by Poisson's ratio.
+    starts : array (M, 2)
+    stride : array (2,)
+    coefficients : array (M, I, J)
+        As of `RitzForms`, the sum of their squares 1.
+    """
+
+    squared: Array
+    slopes: Array
+    starts: Index
+    stride: Index
+    coefficients: Array
+
+
+def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) -> Plate:
+    """Return all modes that the polynomials can form.
+
+    Raises
+    ------
+    SolverError
+        When rigid motions do not stand apart.
+    """
+    stride = np.array([along.stride, across.stride])
+    blocks = [
+        _Block.of(along, across, poisson_ratio, start)
+        for start in itertools.product(range(stride[0]), range(stride[1]))
+    ]
+    squared = np.concatenate([block.squared for block in blocks])
+    order = np.argsort(squared, kind="stable")[_rigid_motions(along, across) :]
+    _require_apart(squared, len(squared) - len(order))
+    shape = np.max([block.vectors.shape[1:] for block in blocks], axis=0)
+    padded = [
+        np.pad(
+            block.vectors, ((0, 0), *((0, m - n) for m, n in zip(shape, block.shape, strict=True)))
+        )
+        for block in blocks
+    ]
+    starts = np.concatenate([np.tile(block.start, (len(block.squared), 1)) for block in blocks])
+    return Plate(
+        squared=squared[order],
+        slopes=np.concatenate([block.slopes for block in blocks])[order],
+        starts=starts[order],
+        stride=stride,
+        coefficients=np.concatenate(padded)[order],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Modes of one symmetry."""
+
+    start: tuple[int, int]
+    squared: Array
+    slopes: Array
+    vectors: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.vectors.shape[1:]
+
+    @classmethod
+    def of(
+        cls, x: PolynomialAxis, y: PolynomialAxis, poisson_ratio: float, start: tuple[int, int]
+    ) -> _Block:
+        some = tuple(
+            slice(first, None, axis.stride) for first, axis in zip(start, (x, y), strict=True)
+        )
+
+        def product(left: Array, right: Array) -> Array:
+            both = np.kron(left[some[0], some[0]], right[some[1], some[1]])
+            return np.asarray(both, np.float64)
+
+        ones = np.eye(x.count), np.eye(y.count)
+        twist = product(x.slopes, y.slopes)
+        across = product(x.mixed, y.mixed.T) + product(x.mixed.T, y.mixed)
+        pure = product(x.curvatures, ones[1]) + product(ones[0], y.curvatures) + 2 * twist
+        crossed = across - 2 * twist
+        squared, vectors = _solved(pure + poisson_ratio * crossed, min(x.scale, y.scale))
+        slopes = np.einsum("im,ij,jm->m", vectors, crossed, vectors, optimize=True)
+        rows = len(range(x.count)[some[0]])
+        return cls(
+            start=start,
+            squared=squared,
+            slopes=slopes,
+            vectors=vectors.T.reshape(len(squared), rows, -1),
+        )
+
+
+def _solved(stiffness: Array, scale: float) -> tuple[Array, Array]:
+    """Return eigenvalues, ascending, and vectors of length one.
+
+    Solved for their inverses, with all functions equally stiff: then the lowest do not drown in
+    the rounding of the highest, which are larger by the eighth power of the degree.
+    """
+    shift = scale**4
+    shifted = stiffness + shift * np.eye(len(stiffness))
+    weights = 1 / np.sqrt(np.diag(shifted))
+    inverses, vectors = scipy.linalg.eigh(
+        np.diag(weights**2), shifted * np.multiply.outer(weights, weights)
+    )
+    vectors = vectors[:, ::-1] * weights[:, None]
+    squared = np.asarray(1 / inverses[::-1] - shift, np.float64)
+    return squared, np.asarray(vectors / np.linalg.norm(vectors, axis=0), np.float64)
+
+
+def _rigid_motions(along: PolynomialAxis, across: PolynomialAxis) -> int:
+    """Return how many motions bend nothing: of 1, x and y those that the edges allow."""
+    x, y = along.rigid(), across.rigid()
+    if x == 2 and y == 2:
+        return 3
+    return int((x, y) in {(2, 1), (1, 2)})
+
+
+def _require_apart(squared: Array, rigid: int) -> None:
+    lowest = np.sort(squared)[: rigid + 1]
+    if rigid and not np.abs(lowest[:-1]).max() < _ZERO * lowest[-1]:
+        raise SolverError(
+            f"a rigid motion of the plate came out at {math.sqrt(abs(lowest[-2])):.3g} 1/m^2, "
+            f"its lowest mode at {math.sqrt(abs(lowest[-1])):.3g}: the plate is too slender for "
+            "this method; take a Bar"
+        )
+
 
 EDGES = {"free": 0, "supported": 1, "clamped": 2}
 # Polynomials beyond those that half waves ask for; and for a half wave, of which pi / 2 would do
@@ -182,11 +508,11 @@ class RectangularPlate(Shape):
                 break
         return plate, errors, [axis.count for axis in axes]
 
-    def _axes(self, wavenumber: float, factor: float) -> tuple[Axis, Axis]:
+    def _axes(self, wavenumber: float, factor: float) -> tuple[PolynomialAxis, PolynomialAxis]:
         around = [EDGES[edge] for edge in self.around]
         pairs = ((self.length, around[:2]), (self.width, around[2:]))
         along, across = (
-            Axis(
+            PolynomialAxis(
                 ends=(ends[0], ends[1]),
                 count=round(factor * (_MORE + _A_HALF_WAVE * wavenumber * length / math.pi)),
                 scale=2 / length,
@@ -217,7 +543,7 @@ def _moved(before: Array, after: Array) -> Array:
     return errors
 
 
-def _require_solvable(along: Axis, across: Axis) -> None:
+def _require_solvable(along: PolynomialAxis, across: PolynomialAxis) -> None:
     functions = along.count * across.count // (along.stride * across.stride)
     if functions > _MOST_FUNCTIONS:
         raise OptionError(

@@ -2,23 +2,154 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.forms import Forms, TransverseShapes
+from struck.model.arrays import Array
+from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
+from struck.model.modes import Modes
 from struck.model.provenance import Provenance
-from struck.modes import Modes
-from struck.shapes.counterpart import Counterpart
+from struck.solids import Block, Tube
+from struck.solids.volume_mesh import VolumeMesh
 
-Array = NDArray[np.float64]
+# The solid that a closed-form body stands for, to compute it by finite elements instead.
+
+Turn = tuple[tuple[float, ...], ...]
+Held = Callable[[Array], NDArray[np.bool_]]
+
+# Turns the axis of a tube, z, towards x.
+ALONG_X: Turn = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+UPRIGHT: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# Share of the body's extent within which a node counts as on its end.
+_NEAR = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counterpart:
+    """A solid in the frame of a closed-form body: turned, then moved by `offset`.
+
+    Parameters
+    ----------
+    solid : Block or Tube
+    turn : matrix (3, 3)
+        Of a rotation.
+    offset : vector (3,)
+        m.
+    ends : tuple of (axis, m)
+        Where the solid is held: at the planes across the axis (0 or 1) at these places.
+    rim : float or None
+        Where it is held, too: at this distance from the axis z, m.
+    """
+
+    solid: Block | Tube
+    turn: Turn = UPRIGHT
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ends: tuple[tuple[int, float], ...] = ()
+    rim: float | None = None
+    places: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+
+    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+        """Return the solid's elements in this frame."""
+        mesh = self.solid.volume_mesh(accuracy)
+        return replace(mesh, nodes=mesh.nodes @ np.array(self.turn).T + np.array(self.offset))
+
+    @property
+    def fixed(self) -> Held | None:
+        """Where it is held, as `struck.analyze` asks for it."""
+        return self._held if self.ends or self.rim else None
+
+    def _held(self, points: Array) -> NDArray[np.bool_]:
+        near = _NEAR * float(np.ptp(points, axis=0).max())
+        held = np.zeros(len(points), bool)
+        for axis, place in self.ends:
+            held |= np.abs(points[:, axis] - place) <= near
+        if self.rim is not None:
+            held |= np.hypot(points[:, 0], points[:, 1]) >= self.rim - near
+        return held
+
+
+def require_clamped_or_free(kind: str, ends: tuple[str, ...]) -> None:
+    """Refuse supports that no surface of a solid can have.
+
+    Raises
+    ------
+    OptionError
+        Where an end is neither clamped nor free.
+    """
+    for end in ends:
+        if end not in {"clamped", "free"}:
+            raise OptionError(
+                f"an end of the {kind} is {end!r}: elements can only be held ('clamped') or let "
+                "go ('free'); take method='formula'"
+            )
+
+
+# Places along slender bodies.
+
+# Places near an end stand off it by this share.
+_INSET = 0.01
+
+
+def places_along(length: float, height: float) -> Mapping[str, Array]:
+    """Return contacts on the top of a body along x from 0 to `length`, its middle line at z = 0.
+
+    "middle" (also "top"), "quarter" of the length, and "end" 1 % off the end at x = length.
+    """
+    shares = {"top": 0.5, "middle": 0.5, "quarter": 0.25, "end": 1 - _INSET}
+    places = {name: np.array([share * length, 0.0, height / 2]) for name, share in shares.items()}
+    for place in places.values():
+        place.setflags(write=False)
+    return MappingProxyType(places)
+
+
+# What bodies with a plan in x and y share: places by name, and how many modes are too many.
+
+# Places near an edge stand off it by this share.
+INSET = 0.01
+_MOST_PLAN_MODES = 100_000
+
+
+def places_on(plan: Mapping[str, tuple[float, float]], thickness: float) -> Mapping[str, Array]:
+    """Return contacts on the top face of a body whose middle plane is z = 0, by name, m (3,)."""
+    places = {name: np.array([x, y, thickness / 2]) for name, (x, y) in plan.items()}
+    for place in places.values():
+        place.setflags(write=False)
+    return MappingProxyType(places)
+
+
+def require_tension(body: str, tension: float) -> None:
+    """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
+    if not (math.isfinite(tension) and tension > 0):
+        raise OptionError(f"tension of the {body} is {tension} N/m: it must exceed 0")
+
+
+def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
+    """Refuse bands with more modes than a file can hold, by Weyl's law.
+
+    Raises
+    ------
+    OptionError
+        When about area wavenumber^2 / (4 pi) exceeds 100,000.
+    """
+    count = area * wavenumber**2 / (4 * math.pi)
+    if not count <= _MOST_PLAN_MODES:
+        raise OptionError(
+            f"the {body} has about {count:.2g} modes up to {highest:g} Hz: "
+            f"at most {_MOST_PLAN_MODES} "
+            "are computed; end the band lower, or check the lengths (m)"
+        )
+
+
 BAND = (20.0, 20_000.0)
 # Vertices across the shortest half wave: what a picture and the estimate of radiation need.
 _ACROSS_A_HALF_WAVE = 4

@@ -8,18 +8,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import OptionError
+from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.lengths import places_along
-from struck.shapes.shape import Shape, Vibration
-from struck.shapes.sleeves import sleeve
+from struck.shapes.shape import Shape, Vibration, places_along
+from struck.shapes.skins import sleeve
 from struck.solids.resolution import require_length
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _AROUND = 12
 _ROUNDING = 1e-14

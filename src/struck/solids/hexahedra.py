@@ -10,17 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from struck.model.arrays import Array, Index
+from struck.solids.polygon_mesh import Boundary, Loops, inner_angles, keys, sides, triangulated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sheet:
+class QuadrilateralSheet:
     """Quadrilaterals in a plane.
 
     Parameters
@@ -39,7 +38,7 @@ class Sheet:
 _IN_BLOCK = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
 
 
-def lattice(first: Array, second: Array, *, closed: bool = False) -> Sheet:
+def lattice(first: Array, second: Array, *, closed: bool = False) -> QuadrilateralSheet:
     """Lay quadrilaterals on a rectangular lattice.
 
     Parameters
@@ -58,7 +57,7 @@ def lattice(first: Array, second: Array, *, closed: bool = False) -> Sheet:
     nodes = [number[i : rows + i : 2, j : columns + j : 2].ravel() for i, j in _IN_BLOCK]
     points = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1).reshape(-1, 2)
     used, quads = np.unique(np.stack(nodes, axis=1), return_inverse=True)
-    return Sheet(points=points[used], quads=quads.reshape(-1, 8))
+    return QuadrilateralSheet(points=points[used], quads=quads.reshape(-1, 8))
 
 
 def angles(around: int) -> Array:
@@ -70,7 +69,7 @@ _ROUNDING = 0.4  # how far the sides of the core bulge towards circles: 0 a squa
 _CORE = 0.6  # half the width of the core
 
 
-def disc(around: int, rings: int) -> Sheet:
+def disc(around: int, rings: int) -> QuadrilateralSheet:
     """Mesh the unit disc without a pole: a rounded square core within rings (an O-grid).
 
     Parameters
@@ -88,7 +87,7 @@ def disc(around: int, rings: int) -> Sheet:
         [_rounded(core.points), _between_core_and_circle(*ring.points.T)],
         [core.quads, ring.quads],
     )
-    return Sheet(points=points, quads=quads)
+    return QuadrilateralSheet(points=points, quads=quads)
 
 
 def _rounded(square: Array) -> Array:
@@ -106,18 +105,18 @@ def _between_core_and_circle(outward: Array, angle: Array) -> Array:
     return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def with_middles(points: Array, corners: Index) -> Sheet:
+def with_middles(points: Array, corners: Index) -> QuadrilateralSheet:
     """Make a sheet of straight-sided quadrilaterals from their corners (Q, 4)."""
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
     edges, place = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     middles = len(points) + place.reshape(-1, 4)
-    return Sheet(
+    return QuadrilateralSheet(
         points=np.vstack([points, points[edges].mean(axis=1)]),
         quads=np.hstack([corners, middles]),
     )
 
 
-def stacked(sheet: Sheet, levels: Array) -> tuple[Array, Index]:
+def stacked(sheet: QuadrilateralSheet, levels: Array) -> tuple[Array, Index]:
     """Lay a sheet on itself in layers.
 
     Parameters
@@ -194,3 +193,96 @@ def divided(breaks: Array, count: int) -> Array:
         for low, high, share in zip(breaks[:-1], breaks[1:], shares, strict=True)
     ]
     return np.concatenate([*starts, breaks[-1:]])
+
+
+# Quadrilaterals inside a polygon: triangles in pairs, cut about their centres.
+
+
+def quadrilaterals(loops: Loops, size: float) -> QuadrilateralSheet:
+    """Mesh the inside of an outline and its holes.
+
+    Parameters
+    ----------
+    loops : tuple of arrays (n, 2)
+        The outline and its holes, checked by `outline.check_loops`.
+    size : float
+        Edge of the quadrilaterals, m; smaller where corners stand closer together.
+
+    Raises
+    ------
+    MeshError
+        When the outline has corners too sharp or too close to mesh.
+    """
+    points, triangles, boundary = triangulated(loops, 2 * size)
+    pairs, single = _paired(points, triangles)
+    points, corners = _cut(points, [pairs, single], boundary)
+    return with_middles(_smoothed(points, corners), corners)
+
+
+_WIDEST = np.radians(150.0)  # angle that a pair of triangles may have
+
+
+def _paired(points: Array, triangles: Index) -> tuple[Index, Index]:
+    """Join triangles to quadrilaterals, best ones first: pairs (P, 4) and those left (T, 3)."""
+    edges = keys(sides(triangles)).ravel()
+    order = np.argsort(edges, kind="stable")
+    twice = np.flatnonzero(edges[order][1:] == edges[order][:-1])
+    first, second = order[twice], order[twice + 1]
+    quads = _joined(triangles, first, second)
+    angles = inner_angles(points[quads])
+    convex = (angles > 0).all(axis=1) & (angles.max(axis=1) < _WIDEST)
+    worst = np.abs(angles - np.pi / 2).max(axis=1)
+    free, chosen = np.ones(len(triangles), bool), []
+    for pair in np.lexsort((first, worst.round(9))):
+        members = [first[pair] // 3, second[pair] // 3]
+        if convex[pair] and free[members].all():
+            free[members] = False
+            chosen.append(pair)
+    return quads[chosen].reshape(-1, 4), triangles[free]
+
+
+def _joined(triangles: Index, first: Index, second: Index) -> Index:
+    """Return the corners around both triangles that share an edge (given by flat side numbers)."""
+    a, b, opposite = (triangles[first // 3, (first + i) % 3] for i in range(3))
+    beyond = triangles[second // 3, (second + 2) % 3]
+    return np.stack([a, beyond, b, opposite], axis=1)
+
+
+def _cut(points: Array, groups: list[Index], boundary: Boundary) -> tuple[Array, Index]:
+    """Cut polygons into quadrilaterals between corner, middles of sides and centre."""
+    edges = np.vstack([sides(cells).reshape(-1, 2) for cells in groups])
+    numbers, first, place = np.unique(keys(edges), return_index=True, return_inverse=True)
+    middles = points[edges[first]].mean(axis=1)
+    middles[np.searchsorted(numbers, keys(boundary.ends))] = boundary.middles
+    parts, corners, done, start = [points, middles], [], 0, len(points) + len(middles)
+    for cells in groups:
+        middle = len(points) + place[done : done + cells.size].reshape(cells.shape)
+        centre = np.broadcast_to(start + np.arange(len(cells))[:, None], cells.shape)
+        quads = np.stack([cells, middle, centre, np.roll(middle, 1, axis=1)], axis=-1)
+        corners.append(quads.reshape(-1, 4))
+        parts.append(points[cells].mean(axis=1))
+        done, start = done + cells.size, start + len(cells)
+    return np.vstack(parts), np.vstack(corners)
+
+
+def _smoothed(points: Array, corners: Index, sweeps: int = 8) -> Array:
+    """Move inner points to the centre of their neighbours while that does not harm any cell."""
+    edges, counts = np.unique(keys(sides(corners)), return_counts=True)
+    ends = np.stack([edges >> 32, edges & 0xFFFFFFFF], axis=1)
+    inner = np.ones(len(points), bool)
+    inner[ends[counts == 1]] = False
+    both = np.vstack([ends, ends[:, ::-1]])
+    degree = np.bincount(both[:, 0], minlength=len(points))[:, None]
+    for _ in range(sweeps):
+        total = np.zeros_like(points)
+        np.add.at(total, both[:, 0], points[both[:, 1]])
+        moved = np.where(inner[:, None], (points + total / degree) / 2, points)
+        if _quality(moved, corners) < _quality(points, corners):
+            break
+        points = moved
+    return points
+
+
+def _quality(points: Array, corners: Index) -> float:
+    """Return the smallest sine of a corner's angle, negative where a cell is turned over."""
+    return float(np.sin(inner_angles(points[corners])).min())

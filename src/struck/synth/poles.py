@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.excitation.pushing import Push
+from struck.excitation.excitation import Push
+from struck.model.arrays import Array, Complex
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000
 """Sample rates, Hz."""
 LONGEST_BLOCK = 4096

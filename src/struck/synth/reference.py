@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.excitation.pushing import Push
+from struck.excitation.excitation import Push
+from struck.model.arrays import Array, Complex, Index
 from struck.synth.poles import (
-    Array,
-    Complex,
     Key,
     Poles,
     Ringing,
@@ -19,7 +20,176 @@ from struck.synth.poles import (
     require_session,
     voices_for,
 )
-from struck.synth.whole_blocks import Index, Outputs, Piece, WholeBlocks
+
+# One body whose blocks are made as wholes, not sample by sample.
+#
+# Within a block c[k] = z^(k+1) c + the convolution of the force with z^k. Gains that change
+# linearly are two constant ones: of a force that fades out and one that fades in, of a sound
+# likewise.
+
+Gain = TypeVar("Gain", Array, Complex)
+Outputs = Complex | Array
+"""Gains (points, M), real where all are."""
+Piece = tuple[Array, Array, Array]
+"""A force (block,) with the drives (M,) that it begins and ends with."""
+
+KEPT = 64
+"""Results for gains that may come again: at least those of one block."""
+# Blocks without a push after which it is looked whether a body may sleep.
+_PATIENCE = 8
+
+
+class WholeBlocks(ABC):
+    """The modes of one body under pushes.
+
+    Parameters
+    ----------
+    poles : Poles
+    points, block : int
+        Outputs; samples.
+    sample_rate : float
+        Hz.
+    quiet : float
+        Share of its loudest at which it falls asleep.
+    """
+
+    def __init__(
+        self, poles: Poles, *, points: int, block: int, sample_rate: float, quiet: float = 0.0
+    ) -> None:
+        self.size, self.rate = block, sample_rate
+        self.outputs: Outputs = np.zeros((points, len(poles.values)))
+        self.asleep, self._quiet, self._loudest, self._slept = False, quiet, 0.0, 0
+        self._unpushed = 0
+        self._fade = np.arange(1, block + 1) / block
+        self._begin(poles)
+        # z c: what the first sample of the next block finds.
+        self.ahead = np.zeros(len(poles.values), np.complex128)
+
+    def arranged(self, outputs: Complex) -> Outputs:
+        """Return outputs (points, M) in the order of `order`, as real numbers where they are."""
+        arranged = outputs[..., self.order]
+        return arranged if arranged.imag.any() else arranged.real.copy()
+
+    def kept(self, drive: Gain) -> Gain:
+        """Return what goes into modes (M,) in that order, none for modes that are left out."""
+        kept = drive[self.order]
+        kept[self.logs == 0] = 0
+        return kept
+
+    def _as_given(self, values: Complex | Array) -> Complex:
+        given = np.empty(values.shape, np.complex128)
+        given[..., self.order] = values
+        return given
+
+    @property
+    def states(self) -> Complex:
+        """What c is after the last block (M,)."""
+        self.wake()
+        return self._as_given(self.ahead / np.exp(self.logs))
+
+    def take(self, poles: Poles) -> None:
+        """Go on with these poles from the states there are."""
+        states, outputs = self.states, self._as_given(self.outputs)
+        held = self._as_given(self._held_before)
+        self._begin(poles)
+        self.outputs = self.arranged(outputs)
+        self._held_before = self.kept(held)
+        self.ahead = self.kept(states) * np.exp(self.logs)
+
+    def _begin(self, poles: Poles) -> None:
+        self.poles = poles
+        # By the gains that made them, which are kept so that no others come to have their names.
+        self._levels: dict[tuple[int, int], tuple[Outputs, Array, Array]] = {}
+        self.order = self.planned(poles.values)
+        self.logs = poles.values[self.order] / self.rate
+        held, kept = -np.expm1(self.logs) * self.rate, self.logs != 0
+        self._held = np.divide(1, held, out=np.zeros_like(held), where=kept)
+        self._held_before = self._held
+
+    def wake(self) -> None:
+        """Bring the states to where they would be by now."""
+        if self._slept:
+            self.ahead = self.ahead * np.exp(self.logs * self._slept)
+        self.asleep, self._slept = False, 0
+
+    @abstractmethod
+    def planned(self, poles: Complex) -> Index:
+        """Prepare whatever depends on the poles; return the order of modes to work in (M,)."""
+
+    @abstractmethod
+    def rung(self, outputs: Outputs) -> Array:
+        """Return what the states sound like by themselves in the next block (points, block)."""
+
+    @abstractmethod
+    def answered(self, outputs: Outputs, force: Array, drive: Array) -> Array:
+        """Return what a force sounds like in its own block (points, block)."""
+
+    @abstractmethod
+    def advance(self, pushes: Sequence[tuple[Array, Array]]) -> None:
+        """Move the states on by a block under forces with constant drives."""
+
+    def next_block(self, pieces: Sequence[Piece], wanted: Outputs | None) -> Array:
+        """Return the next samples (points, block), with the outputs wanted at its end."""
+        before, after = self.outputs, self.outputs if wanted is None else wanted
+        if self.asleep and not pieces and wanted is None:
+            self._slept += self.size
+            return np.zeros((len(before), self.size))
+        self.wake()
+        self.outputs = after
+        samples = self._heard(before, pieces)
+        if wanted is not None:
+            samples = samples + self._fade * (self._heard(after, pieces) - samples)
+        samples = sum((self._direct(before, after, piece) for piece in pieces), samples)
+        self.advance(list(_constant(pieces, self._fade)))
+        self.asleep, self._held_before = not pieces and self._may_sleep(), self._held
+        return samples
+
+    def _heard(self, outputs: Outputs, pieces: Sequence[Piece]) -> Array:
+        answers = (self.answered(outputs, *push) for push in _constant(pieces, self._fade))
+        return sum(answers, self.rung(outputs))
+
+    def _direct(self, before: Outputs, after: Outputs, piece: Piece) -> Array:
+        """Take off what a constant force would still sound like, first by the poles before."""
+        force, begin, end = piece
+        first, last = self._still(before, begin), self._still(after, end)
+        if self._held_before is not self._held:
+            first = _ended(before, begin, self._held_before)
+        if first is last:
+            return first[:, None] * force
+        return (first[:, None] + np.outer(last - first, self._fade)) * force
+
+    def _still(self, outputs: Outputs, drive: Array) -> Array:
+        """Return what a constant unit force ends in, less than nothing (points,)."""
+        pair = id(outputs), id(drive)
+        if pair not in self._levels:
+            while len(self._levels) >= KEPT:
+                self._levels.pop(next(iter(self._levels)))
+            self._levels[pair] = outputs, drive, _ended(outputs, drive, self._held)
+        return self._levels[pair][2]
+
+    def _may_sleep(self) -> bool:
+        self._unpushed = (self._unpushed + 1) % _PATIENCE
+        if self._unpushed:
+            return False
+        sizes = np.abs(self.ahead.real) + np.abs(self.ahead.imag)
+        bound = float(sizes @ np.abs(self.outputs).max(axis=0))
+        self._loudest = max(self._loudest, bound)
+        return bound <= self._quiet * self._loudest
+
+
+def _ended(outputs: Outputs, drive: Array, held: Complex) -> Array:
+    """Return what constant unit forces end in, less than nothing (points,)."""
+    return -np.imag(outputs @ (held * drive))
+
+
+def _constant(pieces: Sequence[Piece], fade: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield forces with drives that do not change within the block."""
+    for force, begin, end in pieces:
+        if begin is end:
+            yield force, begin
+        else:
+            yield force * (1 - fade), begin
+            yield force * fade, end
 
 
 class Tabled(WholeBlocks):

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from struck.model.arrays import Array, Complex
 
 _MODES_AT_ONCE = 1024
 _VALUES_AT_ONCE = 1 << 20

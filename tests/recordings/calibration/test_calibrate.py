@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from struck import InternalFriction, Material, ModalModel, Rayleigh
 from struck.errors import MaterialError, OptionError, RecordingError
 from struck.model.damping import Damping, Measured
-from struck.recordings.calibration.calibration import Calibration, calibrated
-from struck.recordings.calibration.correcting import corrected
+from struck.recordings.calibration.calibration import Calibration, calibrated, corrected
 from struck.recordings.calibration.losses import losses
 from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.segment import Segment
+from struck.recordings.segments import Segment
 from struck.shapes import Bar, CircularPlate, RectangularPlate, String
 from tests.recordings.calibration.plates import (
     STEEL,

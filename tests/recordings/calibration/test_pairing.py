@@ -10,9 +10,14 @@ import pytest
 
 from struck import ModalModel
 from struck.errors import OptionError, RecordingError
-from struck.recordings.calibration.chance import SIGNIFICANT, beyond_chance, explains
-from struck.recordings.calibration.matchings import posteriors
-from struck.recordings.calibration.pairing import Pairing, paired
+from struck.recordings.calibration.agreement import posteriors
+from struck.recordings.calibration.pairing import (
+    SIGNIFICANT,
+    Pairing,
+    beyond_chance,
+    explains,
+    paired,
+)
 from struck.shapes import Bar, CircularPlate, RectangularPlate, String
 from tests.recordings.calibration.plates import (
     HIGHEST,

@@ -17,19 +17,23 @@ import pytest
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.files import wav
 from struck.files.sound import Sound
-from struck.recordings.acceptance import MARGIN, Bounds, Verdict, examined
-from struck.recordings.capture.capture import Outcome, Take, capture
-from struck.recordings.capture.hooks import Hooks
-from struck.recordings.capture.plan_file import read_plan
-from struck.recordings.capture.simulated import SimulatedRecorder
-from struck.recordings.capture_plan import CapturePlan, Contact, Listener, Point
+from struck.recordings.acceptance import MARGIN, Bounds, TakeVerdict, examined
+from struck.recordings.capture import CapturedTake, Outcome, SimulatedRecorder, capture
+from struck.recordings.capture_plan import (
+    CapturePlan,
+    Hooks,
+    PlannedContact,
+    PlannedListener,
+    Point,
+    read_plan,
+)
 from struck.recordings.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, ONSET, RATE, SECONDS, hit, write
 
 Change = Callable[[np.ndarray], np.ndarray]
 
 
-def judged(samples: np.ndarray, bounds: Bounds | None = None) -> Verdict:
+def judged(samples: np.ndarray, bounds: Bounds | None = None) -> TakeVerdict:
     sound = Sound(samples=samples.astype(np.float32), sample_rate=RATE)
     return examined(
         sound,
@@ -231,7 +235,7 @@ def test_a_clipped_take_is_refused_and_repeated(tmp_path: Path, simulation: Path
 def test_what_a_recorder_notes_is_a_reason_to_refuse(tmp_path: Path, simulation: Path) -> None:
     class Losing(SimulatedRecorder):
         def record(
-            self, take: Take, seconds: float, lead_in: float, cue: Callable[[], None]
+            self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
         ) -> Sound:
             sound = super().record(take, seconds, lead_in, cue)
             notes = ("samples were lost",) if take.attempt == 1 else ()
@@ -272,9 +276,9 @@ def test_a_take_whose_file_has_gone_is_recorded_again(tmp_path: Path, simulation
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from struck.recordings.capture.capture import capture
-from struck.recordings.capture.plan_file import read_plan
-from struck.recordings.capture.simulated import SimulatedRecorder
+from struck.recordings.capture import capture
+from struck.recordings.capture_plan import read_plan
+from struck.recordings.capture import SimulatedRecorder
 
 class Slow(SimulatedRecorder):
     def record(self, *given):
@@ -391,7 +395,9 @@ def test_a_hook_that_fails_stops_the_measurement(
 
 def test_a_hook_that_is_not_there_is_named(tmp_path: Path, simulation: Path) -> None:
     wanted = CapturePlan(
-        seconds=SECONDS, contacts=(Contact(name="a", at=(1.0,)),), hooks=Hooks(move=("./nothing",))
+        seconds=SECONDS,
+        contacts=(PlannedContact(name="a", at=(1.0,)),),
+        hooks=Hooks(move=("./nothing",)),
     )
     with pytest.raises(RecordingError, match=r"\./nothing, cannot be started: No such file"):
         run(wanted, tmp_path / "takes", simulation)
@@ -523,8 +529,8 @@ def test_plans_without_a_file_are_checked_too() -> None:
     with pytest.raises(OptionError, match="200000 takes are planned"):
         CapturePlan(
             seconds=1,
-            contacts=tuple(Contact(name=f"c{n}", at=(float(n),)) for n in range(200)),
-            listeners=(Listener(name="a", at=((0.0, 0.0, 1.0),)),),
+            contacts=tuple(PlannedContact(name=f"c{n}", at=(float(n),)) for n in range(200)),
+            listeners=(PlannedListener(name="a", at=((0.0, 0.0, 1.0),)),),
             hits=1000,
         )
 

@@ -7,11 +7,18 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from struck.errors import OptionError
-from struck.recordings.corbett2007.masking import audible, bark, quiet
-from struck.recordings.corbett2007.merging import SharedModes, inaudible_difference, merged
-from struck.recordings.corbett2007.method import fit_corbett2007
-from struck.recordings.corbett2007.steiglitz_mcbride import residues, steiglitz_mcbride
-from struck.recordings.corbett2007.windowed_transform import WindowedTransform
+from struck.recordings.corbett2007 import (
+    SharedModes,
+    WindowedTransform,
+    audible,
+    bark,
+    fit_corbett2007,
+    inaudible_difference,
+    merged,
+    quiet,
+    residues,
+    steiglitz_mcbride,
+)
 from tests.recordings.scenes import (
     LEAD,
     RATE,

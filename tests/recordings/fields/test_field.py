@@ -6,13 +6,13 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.excitation.pushing import Push
+from struck.excitation.excitation import Push
 from struck.model.model import ModalModel
 from struck.model.survey import Survey, from_spherical, since_arrival
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import TimbreTable
-from struck.recordings.fields.outgoing import ORDER
-from struck.recordings.survey_plan import Plan
+from struck.model.waves import ORDER
+from struck.recordings.survey_plan import SurveyPlan
 from struck.synth.resonators import Resonators
 from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, Vase, error, listeners, noisy
 
@@ -71,9 +71,9 @@ def test_a_vase_from_57_recordings_with_gains_30_db_over_noise(seed: int) -> Non
     assert error(heard(field, HEIGHTS, listeners()), true) <= -33
 
 
-def partial(vase: Vase, gains: Complex) -> tuple[Plan, TimbreField]:
+def partial(vase: Vase, gains: Complex) -> tuple[SurveyPlan, TimbreField]:
     """Return plan and field of those of all recordings (P, Q, M) that the plan asks for."""
-    plan = Plan.of(HEIGHTS, listeners(), symmetry="axial")
+    plan = SurveyPlan.of(HEIGHTS, listeners(), symmetry="axial")
     plan = plan.after(gains[tuple(plan.first.T)])
     survey = Survey(
         contacts=HEIGHTS,
@@ -300,9 +300,9 @@ def test_recordings_without_anything_in_common_are_refused() -> None:
 
 
 def test_a_plan_needs_its_first_recordings() -> None:
-    plan = Plan.of(HEIGHTS, listeners())
+    plan = SurveyPlan.of(HEIGHTS, listeners())
     assert plan.first.tolist() == [[0, plan.listener], [1, plan.listener], [2, plan.listener]]
     with pytest.raises(OptionError, match="not chosen yet"):
         _ = plan.rest
     with pytest.raises(OptionError, match="listener is 19: there are 0 to 18"):
-        Plan.of(HEIGHTS, listeners(), listener=19)
+        SurveyPlan.of(HEIGHTS, listeners(), listener=19)

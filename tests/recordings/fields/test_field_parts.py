@@ -7,13 +7,10 @@ from numpy.typing import NDArray
 from scipy.special import spherical_jn, spherical_yn
 
 from struck.errors import OptionError
-from struck.model.survey import Survey
-from struck.recordings.fields.contact_part import ContactPart
-from struck.recordings.fields.evidence import shares
-from struck.recordings.fields.listener_part import ListenerPart
-from struck.recordings.fields.outgoing import ORDER, degrees, near_field, real_harmonics
-from struck.recordings.fields.waves import Waves
-from struck.recordings.separation import Separation
+from struck.model.separation import Separation
+from struck.model.survey import Survey, shares
+from struck.model.timbre_field import ContactPart, ListenerPart
+from struck.model.waves import ORDER, SphericalWaves, degrees, near_field, real_harmonics
 from tests.recordings.fields.vases import error
 
 Array = NDArray[np.float64]
@@ -85,7 +82,7 @@ def test_sound_of_points_is_known_where_nobody_listened(wave_number: float, boun
     modes = 8
     near = np.concatenate([0.4 * scattered(30, 4), 0.9 * scattered(30, 5)])
     heard = sources(near, wave_number, modes)
-    waves = Waves.of(near, heard, np.ones(heard.shape), np.full(modes, wave_number))
+    waves = SphericalWaves.of(near, heard, np.ones(heard.shape), np.full(modes, wave_number))
     assert not waves.levelled.any()
     places = scattered(200, 6) * default_rng(7).uniform(0.3, 2.0, (200, 1))
     assert error(waves.at(places), sources(places, wave_number, modes)) < bound
@@ -95,7 +92,7 @@ def test_what_is_fitted_solves_the_wave_equation() -> None:
     wave_number, step = 10.0, 1e-3
     places = np.concatenate([0.4 * scattered(30, 4), 0.9 * scattered(30, 5)])
     heard = sources(places, wave_number, 3)
-    waves = Waves.of(places, heard, np.ones(heard.shape), np.full(3, wave_number))
+    waves = SphericalWaves.of(places, heard, np.ones(heard.shape), np.full(3, wave_number))
 
     def pressure(at: Array) -> Complex:
         return waves.at(at) * np.exp(-1j * wave_number * np.linalg.norm(at, axis=1))[:, None]
@@ -121,7 +118,9 @@ def test_more_lobes_than_listeners_keep_their_level() -> None:
         return (np.exp(-1j * wave_number * late) / ways) @ strengths
 
     places = scattered(25, 11) * 0.7
-    waves = Waves.of(places, heard(places), np.ones((25, modes)), np.full(modes, wave_number))
+    waves = SphericalWaves.of(
+        places, heard(places), np.ones((25, modes)), np.full(modes, wave_number)
+    )
     assert waves.levelled.mean() > 0.5
     others = scattered(300, 12) * 0.7
     powers = [np.square(np.abs(each)).mean(axis=0) for each in (waves.at(others), heard(others))]
@@ -132,7 +131,7 @@ def test_waves_by_angular_order_add_up() -> None:
     chance = default_rng(13)
     places = 0.5 * scattered(40, 14)
     heard = chance.normal(size=(40, 2)) + 0j
-    waves = Waves.of(places, heard, np.ones((40, 2)), np.full(2, 5.0), mirrored=True)
+    waves = SphericalWaves.of(places, heard, np.ones((40, 2)), np.full(2, 5.0), mirrored=True)
     ahead = waves.turned(places)
     assert ahead.shape == (40, 2 * ORDER + 1, 2)
     factors = np.array([1.0, *([1.0, 0.0] * ORDER)])

@@ -7,12 +7,11 @@ import pytest
 
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.errors import ContactError
-from struck.excitation.roll import Roll
-from struck.excitation.scrape import Scrape
+from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.model.model import ModalModel
-from struck.recordings.fields.single_point import SinglePoint
-from struck.rendering import render
+from struck.model.timbre_table import SinglePoint
+from struck.scene.render import render
 
 FREQUENCIES = np.array([440.0, 1000.0, 3000.0])
 DECAYS = np.array([3.0, 5.0, 9.0])

@@ -8,8 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from struck.errors import ContactError, OptionError
 from struck.model.survey import Survey, from_spherical
-from struck.model.timbre_table import TimbreTable
-from struck.recordings.fields.grids import Axis
+from struck.model.timbre_table import GridAxis, TimbreTable
 from tests.recordings.fields.vases import HEIGHTS, Vase, listeners, noisy
 
 Array = NDArray[np.float64]
@@ -84,7 +83,7 @@ def test_quinti_linear_interpolation_is_that_of_scipy() -> None:
 
 
 def test_azimuths_go_round() -> None:
-    axis = Axis.through(np.array([0.0, np.pi / 2, np.pi, -np.pi / 2, -np.pi]), 2 * np.pi)
+    axis = GridAxis.through(np.array([0.0, np.pi / 2, np.pi, -np.pi / 2, -np.pi]), 2 * np.pi)
     assert len(axis.nodes) == 4
     np.testing.assert_allclose(
         axis.weights(np.array([-np.pi / 4, 9 * np.pi / 4])),

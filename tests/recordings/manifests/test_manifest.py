@@ -12,9 +12,7 @@ from hypothesis import strategies as some
 
 from struck.errors import FileFormatError, RecordingError
 from struck.model.survey import Survey, from_spherical
-from struck.recordings.manifest import Manifest, _from_toml, read_manifest
-from struck.recordings.manifests.entries import Entry
-from struck.recordings.manifests.toml_table import TomlTable
+from struck.recordings.manifest import Manifest, ManifestEntry, TomlTable, _from_toml, read_manifest
 
 FILES = ("a.wav", "b.wav", "c.wav")
 
@@ -199,7 +197,7 @@ def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
 
 NUMBERS = some.floats(-1e6, 1e6)
 ENTRIES = some.builds(
-    Entry,
+    ManifestEntry,
     file=some.text(min_size=1, max_size=8),
     contact=some.tuples(NUMBERS, NUMBERS),
     listeners=some.lists(some.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=3).map(tuple),
@@ -218,12 +216,14 @@ ENTRIES = some.builds(
     centre=some.tuples(NUMBERS, NUMBERS, NUMBERS),
 )
 def test_what_is_written_is_read_again(
-    entries: list[Entry],
+    entries: list[ManifestEntry],
     coordinates: tuple[str, ...],
     centre: tuple[float, float, float],
 ) -> None:
     numbered = tuple(
-        Entry(**{**{name: getattr(each, name) for name in Entry.__slots__}, "hit": number})
+        ManifestEntry(
+            **{**{name: getattr(each, name) for name in ManifestEntry.__slots__}, "hit": number}
+        )
         for number, each in enumerate(entries, 1)
     )
     path = Path("m.toml")

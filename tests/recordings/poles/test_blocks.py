@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse.csgraph import connected_components
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.blocks import blocks_around
-from struck.recordings.poles.kernels.grouping import labelled
-from struck.recordings.poles.refinement import settled
-from struck.recordings.takes.segment import Segment
+from struck.recordings.poles.projection import labelled
+from struck.recordings.poles.refinement import blocks_around, settled
+from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
 Complex = NDArray[np.complex128]
@@ -33,14 +32,14 @@ def some_gains(channels: int) -> Complex:
     return chance.standard_normal(shape) + 1j * chance.standard_normal(shape)
 
 
-def two_segments() -> tuple[list[Segment], Ringing]:
+def two_segments() -> tuple[list[Segment], Exponentials]:
     """Return one channel of 1 s and three of 0.7 s, without noise, and what rings in them."""
     gains = some_gains(4)
     samples = sound(gains[:1], 1.0), sound(gains[1:], 0.7)
     noises = Noise.white([1e-4]), Noise.white([1e-4, 4e-4, 1e-4])
     rows = 0, 1
     segments = [Segment.of(s, RATE, n, r) for s, n, r in zip(samples, noises, rows, strict=True)]
-    return segments, Ringing(poles=POLES, gains=gains)
+    return segments, Exponentials(poles=POLES, gains=gains)
 
 
 def test_known_modes_leave_nothing_and_have_their_gains() -> None:
@@ -85,7 +84,7 @@ def test_poles_of_a_noisy_group_are_those_of_least_squares() -> None:
 
     start = np.concatenate((POLES[two].real, POLES[two].imag))
     best = least_squares(left, start, x_scale=[1, 1, 1, 1], xtol=1e-12, ftol=1e-12).x
-    found = settled(blocks, Ringing(poles=POLES, gains=gains), POLES[two], 40)
+    found = settled(blocks, Exponentials(poles=POLES, gains=gains), POLES[two], 40)
     assert found.poles == pytest.approx(best[:2] + 1j * best[2:], abs=2e-3)
 
 

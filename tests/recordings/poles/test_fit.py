@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.errors import OptionError, RecordingError
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.fitted import Fitted
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, over_noise, recorded, repeated, scene, score
 from tests.recordings.sounds import burst, chord, cymbal, sine, speech
 

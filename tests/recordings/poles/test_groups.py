@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.groups import overlapping, overlaps
-from struck.recordings.poles.refinement import refine
-from struck.recordings.poles.selection import energies, prune, significance
-from struck.recordings.poles.split import split
-from struck.recordings.takes.segment import Segment
+from struck.recordings.poles.refinement import overlapping, overlaps, refine
+from struck.recordings.poles.selection import energies, prune, significance, split
+from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
 Complex = NDArray[np.complex128]
@@ -48,7 +46,9 @@ def test_overlaps_are_squared_correlations_of_the_waves() -> None:
 def test_unique_energy_is_what_the_fit_loses_without_the_mode() -> None:
     poles = np.array([-4 + 2j * np.pi * 500, -5 + 2j * np.pi * 501, -6 + 2j * np.pi * 900])
     segment = heard(poles, np.array([[1.0, 0.5, 0.3j]]), 0.05)
-    whole = refine([segment], Ringing(poles=poles, gains=np.zeros((1, 3), complex)), 1, steps=0)
+    whole = refine(
+        [segment], Exponentials(poles=poles, gains=np.zeros((1, 3), complex)), 1, steps=0
+    )
     energy, _ = energies([segment], whole)
     for mode in range(3):
         others = whole.of(np.arange(3) != mode)
@@ -68,7 +68,9 @@ def test_significance_is_the_chance_of_noise() -> None:
 def test_noise_and_excess_are_pruned_weakest_first() -> None:
     poles = np.array([-4, -5, -6, -7]) + 2j * np.pi * np.array([300, 600, 900, 1200])
     segment = heard(poles[:3], np.array([[1.0, 0.1, 0.3]], complex), 0.05)
-    fitted = refine([segment], Ringing(poles=poles, gains=np.zeros((1, 4), complex)), 1, steps=0)
+    fitted = refine(
+        [segment], Exponentials(poles=poles, gains=np.zeros((1, 4), complex)), 1, steps=0
+    )
     assert np.array_equal(prune([segment], fitted).poles, poles[:3])
     assert np.array_equal(prune([segment], fitted, budget=2).poles, poles[[0, 2]])
 
@@ -77,7 +79,7 @@ def test_two_modes_that_passed_for_one_are_split_and_one_is_not() -> None:
     two = np.array([-2 + 2j * np.pi * 1000, -2.2 + 2j * np.pi * 1000.4])
     for poles, expected in ((two, 2), (two[:1], 1)):
         segment = heard(poles, np.ones((1, len(poles)), complex), 0.01)
-        start = Ringing(poles=two[:1], gains=np.zeros((1, 1), complex))
+        start = Exponentials(poles=two[:1], gains=np.zeros((1, 1), complex))
         found = split([segment], refine([segment], start, 6, steps=4))
         assert found.count == expected
         assert np.sort(found.frequencies) == pytest.approx(poles.imag / (2 * np.pi), abs=0.02)

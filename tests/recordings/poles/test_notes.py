@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from struck.recordings.onsets import hit_at
-from struck.recordings.poles.notes import notes_on
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import notes_on
+from struck.recordings.takes import Take
 
 
 def quiet(name: str, seed: int, peak: float) -> Take:

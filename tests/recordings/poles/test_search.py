@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.poles.fitted import Fitted
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.takes import Take
 from tests.recordings.bounds import resolvable
 from tests.recordings.scenes import (
     CLEAR,

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.segment import Segment
+from struck.recordings.segments import Segment
 from tests.recordings.bounds import bounds
 from tests.recordings.scenes import LEAD, RATE, Scene, Truth, pairs, recorded, ringing
 
@@ -20,8 +20,8 @@ def segment_of(take: Scene) -> Segment:
     return Segment.of(take.samples[:, LEAD:], RATE, Noise.white(take.truth.noise**2))
 
 
-def true_modes(truth: Truth) -> Ringing:
-    return Ringing(poles=truth.poles, gains=truth.gains)
+def true_modes(truth: Truth) -> Exponentials:
+    return Exponentials(poles=truth.poles, gains=truth.gains)
 
 
 def test_the_bound_itself_is_that_of_one_decaying_sine() -> None:

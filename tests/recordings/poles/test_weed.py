@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine
-from struck.recordings.poles.weed import weeded
-from struck.recordings.takes.segment import Segment
+from struck.recordings.poles.selection import weeded
+from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
 FREQUENCIES, DECAYS = np.array([410.0, 1130.0, 1131.2]), np.array([3.0, 5.0, 5.5])
@@ -21,9 +21,9 @@ def segment(frequencies: np.ndarray, decays: np.ndarray, gains: np.ndarray, seed
     return Segment.of(clean + noise, RATE, Noise.white([1e-6]))
 
 
-def started(frequencies: np.ndarray, decays: np.ndarray) -> Ringing:
+def started(frequencies: np.ndarray, decays: np.ndarray) -> Exponentials:
     poles = -decays + 2j * np.pi * frequencies
-    return Ringing(poles=poles, gains=np.zeros((1, len(poles)), complex))
+    return Exponentials(poles=poles, gains=np.zeros((1, len(poles)), complex))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -45,4 +45,4 @@ def test_a_weak_mode_that_is_there_stays() -> None:
 
 def test_nothing_is_weeded_of_nothing() -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), 1)
-    assert weeded([given], Ringing.silence(1)).count == 0
+    assert weeded([given], Exponentials.silence(1)).count == 0

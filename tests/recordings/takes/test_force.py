@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.poles.fit import fit_poles
-from struck.recordings.takes.force import force_channels, without_force
-from struck.recordings.takes.take import Take
+from struck.recordings.poles.search import fit_poles
+from struck.recordings.takes import Take, force_channels, without_force
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.recordings.onsets import find_hits, hit_at
-from struck.recordings.takes.take import Take
+from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, repeated, scene
 
 Array = NDArray[np.float64]

@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.model.exponentials import (
-    Ringing,
+    Exponentials,
     best_gains,
     correlations,
     row_width,
     samples,
     samples_in_rows,
 )
-from struck.recordings.takes.frames import blackman_harris, frames
+from struck.recordings.noise import blackman_harris, frames
 
 RATE = 44100.0
 LENGTHS = (1000, 4099)
@@ -22,14 +22,14 @@ LENGTHS = (1000, 4099)
 Complex = NDArray[np.complex128]
 
 
-def some_modes(seed: int, channels: int = 2) -> Ringing:
+def some_modes(seed: int, channels: int = 2) -> Exponentials:
     chance = np.random.default_rng(seed)
     decays, frequencies = chance.uniform(1, 300, 7), chance.uniform(40, 20000, 7)
     gains = chance.standard_normal((channels, 7)) + 1j * chance.standard_normal((channels, 7))
-    return Ringing(poles=-decays + 2j * np.pi * frequencies, gains=gains)
+    return Exponentials(poles=-decays + 2j * np.pi * frequencies, gains=gains)
 
 
-def directly(ringing: Ringing, length: int) -> NDArray[np.float64]:
+def directly(ringing: Exponentials, length: int) -> NDArray[np.float64]:
     times = np.arange(length) / RATE
     return np.imag(ringing.gains @ np.exp(np.outer(ringing.poles, times)))
 
@@ -70,14 +70,14 @@ def test_best_gains_are_those_of_least_squares() -> None:
 
 def test_gains_of_slow_neighbours_are_those_of_least_squares() -> None:
     poles = np.array([-0.02 + 2j * np.pi * 400, -0.03 + 2j * np.pi * 400.8])
-    ringing = Ringing(poles=poles, gains=np.array([[1.0 + 2j, -0.5j]]))
+    ringing = Exponentials(poles=poles, gains=np.array([[1.0 + 2j, -0.5j]]))
     found = best_gains(poles, directly(ringing, 44100), RATE)
     assert found == pytest.approx(ringing.gains, abs=1e-6)
 
 
 def test_a_mode_is_an_exponential_from_frame_to_frame() -> None:
     pole = -40 + 2j * np.pi * 1234.5
-    one = Ringing(poles=np.array([pole]), gains=np.array([[1.0 + 0j]]))
+    one = Exponentials(poles=np.array([pole]), gains=np.array([[1.0 + 0j]]))
     seen = frames(directly(one, 8192), blackman_harris(1024), 128)[0]
     nearest = round(1234.5 * 1024 / RATE)
     turn = np.exp((pole - 2j * np.pi * nearest * RATE / 1024) * 128 / RATE)

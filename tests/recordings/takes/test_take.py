@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from struck.errors import FileFormatError, MissingDependencyError, RecordingError
 from struck.files import wav
 from struck.files.sound import Sound
-from struck.recordings.onsets import find_hits
-from struck.recordings.takes.checks import clipped, findings, lead_in
-from struck.recordings.takes.take import Take, require_one_rate
+from struck.recordings.onsets import clipped, find_hits, findings, lead_in
+from struck.recordings.takes import Take, require_one_rate
 
 RATE = 44100
 

@@ -7,18 +7,369 @@ Society B 39, 1977).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from struck.recordings.calibration.expected import GREATEST_RATIO, LEAST_RATIO, Expected
-from struck.recordings.calibration.hypotheses import Hypotheses, densities
-from struck.recordings.calibration.matchings import posteriors
-from struck.recordings.calibration.partials import Partials
+from struck.errors import RecordingError
+from struck.model.arrays import Array, Index
+from struck.model.model import ModalModel
+from struck.model.modes import Stiffness, changed
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# Where a computed model expects its modes to lie, for any Poisson's ratio.
+
+LEAST_RATIO, GREATEST_RATIO = -0.9, 0.49
+"""Poisson's ratios that a search may try."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Expected:
+    """The modes of a body, whatever it is made of.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The body as computed.
+    """
+
+    model: ModalModel
+
+    @cached_property
+    def stiffness(self) -> Stiffness:
+        """What the model tells of its modes."""
+        model = self.model
+        return Stiffness(
+            frequencies=model.natural_frequencies,
+            poisson_slopes=model.poisson_slopes,
+            errors=model.errors,
+            complete_to=model.complete_to,
+            tensioned=model.tensioned,
+        )
+
+    @property
+    def poisson_ratio(self) -> float:
+        """The model's own; NaN where its material is unknown."""
+        return np.nan if self.model.material is None else self.model.material.poisson_ratio
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model tells how its modes follow Poisson's ratio."""
+        slopes = self.model.poisson_slopes
+        known = slopes is not None and bool(np.isfinite(slopes).all())
+        return known and self.model.material is not None and not self.model.tensioned
+
+    def remade(self, ratio: float) -> Stiffness:
+        """Return the modes with another Poisson's ratio, Young's modulus and density kept."""
+        material = self.model.material
+        if not self.follows or material is None:
+            return self.stiffness
+        return changed(self.stiffness, material, replace(material, poisson_ratio=ratio))
+
+    def logarithms(self, ratios: Array) -> tuple[Array, Array]:
+        """Return ln f0 and its slopes over Poisson's ratio, both (H, M), for ratios (H,)."""
+        if not self.follows:
+            own = np.log(self.stiffness.frequencies)
+            return np.tile(own, (len(ratios), 1)), np.zeros((len(ratios), len(own)))
+        every = [self.remade(float(ratio)) for ratio in ratios]
+        slopes = [np.asarray(each.poisson_slopes, np.float64) for each in every]
+        return np.log([each.frequencies for each in every]), np.array(slopes)
+
+
+# First guesses of what a recording and a model have in common: a factor and Poisson's ratio.
+#
+# Every fitted mode could be every computed one; each such pair votes for the factor between the
+# two. True pairs agree, false ones scatter (a Hough transform: D. H. Ballard, 'Generalizing the
+# Hough transform to detect arbitrary shapes', Pattern Recognition 13, 1981).
+
+_RATIOS = np.arange(0.0, 0.49, 0.02)
+_WIDTHS = (0.004, 0.016)
+"""How far true pairs may disagree about the logarithm of the factor; the ratios' grid alone makes
+them disagree by 0.3 %."""
+_KEPT = 12
+_NEIGHBOURS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypotheses:
+    """What may be true of a recording, H cases side by side.
+
+    Parameters
+    ----------
+    shifts : array (H,)
+        Logarithm of the factor from computed frequencies to fitted ones.
+    ratios : array (H,)
+        Poisson's ratio.
+    scatters : array (H,)
+        Standard deviation of ln f about what the model expects.
+    found : array (H,)
+        Share of the computed modes that were fitted.
+    false : array (H,)
+        Share of the fitted modes that the model does not have.
+    """
+
+    shifts: Array
+    ratios: Array
+    scatters: Array
+    found: Array
+    false: Array
+
+    @classmethod
+    def of(cls, shifts: Array, ratios: Array, scatters: Array) -> Hypotheses:
+        """Suppose that four in five modes were found, and one in five is none of the body's."""
+        share = np.ones(len(shifts))
+        return cls(
+            shifts=shifts, ratios=ratios, scatters=scatters, found=0.8 * share, false=0.2 * share
+        )
+
+    def __len__(self) -> int:
+        return len(self.shifts)
+
+    def and_narrower(self, factor: float) -> Hypotheses:
+        """Return all cases, and all again with scatters divided by a factor."""
+        twice = self.chosen(np.tile(np.arange(len(self)), 2))
+        return replace(twice, scatters=np.concatenate([self.scatters, self.scatters / factor]))
+
+    def chosen(self, cases: Index) -> Hypotheses:
+        """Return some of the cases."""
+        return replace(self, **{name: getattr(self, name)[cases] for name in self.__slots__})
+
+
+def densities(logarithms: Array) -> Array:
+    """Return how many modes there are for each unit of ln f, around each of some (M,), ascending.
+
+    Counted among the three neighbours on either side.
+    """
+    place = np.arange(len(logarithms))
+    low = np.maximum(place - _NEIGHBOURS, 0)
+    high = np.minimum(place + _NEIGHBOURS, len(place) - 1)
+    # A lone mode tells no density: as if the next were an octave away.
+    spans = np.where(high > low, logarithms[high] - logarithms[low], np.log(2))
+    return np.maximum(high - low, 1) / np.maximum(spans, 1e-3)
+
+
+def guesses(heard: Array, expected: Expected, widest: float) -> Hypotheses:
+    """Return likely factors and Poisson's ratios.
+
+    Parameters
+    ----------
+    heard : array (M,)
+        ln f0 of the fitted modes, ascending.
+    expected : Expected
+        The computed ones.
+    widest : float
+        Largest factor either way.
+    """
+    if widest == 1:
+        own = np.array([expected.poisson_ratio])
+        return Hypotheses.of(np.zeros(1), own, np.array([_WIDTHS[0]]))
+    every = [_voted(heard, expected, float(np.log(widest)), width) for width in _WIDTHS]
+    return Hypotheses.of(*(np.concatenate(values) for values in zip(*every, strict=True)))
+
+
+def _voted(
+    heard: Array, expected: Expected, widest: float, width: float
+) -> tuple[Array, Array, Array]:
+    """Return shifts, ratios and scatters of the most voted for."""
+    own = expected.poisson_ratio
+    ratios = np.array([own])
+    if expected.follows and np.ptp(expected.logarithms(ratios)[1]) > width:
+        ratios = np.union1d(_RATIOS, own)
+    logarithms, _ = expected.logarithms(ratios)
+    edges = np.arange(-widest - width, widest + 1.5 * width, width)
+    # What a pair is worth: modes are telling where they are sparse.
+    weights = np.log1p(1 / (densities(heard) * width))
+    votes = np.array([_votes(heard, each, weights, edges) for each in logarithms])
+    cases, bins = _peaks(votes)
+    middles = (edges[:-1] + edges[1:]) / 2
+    return middles[bins], ratios[cases], np.full(len(bins), 2 * width)
+
+
+def _votes(heard: Array, computed: Array, weights: Array, edges: Array) -> Array:
+    differences = heard[:, None] - computed
+    spread = np.broadcast_to(weights[:, None], differences.shape)
+    counts, _ = np.histogram(differences, edges, weights=spread)
+    return np.convolve(counts, [0.5, 1.0, 0.5], mode="same")
+
+
+def _peaks(votes: Array) -> tuple[Index, Index]:
+    """Return cases and bins of the highest peaks, no two in neighbouring bins of close cases."""
+    order = np.argsort(-votes, axis=None, kind="stable")[: 40 * _KEPT]
+    cases, bins = np.unravel_index(order, votes.shape)
+    kept: list[int] = []
+    for place in range(len(order)):
+        near = (np.abs(bins[kept] - bins[place]) < 3) & (np.abs(cases[kept] - cases[place]) < 3)
+        if not near.any():
+            kept.append(place)
+        if len(kept) == _KEPT:
+            break
+    return cases[kept], bins[kept]
+
+
+# All ways to pair two ordered lists one to one, in order, and how likely each pair is in them.
+#
+# A matching's likelihood is the product of its pairs' odds: how many times likelier each is as a
+# pair than as two lonely entries. Sums over all matchings, which are far too many to list, take one
+# pass in each direction (the forward-backward algorithm: R. Durbin, S. Eddy, A. Krogh and G.
+# Mitchison, Biological Sequence Analysis, Cambridge University Press, 1998, chapters 3 and 4).
+
+
+def posteriors(odds: Array) -> tuple[Array, Array]:
+    """Return how likely each pair is, and how likely the lists are as a whole.
+
+    Parameters
+    ----------
+    odds : array (H, M, N)
+        Of each pair of M with N entries, for each of H separate cases.
+
+    Returns
+    -------
+    pairs : array (H, M, N)
+        The share of all matchings, by likelihood, that hold the pair.
+    logarithms : array (H,)
+        Of the likelihoods of all matchings summed up; the empty one has the likelihood 1.
+    """
+    first, reached = _sums(odds)
+    last, left = _sums(odds[:, ::-1, ::-1])
+    before, after = first[:-1, :, :-1], last[::-1, :, ::-1][1:, :, 1:]
+    total = reached[-1]
+    scale = np.exp(reached[:-1] + left[::-1][1:] - total)
+    return before.swapaxes(0, 1) * odds * (after * scale[:, :, None]).swapaxes(0, 1), total
+
+
+def _sums(odds: Array) -> tuple[Array, Array]:
+    """Return sums over the matchings of the first i with the first j entries (M + 1, H, N + 1).
+
+    Each row is divided by its largest, whose logarithm (M + 1, H) comes beside it. Entry i is
+    either alone, or paired with some k up to j while those before i keep to those before k.
+    """
+    cases, rows, columns = odds.shape
+    sums = np.ones((rows + 1, cases, columns + 1))
+    logarithms = np.zeros((rows + 1, cases))
+    for row in range(rows):
+        now, following = sums[row], sums[row + 1]
+        np.cumsum(odds[:, row] * now[:, :-1], axis=1, out=following[:, 1:])
+        following[:, 0] = 0.0
+        following += now
+        largest = following[:, -1:].copy()
+        following /= largest
+        logarithms[row + 1] = logarithms[row] + np.log(largest[:, 0])
+    return sums, logarithms
+
+
+# What a recording tells of a body's modes, whoever fitted it.
+
+_BESIDE = 1.0
+"""Where a model is heard from, m beyond its centre."""
+
+
+class FittedModes(Protocol):
+    """Modes fitted to a recording.
+
+    `frequency_errors` (Hz) and `decay_errors` (1/s), standard errors of (M,) modes, count where
+    the object has them.
+    """
+
+    @property
+    def frequencies(self) -> ArrayLike:
+        """Ringing, Hz (M,)."""
+        ...
+
+    @property
+    def decays(self) -> ArrayLike:
+        """1/s (M,)."""
+        ...
+
+    @property
+    def gains(self) -> ArrayLike:
+        """Complex, (M,) or (channels, M)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Partials:
+    """Modes as heard, in any order.
+
+    Parameters
+    ----------
+    frequencies : array (M,)
+        Ringing, Hz.
+    decays : array (M,)
+        1/s.
+    amplitudes : array (M,)
+        Of the gains; root mean square over channels.
+    frequency_errors, decay_errors : array (M,)
+        Standard errors, Hz and 1/s; 0 where unknown.
+
+    Raises
+    ------
+    RecordingError
+        When there are no modes, arrays differ in length, or numbers are none that modes can have.
+    """
+
+    frequencies: Array
+    decays: Array
+    amplitudes: Array
+    frequency_errors: Array
+    decay_errors: Array
+
+    def __post_init__(self) -> None:
+        count = len(self.frequencies)
+        if not count:
+            raise RecordingError("the recording has 0 fitted modes: there is nothing to pair")
+        for name in self.__slots__:
+            values = getattr(self, name)
+            if values.shape != (count,):
+                raise RecordingError(f"{name} of {count} modes have shape {values.shape}")
+            if not (np.isfinite(values).all() and values.min() >= 0):
+                raise RecordingError(f"{name} hold {values.min():g}: leave such modes out")
+        if self.frequencies.min() <= 0:
+            raise RecordingError("a mode rings at 0 Hz: leave it out")
+
+    @classmethod
+    def of(cls, fitted: FittedModes | ModalModel) -> Partials:
+        """Take fitted modes of any make; of a model, as its default contact sounds."""
+        if isinstance(fitted, ModalModel):
+            return cls._of_model(fitted)
+        frequencies = np.asarray(fitted.frequencies, np.float64)
+        gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))
+        return cls(
+            frequencies=frequencies,
+            decays=np.asarray(fitted.decays, np.float64),
+            amplitudes=np.sqrt(np.square(np.abs(gains)).mean(axis=0)),
+            frequency_errors=_errors(fitted, "frequency_errors", len(frequencies)),
+            decay_errors=_errors(fitted, "decay_errors", len(frequencies)),
+        )
+
+    @classmethod
+    def _of_model(cls, model: ModalModel) -> Partials:
+        contact = model.contact()
+        drives = model.gains.at(contact.point[None], contact.direction[None])[0]
+        centre = np.zeros(3) if model.centre is None else model.centre
+        reach = _BESIDE if model.geometry is None else _BESIDE + 2 * model.geometry.extent
+        outputs = model.gains.toward(centre[None] + [reach, 0.0, 0.0])[0]
+        unknown = np.zeros(len(model.frequencies))
+        errors = unknown if model.errors is None else np.nan_to_num(model.errors)
+        return cls(
+            frequencies=model.frequencies,
+            decays=model.decays,
+            amplitudes=np.abs((drives * outputs).sum(axis=0)),
+            frequency_errors=errors * model.frequencies,
+            decay_errors=unknown,
+        )
+
+    @property
+    def natural_frequencies(self) -> Array:
+        """Without damping, Hz (M,)."""
+        return np.hypot(self.frequencies, self.decays / (2 * np.pi))
+
+
+def _errors(fitted: Any, name: str, count: int) -> Array:  # noqa: ANN401 - whoever fitted it
+    stated = getattr(fitted, name, None)
+    return np.zeros(count) if stated is None else np.nan_to_num(np.asarray(stated, np.float64))
+
 
 RATIO_PRIOR = 0.1
 """Standard deviation of Poisson's ratio about the model's own before anything was heard."""

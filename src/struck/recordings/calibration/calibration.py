@@ -13,19 +13,297 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from struck.errors import MaterialError, OptionError, RecordingError
+from struck.model.arrays import Array
+from struck.model.damping import Measured, ringing
 from struck.model.material import Material
 from struck.model.model import ModalModel
-from struck.recordings.calibration.chance import explains
-from struck.recordings.calibration.elastic_fit import elastic_fit
-from struck.recordings.calibration.expected import Expected
+from struck.recordings.calibration.agreement import (
+    GREATEST_RATIO,
+    LEAST_RATIO,
+    RATIO_PRIOR,
+    Expected,
+    FittedModes,
+    Partials,
+)
 from struck.recordings.calibration.losses import Losses, losses
-from struck.recordings.calibration.pairing import Pairing, paired
-from struck.recordings.calibration.partials import FittedModes, Partials
+from struck.recordings.calibration.pairing import Pairing, explains, paired
 
-Array = NDArray[np.float64]
+# Make a computed model ring as a recording does, mode by mode.
+
+# Modes closer than this share of their frequency are two of a round body's pair.
+_SHARED = 1e-3
+
+
+def corrected(
+    model: ModalModel, fitted: FittedModes | ModalModel, pairing: Pairing | None = None
+) -> ModalModel:
+    """Return a computed model with the frequencies and decays of a recording of the body.
+
+    Shapes, and so how the timbre changes over the surface, stay those computed.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The body as computed.
+    fitted : FittedModes or ModalModel
+        Anything with `frequencies`, `decays` and `gains`.
+    pairing : Pairing, optional
+        Which mode is which; found unless given.
+
+    Returns
+    -------
+    ModalModel
+        Modes with a partner ring as it does. The others follow by the factor and Poisson's ratio
+        that the partners have in common, or with their twin where they share a frequency with a
+        mode that has one, and by the median of the partners' decays over the computed ones. The
+        provenance counts both. The material's damping becomes the curve through all decays; its
+        constants stay as assumed: `calibrated` finds them.
+
+    Raises
+    ------
+    RecordingError
+        When no mode can be paired.
+    """
+    partials = Partials.of(fitted)
+    pairs = paired(partials, model) if pairing is None else pairing
+    if not len(pairs):
+        raise RecordingError(
+            f"none of {len(partials.frequencies)} fitted modes could be paired with the model's: "
+            "check the shape and its size"
+        )
+    natural = _frequencies(model, partials, pairs)
+    decays = _decays(model, partials, pairs)
+    order = np.argsort(natural, kind="stable")
+    natural, decays = natural[order], decays[order]
+    slopes, material = model.poisson_slopes, model.material
+    ratios = partials.natural_frequencies[pairs.fitted] / model.natural_frequencies[pairs.computed]
+    count, every = len(pairs), len(natural)
+    return replace(
+        model,
+        natural_frequencies=natural,
+        frequencies=ringing(natural, decays),
+        decays=decays,
+        gains=model.gains.changed(natural, order, 1, 1),
+        material=None if material is None else material.damped(_curve(natural, decays)),
+        complete_to=model.complete_to * min(1.0, float(ratios.min())),
+        poisson_slopes=None if slopes is None else slopes[order],
+        errors=_errors(model, partials, pairs)[order],
+        provenance=model.provenance.extended(
+            corrected=f"{count} of {every} modes ring as recorded, {every - count} follow them",
+            recorded_over_computed=pairs.factor,
+        ),
+    )
+
+
+def _frequencies(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
+    """Return natural frequencies in the model's order, Hz."""
+    computed = model.natural_frequencies
+    natural = pairs.expected.copy()
+    natural[pairs.computed] = partials.natural_frequencies[pairs.fitted]
+    for mode in pairs.missing:
+        gaps = np.abs(computed[pairs.computed] / computed[mode] - 1)
+        if gaps.min() < _SHARED:
+            natural[mode] = natural[pairs.computed[np.argmin(gaps)]]
+    return natural
+
+
+def _decays(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
+    """Return decays in the model's order, 1/s."""
+    heard, told = partials.decays[pairs.fitted], model.decays[pairs.computed]
+    known = told > 0
+    more = float(np.median(heard[known] / told[known])) if known.any() else 1.0
+    decays = model.decays * more
+    decays[pairs.computed] = heard
+    return decays
+
+
+def _errors(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
+    """Return relative errors of the frequencies: those of the fit, or the scatter of the others."""
+    errors = np.full(len(model.natural_frequencies), pairs.scatter)
+    stated = partials.frequency_errors[pairs.fitted] / partials.frequencies[pairs.fitted]
+    errors[pairs.computed] = np.where(stated > 0, stated, np.nan)
+    return errors
+
+
+def _curve(natural: Array, decays: Array) -> Measured:
+    """Return the damping that goes through all decays; modes of one frequency share their mean."""
+    places, twins = np.unique(natural, return_inverse=True)
+    kept = np.maximum(decays, np.finfo(float).tiny)
+    means = np.exp(np.bincount(twins, np.log(kept)) / np.bincount(twins))
+    return Measured(frequencies=tuple(places.tolist()), rates=tuple(means.tolist()))
+
+
+# Least squares for E / density and Poisson's ratio, from modes that are paired.
+
+_ELASTIC_FIT_ROUNDS = 20
+_LEAST = 1e-9  # what rounding leaves of ln f
+_FARTHEST, _FEWEST = 4.0, 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticFit:
+    """What frequencies tell.
+
+    Parameters
+    ----------
+    shift : float
+        ln of the factor from computed frequencies to fitted ones: half that of E / density.
+    ratio : float
+        Poisson's.
+    covariance : array (2, 2)
+        Of ln(E / density) and the ratio.
+    freedom : float
+        Modes less the coefficients that they told.
+    scatter : float
+        Standard deviation of ln f about the fit, errors of fitting apart.
+    residuals : array (P,)
+        ln f heard less expected.
+    regular : array (P,), bool
+        Which modes counted: those not off by more than four standard deviations of the pairing.
+    """
+
+    shift: float
+    ratio: float
+    covariance: Array
+    freedom: float
+    scatter: float
+    residuals: Array
+    regular: NDArray[np.bool_]
+
+
+def elastic_fit(
+    partials: Partials, expected: Expected, pairing: Pairing, assumed: float
+) -> ElasticFit:
+    """Fit E / density and Poisson's ratio.
+
+    Parameters
+    ----------
+    partials : Partials
+        The fitted modes.
+    expected : Expected
+        The computed ones.
+    pairing : Pairing
+        Which is which.
+    assumed : float
+        Poisson's ratio before anything was heard, within about 0.1; it stays where modes do not
+        depend on it.
+
+    Notes
+    -----
+    Modes count by their standard errors and a scatter common to all, for the model is not exact
+    either: R. C. Paule and J. Mandel, Journal of Research of the National Bureau of Standards 87,
+    1982. The model's stated errors may all go one way, or each its own: both are added.
+    """
+    natural = partials.natural_frequencies[pairing.fitted]
+    errors = partials.frequency_errors[pairing.fitted] / natural
+    every = _Task(
+        heard=np.log(natural),
+        variances=np.square(errors),
+        expected=expected,
+        computed=pairing.computed,
+        assumed=assumed,
+    )
+    place, scatter = np.array([np.log(pairing.factor), pairing.poisson_ratio]), pairing.scatter
+    deviations = np.sqrt(every.variances + scatter**2)
+    regular = np.abs(every.apart(place)[0]) <= _FARTHEST * deviations
+    if regular.sum() < _FEWEST:
+        regular[:] = True
+    task = every.of(regular)
+    for _ in range(_ELASTIC_FIT_ROUNDS):
+        place = task.nearer(place, scatter)
+        scatter = task.scatter(place, scatter)
+    covariance, freedom = task.told(place, scatter)
+    return ElasticFit(
+        shift=float(place[0]),
+        ratio=float(place[1]),
+        covariance=covariance,
+        freedom=freedom,
+        scatter=scatter,
+        residuals=every.apart(place)[0],
+        regular=regular,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Task:
+    heard: Array
+    variances: Array
+    expected: Expected
+    computed: NDArray[np.int64]
+    assumed: float
+
+    def of(self, modes: NDArray[np.bool_]) -> _Task:
+        """Return the task for some of the modes."""
+        return replace(
+            self,
+            heard=self.heard[modes],
+            variances=self.variances[modes],
+            computed=self.computed[modes],
+        )
+
+    def apart(self, place: Array) -> tuple[Array, Array]:
+        """Return the residuals (P,) and how what is expected follows shift and ratio (P, 2)."""
+        logarithms, slopes = self.expected.logarithms(place[1:])
+        chosen = slopes[0, self.computed]
+        residuals = self.heard - logarithms[0, self.computed] - place[0]
+        return residuals, np.stack([np.ones_like(chosen), chosen], axis=1)
+
+    def weighed(self, design: Array, scatter: float) -> tuple[Array, Array]:
+        """Return weights (P,) and the normal matrix without what was assumed."""
+        weights = 1 / np.maximum(self.variances + scatter**2, _LEAST**2)
+        return weights, (design * weights[:, None]).T @ design
+
+    @property
+    def prior(self) -> Array:
+        return np.diag([0.0, RATIO_PRIOR**-2])
+
+    def nearer(self, place: Array, scatter: float) -> Array:
+        residuals, design = self.apart(place)
+        weights, normal = self.weighed(design, scatter)
+        pull = (design * weights[:, None]).T @ residuals
+        known = np.isfinite(self.assumed)
+        pull[1] += (self.assumed - place[1]) / RATIO_PRIOR**2 if known else 0.0
+        moved = place + np.linalg.solve(normal + self.prior, pull)
+        return np.array([moved[0], np.clip(moved[1], LEAST_RATIO, GREATEST_RATIO)])
+
+    def scatter(self, place: Array, before: float) -> float:
+        """Return the scatter with which the residuals are as large as they should be."""
+        residuals, design = self.apart(place)
+        squares = np.square(residuals)
+        free = self.freedom(design, before)
+        most = float(np.sqrt(squares.sum() / free))
+
+        def excess(scatter: float) -> float:
+            spread = np.maximum(self.variances + scatter**2, _LEAST**2)
+            return float((squares / spread).sum() - free)
+
+        if excess(0.0) <= 0:
+            return 0.0
+        return float(brentq(excess, 0.0, 2 * most + _LEAST))
+
+    def freedom(self, design: Array, scatter: float) -> float:
+        _, normal = self.weighed(design, scatter)
+        told = np.trace(np.linalg.solve(normal + self.prior, normal))
+        return max(len(self.heard) - float(told), 1.0)
+
+    def told(self, place: Array, scatter: float) -> tuple[Array, float]:
+        """Return the covariance of ln(E / density) and the ratio, and the degrees of freedom."""
+        _, design = self.apart(place)
+        weights, normal = self.weighed(design, scatter)
+        covariance: Array = np.linalg.inv(normal + self.prior).astype(np.float64)
+        stated = self.expected.remade(float(place[1])).errors
+        if stated is not None:
+            wrong = np.nan_to_num(stated[self.computed])
+            follows = covariance @ (design * weights[:, None] * wrong[:, None]).T
+            together = follows.sum(axis=1)
+            covariance += np.outer(together, together) + follows @ follows.T
+        double = np.diag([2.0, 1.0])
+        return double @ covariance @ double, self.freedom(design, scatter)
+
 
 FEWEST = 3
 """Pairs without which nothing is told."""

@@ -6,17 +6,139 @@ two standard deviations counted less (P. J. Huber, Annals of Mathematical Statis
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
 
 from struck.errors import RecordingError
-from struck.model.damping import Damping
-from struck.recordings.calibration.loss_laws import LAWS, Curve, Law
+from struck.model.arrays import Array
+from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 
-Array = NDArray[np.float64]
+# Laws by which decays may depend on frequency, and their least squares of ln d.
+
+_ROUNDS = 15
+
+
+class LossLaw(ABC):
+    """A way in which decays may depend on frequency."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What people call it."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of coefficients."""
+
+    @abstractmethod
+    def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the coefficients of the least squares, and the slopes of ln d over them (n, k)."""
+
+    @abstractmethod
+    def damping(self, coefficients: Array) -> Damping:
+        """Return the law with these coefficients."""
+
+    @abstractmethod
+    def labels(self, coefficients: Array) -> tuple[str, ...]:
+        """Return what the coefficients are called."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms(LossLaw):
+    """A sum of powers of frequency, each with a factor of at least 0."""
+
+    title: str
+    kind: type[InternalFriction | Rayleigh]
+    parts: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return self.title
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients."""
+        return len(self.parts)
+
+    def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the coefficients of the least squares, and the slopes of ln d over them (n, k)."""
+        units = np.eye(self.count)
+        basis = np.stack([self.damping(unit).decays(frequencies) for unit in units], axis=1)
+        scale = np.median(decays) / np.median(basis, axis=0)
+        basis = basis * scale
+        coefficients, told = np.zeros(self.count), decays
+        for _ in range(_ROUNDS):  # Gauss-Newton in ln d, from the least squares of d / told
+            rows = np.sqrt(weights) / told
+            aims = told * (1 + np.log(decays / told))
+            coefficients, _ = nnls(basis * rows[:, None], aims * rows)
+            told = np.maximum(basis @ coefficients, np.finfo(float).tiny)
+        return coefficients * scale, basis / told[:, None] / scale
+
+    def damping(self, coefficients: Array) -> Damping:
+        """Return the law with these coefficients."""
+        given = dict(zip(self.parts, map(float, coefficients), strict=True))
+        required = {"mass": 0.0, "stiffness": 0.0} if self.kind is Rayleigh else {"loss_tangent": 0}
+        return self.kind(**(required | given))
+
+    def labels(self, coefficients: Array) -> tuple[str, ...]:
+        """Return what the coefficients are called."""
+        del coefficients
+        return self.parts
+
+
+@dataclass(frozen=True, kw_only=True)
+class LossCurve(LossLaw):
+    """Straight lines in ln f and ln d between knots that hold equally many modes apart."""
+
+    knots: tuple[float, ...]
+
+    @classmethod
+    def through(cls, frequencies: Array, count: int) -> LossCurve:
+        """Place so many knots, fewer where modes fall together."""
+        return cls(knots=tuple(np.unique(np.quantile(frequencies, np.linspace(0, 1, count)))))
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return f"curve of {self.count} points"
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients."""
+        return len(self.knots)
+
+    def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the rates of the least squares, and the slopes of ln d over them (n, k)."""
+        places, wanted = np.log(self.knots), np.log(frequencies)
+        basis = np.stack([np.interp(wanted, places, unit) for unit in np.eye(self.count)], axis=1)
+        rows = np.sqrt(weights)
+        solution = np.linalg.lstsq(basis * rows[:, None], np.log(decays) * rows)[0]
+        return np.exp(solution), basis * np.exp(-solution)
+
+    def damping(self, coefficients: Array) -> Damping:
+        """Return the law with these coefficients."""
+        return Measured(frequencies=self.knots, rates=tuple(map(float, coefficients)))
+
+    def labels(self, coefficients: Array) -> tuple[str, ...]:
+        """Return what the coefficients are called."""
+        del coefficients
+        return tuple(f"rate at {knot:.4g} Hz" for knot in self.knots)
+
+
+LAWS = (
+    Terms(title="loss tangent", kind=InternalFriction, parts=("loss_tangent",)),
+    Terms(
+        title="loss tangent and external", kind=InternalFriction, parts=("loss_tangent", "external")
+    ),
+    Terms(title="Rayleigh", kind=Rayleigh, parts=("mass", "stiffness")),
+)
 
 _CURVES = (3, 5, 8, 12)
 _MODES_A_COEFFICIENT = 3
@@ -115,14 +237,14 @@ class _Decays:
             scores={name: float(np.sqrt(each.mean())) for name, each in capped.items()},
         )
 
-    def laws(self) -> list[Law]:
-        curves = [Curve.through(self.frequencies, count) for count in _CURVES]
-        every: list[Law] = [*LAWS, *curves]
+    def laws(self) -> list[LossLaw]:
+        curves = [LossCurve.through(self.frequencies, count) for count in _CURVES]
+        every: list[LossLaw] = [*LAWS, *curves]
         few = len(self.decays) / _MODES_A_COEFFICIENT
         named = {law.name: law for law in every if law.count == 1 or law.count <= few}
         return list(named.values())
 
-    def apart(self, law: Law, coefficients: Array) -> Array:
+    def apart(self, law: LossLaw, coefficients: Array) -> Array:
         told = law.damping(coefficients).decays(self.frequencies)
         return np.log(self.decays / np.maximum(told, np.finfo(float).tiny))
 
@@ -133,7 +255,7 @@ class _Decays:
             errors=self.errors[modes],
         )
 
-    def settled(self, law: Law) -> tuple[Array, Array, Array, float]:
+    def settled(self, law: LossLaw) -> tuple[Array, Array, Array, float]:
         """Return coefficients, slopes of ln d over them, weights, and the scatter of ln d."""
         weights = np.ones_like(self.decays)
         coefficients, slopes, scatter = np.zeros(0), np.zeros(0), 0.0
@@ -148,7 +270,7 @@ class _Decays:
             weights = huber / deviations**2
         return coefficients, slopes, weights, scatter
 
-    def unseen(self, law: Law) -> Array:
+    def unseen(self, law: LossLaw) -> Array:
         """Return how far ln d is from what the law, fitted to other modes, says (n,)."""
         count = len(self.decays)
         folds = np.arange(count) % min(_FOLDS, count)
@@ -172,11 +294,11 @@ def _standard_errors(design: Array) -> Array:
     return np.sqrt(np.diag(inverse)) / sizes
 
 
-def _simplest(laws: list[Law], squares: Mapping[str, Array]) -> Law:
+def _simplest(laws: list[LossLaw], squares: Mapping[str, Array]) -> LossLaw:
     """Return the law with the fewest coefficients that is not significantly worse than the best."""
     best = min(laws, key=lambda law: squares[law.name].mean())
 
-    def as_good(law: Law) -> bool:
+    def as_good(law: LossLaw) -> bool:
         more = squares[law.name] - squares[best.name]
         return law is best or more.mean() <= more.std() / np.sqrt(len(more))
 

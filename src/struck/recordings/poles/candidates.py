@@ -12,15 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 from scipy.linalg import toeplitz
 from scipy.ndimage import uniform_filter1d
 
-from struck.recordings.takes.frames import blackman_harris, frames
-from struck.recordings.takes.segment import Segment
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complexfloating]
-Index = NDArray[np.int64]
+from struck.model.arrays import AnyComplex, Array, Index
+from struck.recordings.noise import Noise, blackman_harris, frames
+from struck.recordings.segments import Segment
 
 _OVERLAP = 8
 _RISE = 8.0
@@ -61,7 +59,7 @@ class Resolution:
 class Candidates:
     """Poles (M,), 1/s, and their energies, in the unit of the noise's density."""
 
-    poles: Complex
+    poles: AnyComplex
     energies: Array
 
     @classmethod
@@ -147,7 +145,7 @@ class _Search:
         """From one bin to the next, Hz."""
         return self.sample_rate / len(self.window)
 
-    def white(self, segments: Sequence[Segment], left: Sequence[Array]) -> Complex:
+    def white(self, segments: Sequence[Segment], left: Sequence[Array]) -> AnyComplex:
         """Return frames of the long segments, (C, frames, bins), in units of the noise."""
         counts = [(each.shape[1] - len(self.window)) // self.step + 1 for each in left]
         most = min(max(counts), self.resolution.frames)
@@ -162,7 +160,7 @@ class _Search:
         ]
         return np.concatenate(parts)
 
-    def bins(self, white: Complex, bins: Index) -> list[Candidates]:
+    def bins(self, white: AnyComplex, bins: Index) -> list[Candidates]:
         """Return what is found in some bins, (bins, C, frames), noise being 1."""
         count = white.shape[2]
         length = min(count // 2, _WINDOW)
@@ -196,7 +194,7 @@ class _Search:
         regular = toeplitz(correlation) + 5e-3 * np.eye(length)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
 
-    def _accepted(self, ratios: Complex, white: Complex, bins: Index) -> Candidates:
+    def _accepted(self, ratios: AnyComplex, white: AnyComplex, bins: Index) -> Candidates:
         """Return poles that belong to their own bin and do not merely cancel others."""
         rate = self.sample_rate / self.step
         modulus = np.clip(np.abs(ratios), 1e-2, np.exp(-0.05 / rate))
@@ -215,7 +213,7 @@ class _Search:
         )
 
 
-def _strongest_directions(white: Complex) -> Complex:
+def _strongest_directions(white: AnyComplex) -> AnyComplex:
     """Turn many channels into few: the directions that hold most of the energy."""
     if white.shape[1] <= 2 * _DIRECTIONS:
         return white
@@ -223,14 +221,87 @@ def _strongest_directions(white: Complex) -> Complex:
     return vectors[:, :, -_DIRECTIONS:].conj().swapaxes(1, 2) @ white
 
 
-def _ratios(subspaces: Complex) -> Complex:
+def _ratios(subspaces: AnyComplex) -> AnyComplex:
     """Return the eigenvalues of the shift by one frame within each subspace."""
     before, after = subspaces[:, :-1], subspaces[:, 1:]
     return np.linalg.eigvals(_least_squares(before, after))
 
 
-def _least_squares(matrices: Complex, sides: Complex) -> Complex:
+def _least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
     adjoint = matrices.conj().swapaxes(1, 2)
     normal = adjoint @ matrices
     size = np.trace(normal, axis1=1, axis2=2).real[:, None, None]
     return np.linalg.solve(normal + 1e-10 * size * np.eye(normal.shape[1]), adjoint @ sides)
+
+
+# Weak modes that stand alone, by matched filters.
+#
+# Against white noise nothing detects a mode of known decay better than the correlation with its
+# exponential. For all frequencies at once that is one Fourier transform a decay rate.
+
+DECAYS = (0.7, 2.0, 6.0, 18.0, 54.0, 160.0, 480.0)
+"""Tried decay rates, 1/s; between two of them a twelfth of the energy is lost at most."""
+_BREADTH = 30.0
+"""What is left is averaged over so many Hz."""
+_LOWEST, _HIGHEST = 30.0, 0.47
+
+
+def matched(segments: Sequence[Segment], left: Sequence[Array], least: float) -> Candidates:
+    """Search what is left of all segments for modes by their energy.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        All channels and hits, at one sample rate.
+    left : sequence of arrays (C, n)
+        Their samples, less the modes found so far.
+    least : float
+        Energy over noise, summed over channels, that counts; where more than noise is left over a
+        breadth of bins, over that.
+
+    Returns
+    -------
+    Candidates
+    """
+    rate = segments[0].sample_rate
+    noises = [
+        segment.noise.raised(samples, rate, _BREADTH)
+        for segment, samples in zip(segments, left, strict=True)
+    ]
+    found = []
+    for decay in DECAYS:
+        size = fft.next_fast_len(2 * max(_count(decay, each, rate) for each in left), real=True)
+        frequencies = np.arange(size // 2 + 1) * (rate / size)
+        energies = np.zeros(len(frequencies))
+        for noise, samples in zip(noises, left, strict=True):
+            energies += _energies(noise, samples, decay, frequencies)
+        peaks = _peaks(energies, least)
+        heard = (frequencies[peaks] > _LOWEST) & (frequencies[peaks] < _HIGHEST * rate)
+        peaks = peaks[heard & (decay < np.pi * frequencies[peaks])]
+        poles = -decay + 2j * np.pi * frequencies[peaks]
+        found.append(Candidates(poles=poles, energies=energies[peaks]))
+    longest = max(each.shape[1] for each in left)
+    return Candidates.joined(found).distinct(rate / longest, share=1.0)
+
+
+def _count(decay: float, samples: Array, sample_rate: float) -> int:
+    return min(samples.shape[1], int(8 / decay * sample_rate))
+
+
+def _energies(
+    noise: Noise, samples: Array, decay: float, frequencies: NDArray[np.floating]
+) -> Array:
+    """Return energies along one exponential, over noise or what is left, summed over channels."""
+    size, rate = 2 * (len(frequencies) - 1), 2 * frequencies[-1]
+    shape = np.exp(-decay / rate * np.arange(_count(decay, samples, rate)))
+    floor = noise.at(frequencies) * (shape**2).sum()
+    total = np.zeros(len(frequencies))
+    for channel, density in zip(samples, floor, strict=True):
+        transform = fft.rfft(channel[: len(shape)] * shape, size)
+        total += (transform.real**2 + transform.imag**2) / density
+    return total
+
+
+def _peaks(values: Array, least: float) -> NDArray[np.int64]:
+    middle = values[1:-1]
+    return 1 + np.flatnonzero((middle > least) & (middle >= values[:-2]) & (middle > values[2:]))

@@ -3,41 +3,171 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.recordings.poles.kernels.blocks import Blocks
-from struck.recordings.poles.kernels.clearing import cleared
-from struck.recordings.poles.kernels.compiling import jitted, jitted_within
-from struck.recordings.poles.kernels.vectors import (
+from struck.model.arrays import AnyComplex, Array, Index
+from struck.recordings.poles.projection import (
+    GroupBlocks,
+    Projection,
     chosen,
+    cleared,
+    empty_projection,
     energy,
     inner,
     inverse_spreads,
-    orthonormalise,
-    solve_damped,
-    take_off_all,
-)
-from struck.recordings.poles.projection import (
-    Projection,
-    empty_projection,
+    jitted,
+    jitted_within,
     misfit,
     normal_equations,
+    orthonormalise,
     project,
     rows_of,
+    solve_damped,
     span,
+    take_off_all,
     turns_of,
     write_lines,
 )
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complexfloating]
+# Compiled: the turns that groups take, steps of Levenberg and Marquardt.
+
+SLOWEST = 0.02
+"""Least decay rate, 1/s."""
+FASTEST = 1500.0
+"""Largest decay rate, 1/s."""
+LEAST_Q = 2.0
+"""Least pi f / d."""
+_SETTLED = 1e-3
+"""A group rests when a step promises to lower its cost by no more than this, noise being 1."""
+_TRIES = 4
+
+
+@jitted
+def damped(poles: AnyComplex) -> AnyComplex:
+    """Return poles whose decay rates are within the bounds of what can be told from a click."""
+    bounded = np.empty_like(poles)
+    for m in range(len(poles)):
+        fastest = min(FASTEST, max(abs(poles[m].imag) / (2 * LEAST_Q), 2 * SLOWEST))
+        decay = min(max(-poles[m].real, SLOWEST), fastest)
+        bounded[m] = complex(-decay, poles[m].imag)
+    return bounded
+
+
+@jitted_within
+def _stepped(poles: AnyComplex, step: AnyComplex) -> AnyComplex:
+    """Step by half a decay rate at most, twice that in angular frequency, and stay damped."""
+    moved = np.empty_like(poles)
+    for m in range(len(poles)):
+        most = max(-0.5 * poles[m].real, 2.0)
+        real = min(max(step[m].real, -most), most)
+        imaginary = min(max(step[m].imag, -2 * most), 2 * most)
+        moved[m] = poles[m] + complex(real, imaginary)
+    return damped(moved)
+
+
+@jitted_within
+def settle(
+    blocks: GroupBlocks, group: int, data: AnyComplex, poles: AnyComplex, steps: int
+) -> tuple[AnyComplex, Projection, float]:
+    """Refine the poles of one group by steps of Levenberg and Marquardt.
+
+    Returns
+    -------
+    tuple
+        The poles, what they explain and the energy left.
+    """
+    here = empty_projection(blocks, group, len(poles))
+    there = empty_projection(blocks, group, len(poles))
+    matrix, side = np.zeros((0, 0), np.complex128), np.zeros(0, np.complex128)
+    moved, cost, damping, taken, tries = poles, np.inf, 5e-3, 0, 0
+    while tries < _TRIES:
+        lower = project(blocks, group, data, moved, there)
+        if not lower >= cost:
+            poles, cost = moved, lower
+            here, there = there, here
+            if taken == steps:
+                break
+            matrix, side = normal_equations(blocks, group, here)
+            damping, taken, tries = max(damping / 5, 1e-9), taken + 1, 0
+        else:
+            damping, tries = damping * 8, tries + 1
+        step = solve_damped(matrix, damping, side)
+        if not inner(side, step).real > _SETTLED:
+            break
+        moved = _stepped(poles, step)
+    return poles, here, cost
+
+
+@jitted_within
+def _write_gains(
+    blocks: GroupBlocks, group: int, poles: AnyComplex, projection: Projection, gains: AnyComplex
+) -> None:
+    for segment in range(blocks.numbers.shape[1]):
+        length = blocks.lengths[blocks.numbers[group, segment]]
+        for m in range(len(poles)):
+            over = 1 / span(poles[m], length)
+            for row in range(blocks.rows[segment], blocks.rows[segment + 1]):
+                gains[row, m] = projection.residues[m, row] * over
+
+
+@jitted
+def take_turns(
+    blocks: GroupBlocks,
+    poles: AnyComplex,
+    gains: AnyComplex,
+    start: AnyComplex,
+    starts: Index,
+    steps: int,
+    keep: bool,  # noqa: FBT001 - compiled code takes no keywords
+) -> tuple[AnyComplex, AnyComplex, Array, Array]:
+    """Refine poles in the place of each group's, against the data without all other modes.
+
+    Parameters
+    ----------
+    blocks : Blocks
+        Around the groups.
+    poles, gains : arrays (M,) and (C, M), complex
+        All modes.
+    start : array (N,), complex
+        Poles to start with, group by group.
+    starts : array (G + 1,), int
+        Where those of each group begin.
+    steps : int
+        Of Levenberg and Marquardt at most.
+    keep : bool
+        Whether each group's new poles, as many as it had, replace the old before the next one's
+        turn.
+
+    Returns
+    -------
+    tuple
+        Poles (N,) and gains (C, N), and of each group the energy left, in units of the noise's in
+        one bin, and the same a bin and channel, 1 where chance may explain it.
+    """
+    count = len(starts) - 1
+    moved, own = np.empty_like(start), np.empty((len(gains), len(start)), np.complex128)
+    costs, misfits = np.empty(count), np.empty(count)
+    for group in range(count):
+        first, last = starts[group], starts[group + 1]
+        data = cleared(blocks, group, poles, gains)
+        found, projection, cost = settle(blocks, group, data, start[first:last], steps)
+        costs[group], misfits[group] = cost, misfit(projection, cost)
+        _write_gains(blocks, group, found, projection, own[:, first:last])
+        for m in range(last - first):
+            moved[first + m] = found[m]
+            if keep:
+                mode = blocks.members[first + m]
+                poles[mode] = found[m]
+                for row in range(len(gains)):
+                    gains[row, mode] = own[row, first + m]
+    return moved, own, costs, misfits
+
 
 _REGULAR = 1e-13
 
 
 @jitted
 def add_unique(
-    blocks: Blocks, poles: Complex, gains: Complex, energies: Array, shares: Array
+    blocks: GroupBlocks, poles: AnyComplex, gains: AnyComplex, energies: Array, shares: Array
 ) -> None:
     """Add the energies that only one mode explains, and write their shares of its whole energy.
 
@@ -74,13 +204,13 @@ def add_unique(
 
 @jitted
 def tell(
-    blocks: Blocks,
-    poles: Complex,
-    gains: Complex,
+    blocks: GroupBlocks,
+    poles: AnyComplex,
+    gains: AnyComplex,
     variances: Array,
     sizes: Array,
     energies: Array,
-    crossed: Complex,
+    crossed: AnyComplex,
     whole: Array,
 ) -> None:
     """Write what the bins tell of all modes.
@@ -117,7 +247,7 @@ def tell(
 
 
 @jitted_within
-def _inverse_diagonal(matrix: Complex) -> Array:
+def _inverse_diagonal(matrix: AnyComplex) -> Array:
     """Return the diagonal of the inverse of a Hermitian matrix, scaled to a diagonal of ones."""
     count = len(matrix)
     scale, diagonal = np.empty(count), np.empty(count)
@@ -136,7 +266,12 @@ def _inverse_diagonal(matrix: Complex) -> Array:
 
 @jitted_within
 def _write_gain_variances(
-    blocks: Blocks, group: int, over: float, poles: Complex, projection: Projection, sizes: Array
+    blocks: GroupBlocks,
+    group: int,
+    over: float,
+    poles: AnyComplex,
+    projection: Projection,
+    sizes: Array,
 ) -> None:
     members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
     for segment in range(blocks.numbers.shape[1]):
@@ -150,11 +285,11 @@ def _write_gain_variances(
 
 @jitted_within
 def _add_curvatures(
-    blocks: Blocks,
+    blocks: GroupBlocks,
     group: int,
     projection: Projection,
     energies: Array,
-    crossed: Complex,
+    crossed: AnyComplex,
     whole: Array,
 ) -> None:
     members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
@@ -180,7 +315,7 @@ def _add_curvatures(
 
 
 @jitted_within
-def _second_derivatives(lines: Complex, basis: Complex, sample_rate: float) -> Complex:
+def _second_derivatives(lines: AnyComplex, basis: AnyComplex, sample_rate: float) -> AnyComplex:
     """Return (M, K), less what the lines and their first derivatives explain."""
     count, bins = lines.shape
     known, shapes = np.empty((2 * count, bins), np.complex128), np.empty_like(lines)

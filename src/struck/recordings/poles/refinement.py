@@ -7,21 +7,173 @@ present estimate of all others (Gauss-Seidel).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.model.exponentials import Ringing, best_gains, row_width, samples_in_rows
-from struck.recordings.poles.blocks import blocks_around
-from struck.recordings.poles.groups import overlapping, overlaps
-from struck.recordings.poles.kernels.blocks import Blocks
-from struck.recordings.poles.kernels.turns import take_turns
-from struck.recordings.takes.segment import Segment
+from struck.model.arrays import AnyComplex, Array, Index
+from struck.model.exponentials import (
+    Exponentials,
+    SegmentSpectrum,
+    best_gains,
+    row_width,
+    samples_in_rows,
+)
+from struck.recordings.poles.normal_equations import take_turns
+from struck.recordings.poles.projection import GroupBlocks, bins_around, labelled
+from struck.recordings.segments import Segment
 
-Complex = NDArray[np.complexfloating]
-Index = NDArray[np.int64]
+# Choosing the bins that hold groups of modes, in the transforms of all segments.
+
+_BINS = 16.0
+_WIDTHS = 8.0
+"""A mode is fitted within so many bins or half widths d / 2 pi of its frequency."""
+
+
+class _Part(NamedTuple):
+    """Bins of some groups in one transform of one segment."""
+
+    groups: Index
+    counts: Index
+    turns: AnyComplex
+    data: AnyComplex
+    channels: int
+    length: float
+
+
+def blocks_around(
+    segments: Sequence[Segment], poles: AnyComplex, groups: Sequence[Index]
+) -> GroupBlocks:
+    """Choose and read the bins around the modes of each group."""
+    members, starts = np.concatenate(groups), _running([len(group) for group in groups])
+    slowest = np.minimum.reduceat(-poles.real[members], starts[:-1])
+    middles = np.add.reduceat(poles.imag[members], starts[:-1]) / (2 * np.pi * np.diff(starts))
+    numbers = np.zeros((len(groups), len(segments)), np.int64)
+    parts: list[_Part] = []
+    weights: list[Array] = []
+    first = 0
+    for place, segment in enumerate(segments):
+        levels = segment.levels(slowest)
+        lengths = np.array([each.length for each in segment.spectra])
+        weights.append(1 / (segment.noise.at(middles) * lengths[levels]))
+        for level in np.unique(levels):
+            these = np.flatnonzero(levels == level)
+            parts.append(_part(segment.spectra[level], poles, members, starts, these))
+            numbers[these, place] = first + np.arange(len(these))
+            first += len(these)
+    counts = np.concatenate([part.counts for part in parts])
+    channels = np.repeat([part.channels for part in parts], [len(part.counts) for part in parts])
+    return GroupBlocks(
+        members=members,
+        starts=starts,
+        numbers=numbers,
+        firsts=_running(counts),
+        offsets=_running(counts * channels),
+        turns=np.concatenate([part.turns for part in parts]),
+        data=np.concatenate([part.data.ravel() for part in parts]),
+        lengths=np.repeat([part.length for part in parts], [len(part.counts) for part in parts]),
+        weights=np.concatenate(weights),
+        rows=_running([len(segment.samples) for segment in segments]),
+        sample_rate=float(segments[0].sample_rate),
+    )
+
+
+def _part(
+    spectrum: SegmentSpectrum, poles: AnyComplex, members: Index, starts: Index, groups: Index
+) -> _Part:
+    middles = poles.imag / (2 * np.pi * spectrum.spacing)
+    reach = np.maximum(_BINS, _WIDTHS * -poles.real / (2 * np.pi * spectrum.spacing))
+    last = len(spectrum.values) - 2
+    low = np.clip(np.ceil(middles - reach), 1, last).astype(np.int64)
+    high = np.clip(np.floor(middles + reach), 1, last).astype(np.int64)
+    bins, counts = bins_around(low, high, members, starts, groups)
+    return _Part(
+        groups=groups,
+        counts=counts,
+        turns=np.exp((-2j * np.pi / spectrum.length) * bins),
+        data=spectrum.values[bins],
+        channels=spectrum.values.shape[1],
+        length=spectrum.length / spectrum.sample_rate,
+    )
+
+
+def _running(counts: Sequence[int] | Index) -> Index:
+    return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+
+
+# Modes that overlap are fitted together, others apart.
+
+_COUPLED = 0.01
+_MOST = 16
+_FEW = 6
+
+
+def overlap(left: AnyComplex, right: AnyComplex, duration: float) -> Array:
+    """Return the squared correlations of exponentials, 1 for equal poles.
+
+    Parameters
+    ----------
+    left, right : arrays, complex
+        Poles -d + 2 pi i f, 1/s, that broadcast with each other.
+    duration : float
+        Length of the recording, s: in it even undamped modes overlap.
+
+    Returns
+    -------
+    array
+        4 d1 d2 / |conj(s1) + s2|^2.
+    """
+    one, other = np.maximum(-left.real, 2 / duration), np.maximum(-right.real, 2 / duration)
+    return 4 * one * other / ((one + other) ** 2 + (left.imag - right.imag) ** 2)
+
+
+def overlaps(poles: AnyComplex, duration: float) -> Array:
+    """Return the squared correlations of modes with each other, (M, M), as `overlap` does."""
+    return overlap(poles[:, None], poles, duration)
+
+
+def overlapping(poles: AnyComplex, duration: float, coupled: float = _COUPLED) -> list[Index]:
+    """Return groups of modes that overlap, in ascending order of frequency.
+
+    Parameters
+    ----------
+    poles : array (M,), complex
+        -d + 2 pi i f, 1/s.
+    duration : float
+        Length of the recording, s.
+    coupled : float
+        Modes whose squared correlation exceeds this belong together, as far as groups stay small
+        enough to be fitted at once.
+    """
+    if not poles.size:
+        return []
+    labels = labelled(overlaps(poles, duration), coupled, _MOST)
+    order = np.argsort(labels, kind="stable")
+    sizes = np.bincount(labels)
+    ends = np.cumsum(sizes).tolist()
+    groups = [order[first:last] for first, last in pairwise([0, *ends])]
+    middles = np.bincount(labels, poles.imag) / sizes
+    ascending = [groups[label] for label in np.argsort(middles, kind="stable")]
+    return list(_merged(ascending, np.asarray(-poles.real, float)))
+
+
+def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
+    """Join small neighbours that last about as long: fewer and larger products of matrices."""
+    sizes = [len(group) for group in groups]
+    starts = np.cumsum([0, *sizes[:-1]])
+    lowest = np.minimum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    highest = np.maximum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    first, low, high = 0, lowest[0], highest[0]
+    for place in range(1, len(groups)):
+        low, high = min(low, lowest[place]), max(high, highest[place])
+        if sum(sizes[first : place + 1]) > _FEW or high >= 3 * low:
+            yield np.concatenate(groups[first:place])
+            first, low, high = place, lowest[place], highest[place]
+    yield np.concatenate(groups[first:])
+
 
 _WITNESSES, _EVERY = 4, 4
 _WORSE = 1.05
@@ -30,7 +182,9 @@ _TOUCHING = 1e-3
 """Squared correlation from which a mode that moved calls its neighbour up again."""
 
 
-def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: int = 2) -> Ringing:
+def refine(
+    segments: Sequence[Segment], ringing: Exponentials, sweeps: int, steps: int = 2
+) -> Exponentials:
     """Move the poles to the least squares of all segments together.
 
     Parameters
@@ -69,21 +223,21 @@ def refine(segments: Sequence[Segment], ringing: Ringing, sweeps: int, steps: in
     return ringing
 
 
-def _touched(before: Complex, after: Complex, duration: float) -> NDArray[np.bool_]:
+def _touched(before: AnyComplex, after: AnyComplex, duration: float) -> NDArray[np.bool_]:
     """Return which modes moved, or overlap with one that did."""
     changed = before != after
     return changed | (overlaps(after, duration)[:, changed] > _TOUCHING).any(axis=1)
 
 
-def with_best_gains(segments: Sequence[Segment], ringing: Ringing) -> Ringing:
+def with_best_gains(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
     """Return a copy whose gains are the least squares of all samples."""
     if not ringing.count:
         return ringing
     gains = [best_gains(ringing.poles, each.samples, each.sample_rate) for each in segments]
-    return Ringing(poles=ringing.poles, gains=np.vstack(gains))
+    return Exponentials(poles=ringing.poles, gains=np.vstack(gains))
 
 
-def left_over(segments: Sequence[Segment], ringing: Ringing) -> float:
+def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the energy that a fit leaves of a few channels, each against its noise.
 
     Of every so many milliseconds: that is enough to tell whether it grows.
@@ -103,13 +257,13 @@ def left_over(segments: Sequence[Segment], ringing: Ringing) -> float:
 
 
 def _swept(
-    segments: Sequence[Segment], ringing: Ringing, groups: Sequence[Index], steps: int
-) -> Ringing:
+    segments: Sequence[Segment], ringing: Exponentials, groups: Sequence[Index], steps: int
+) -> Exponentials:
     """Give each group its turn."""
     poles, gains = ringing.poles.copy(), ringing.gains.copy(order="C")
     blocks = blocks_around(segments, poles, groups)
     take_turns(blocks, poles, gains, poles[blocks.members], blocks.starts, steps, keep=True)
-    return Ringing(poles=poles, gains=gains)
+    return Exponentials(poles=poles, gains=gains)
 
 
 class Attempt(NamedTuple):
@@ -127,13 +281,13 @@ class Attempt(NamedTuple):
         The same a bin and channel, noise being 1; 1 where chance may explain it.
     """
 
-    poles: Complex
-    gains: Complex
+    poles: AnyComplex
+    gains: AnyComplex
     cost: float
     misfit: float
 
 
-def settled(blocks: Blocks, ringing: Ringing, start: Complex, steps: int) -> Attempt:
+def settled(blocks: GroupBlocks, ringing: Exponentials, start: AnyComplex, steps: int) -> Attempt:
     """Refine other poles in the place of the only group of some blocks.
 
     Parameters

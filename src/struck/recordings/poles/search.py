@@ -2,25 +2,203 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
-from struck.model.exponentials import Ringing
-from struck.progress import Progress, silent
-from struck.recordings.poles.candidates import Candidates, Resolution, candidates
-from struck.recordings.poles.matched import matched
+from struck.errors import OptionError
+from struck.model.arrays import AnyComplex, Array, Index, Mask
+from struck.model.exponentials import Exponentials, samples
+from struck.model.provenance import Progress, silent
+from struck.recordings.corbett2007 import by_corbett2007
+from struck.recordings.onsets import Hit, find_hits, findings, hit_at
+from struck.recordings.poles.candidates import Candidates, Resolution, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains
-from struck.recordings.poles.selection import prune, significance, strongest_per_band
-from struck.recordings.poles.split import split
-from struck.recordings.poles.weed import weeded
-from struck.recordings.takes.segment import Segment
+from struck.recordings.poles.selection import (
+    ambient,
+    energies,
+    prune,
+    significance,
+    split,
+    strongest_per_band,
+    weeded,
+)
+from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.poles.verdict import LEAST, MODES, ModalVerdict, judged
+from struck.recordings.segments import Row, Segment, cut, joined
+from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
 
-Array = NDArray[np.float64]
-Kept = Callable[[str, Callable[[], Ringing]], Ringing]
+# What a fit of shared poles found, with how far it may be off.
+
+_CLEAR = 40.0
+"""Energy of a mode that is measured, over that of the noise in a bin."""
+CLEAR = 10 * np.log10(2 * _CLEAR)
+"""The same over the noise's energy in a sample, dB."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """Modes fitted to recordings.
+
+    Parameters
+    ----------
+    frequencies : array (M,)
+        Ringing frequencies, ascending, Hz.
+    decays : array (M,)
+        Amplitude decay rates, 1/s.
+    gains : array (rows, M), complex
+        A row sounds as Im[g exp((-d + 2 pi i f) t)] from its time on, in the unit of the samples,
+        without what still rings of earlier hits.
+    frequency_errors, decay_errors : array (M,)
+        Standard errors, Hz and 1/s.
+    gain_errors : array (rows, M)
+        Standard errors of the gains' sizes.
+    rows : tuple of Row
+        What each row of gains belongs to, in order of takes, hits and channels.
+    segments : tuple of Segment
+        What was fitted.
+    heard : Ringing
+        All that rings in the segments: earlier hits and tones of the surroundings too.
+    order : array (rows,)
+        Which row of `heard` each row is.
+    verdict : Verdict
+        Whether it is the sound of a struck object.
+    notes : tuple of str
+        What a person should know: what is wrong with the takes, and what was left out.
+    """
+
+    frequencies: Array
+    decays: Array
+    gains: AnyComplex
+    frequency_errors: Array
+    decay_errors: Array
+    gain_errors: Array
+    rows: tuple[Row, ...]
+    segments: tuple[Segment, ...]
+    heard: Exponentials
+    order: Index
+    verdict: ModalVerdict
+    notes: tuple[str, ...] = ()
+
+    def heard_in(self, row: int) -> tuple[Array, Array]:
+        """Return samples (n,) of one row from its time on: as recorded, and what was fitted."""
+        segment, channel = self._segment(row)
+        original = segment.samples[channel]
+        return original, self.ringing(row, self.rows[row].time, len(original))
+
+    def ringing(self, row: int, time: float, length: int) -> Array:
+        """Return what was fitted to a row, from a time of its take on, s, also backwards (n,)."""
+        segment, _ = self._segment(row)
+        poles, gains = self.heard.poles, self.heard.gains[self.order[row]]
+        shifted = gains * np.exp(poles * (time - self.rows[row].time))
+        return samples(poles, shifted[None], length, segment.sample_rate)[0]
+
+    def noise_in(self, row: int, edges: Array) -> Array:
+        """Return the power of the noise of one row in bands (B,) between edges (B + 1,), Hz."""
+        segment, channel = self._segment(row)
+        middles = np.sqrt(edges[1:] * edges[:-1])
+        density = segment.noise.at(middles)[channel]
+        return density * 2 * np.diff(edges) / segment.sample_rate
+
+    def _segment(self, row: int) -> tuple[Segment, int]:
+        place = int(self.order[row])
+        segment = next(each for each in self.segments if place < each.rows.stop)
+        return segment, place - segment.rows.start
+
+
+def fitted_of(
+    segments: list[Segment],
+    rows: list[Row],
+    heard: Exponentials,
+    verdict: ModalVerdict,
+    notes: list[str],
+    *,
+    measured: bool = False,
+) -> Fitted:
+    """Return a fit with its errors, tones of the surroundings and earlier hits taken off.
+
+    Where modes are to be `measured`, those that are hardly there are left out, too.
+    """
+    surrounding = ambient(segments, heard)
+    errors = standard_errors(segments, heard)
+    weak = _weak(segments, heard) & ~surrounding if measured else np.zeros_like(surrounding)
+    if surrounding.any():
+        tones = ", ".join(f"{each:.1f}" for each in heard.frequencies[surrounding])
+        notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
+    if weak.any():
+        lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
+        notes = [*notes, f"too weak to be measured, left out of the model: {lost} Hz"]
+    kept = ~(surrounding | weak)
+    endless = np.count_nonzero((errors.decays > heard.decays) & kept)
+    if endless:
+        notes = [*notes, f"{endless} modes ring for longer than the takes can tell: record longer"]
+    own = heard.of(kept)
+    order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
+    ordered = [rows[row] for row in order]
+    return Fitted(
+        frequencies=own.frequencies,
+        decays=own.decays,
+        gains=_without_earlier(own.gains[order], own.poles, ordered),
+        frequency_errors=errors.frequencies[kept],
+        decay_errors=errors.decays[kept],
+        gain_errors=errors.gains[order][:, kept],
+        rows=tuple(ordered),
+        segments=tuple(segments),
+        heard=heard,
+        order=order,
+        verdict=verdict,
+        notes=tuple(notes),
+    )
+
+
+def _weak(segments: list[Segment], heard: Exponentials) -> Mask:
+    """Return the modes of which hardly more is known than that something is there.
+
+    At an energy E over noise a decay rate is known to sqrt(2 / E) of itself at best: 22 %. Whether
+    it is one mode or two nobody can tell.
+    """
+    alone, share = energies(segments, heard)
+    return alone < _CLEAR * share
+
+
+def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> AnyComplex:
+    """Take off each hit's gains what the hit before has left ringing."""
+    own = gains.copy()
+    last: dict[tuple[int, int], int] = {}
+    for row, what in enumerate(rows):
+        earlier = last.get((what.take, what.channel))
+        if earlier is not None:
+            own[row] -= gains[earlier] * np.exp(poles * (what.time - rows[earlier].time))
+        last[what.take, what.channel] = row
+    return own
+
+
+# What a person should know of many takes, each thing once.
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+
+
+def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[str]:
+    """Yield findings on takes: of those that several share, the first, and how many more.
+
+    Files are named without their folders, which are nobody's business.
+    """
+    alike: dict[str, list[str]] = {}
+    for take, own in zip(takes, hits, strict=True):
+        for note in findings(take, own):
+            kind = _NUMBER.sub("#", note.replace(take.name, ""))
+            alike.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
+    for notes in alike.values():
+        more = len(notes) - 1
+        yield f"{notes[0]}; so {more} more take{'s' if more > 1 else ''}" if more else notes[0]
+
+
+Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
 Look = Callable[[Sequence[Segment], Sequence[Array]], Candidates]
 
 _WINDOWS = (
@@ -41,7 +219,7 @@ _BEATING = 15.0
 """1/s."""
 
 
-def computed(_name: str, compute: Callable[[], Ringing]) -> Ringing:
+def computed(_name: str, compute: Callable[[], Exponentials]) -> Exponentials:
     """Return the result of a stage, nothing being kept."""
     return compute()
 
@@ -52,7 +230,7 @@ def search(
     budget: int | None = None,
     progress: Progress = silent,
     kept: Kept = computed,
-) -> Ringing:
+) -> Exponentials:
     """Find what rings in all segments together.
 
     Parameters
@@ -72,7 +250,7 @@ def search(
     Ringing
         In ascending order of frequency.
     """
-    ringing = Ringing.silence(sum(len(segment.samples) for segment in segments))
+    ringing = Exponentials.silence(sum(len(segment.samples) for segment in segments))
     looks = list(_looks(segments, 1 if budget else _ROUNDS))
     for number, look in enumerate(looks):
         progress("looking for modes", number / len(looks))
@@ -89,8 +267,8 @@ def search(
 
 
 def _looked(
-    segments: Sequence[Segment], ringing: Ringing, look: Look, budget: int | None
-) -> Ringing:
+    segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int | None
+) -> Exponentials:
     """Look once, and fit what was found together with what was known."""
     spare = round(_SPARE * budget) if budget else None
     masked = _masked(segments) if budget else segments
@@ -102,15 +280,19 @@ def _looked(
     return _settled(segments, ringing.joined(found.poles), spare)
 
 
-def _in_pairs(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+def _in_pairs(
+    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
+) -> Exponentials:
     return _paired(segments, refine(segments, ringing, sweeps=2), budget)
 
 
-def _refined(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+def _refined(
+    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
+) -> Exponentials:
     return refine(segments, _within(segments, ringing, budget), sweeps=4, steps=4)
 
 
-def _proven(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
     """Keep what stands out, with the best gains of all at once."""
     noisy = segments if budget else _noisier(segments, ringing)
     proven = weeded(noisy, prune(noisy, ringing))
@@ -131,7 +313,7 @@ def _looks(segments: Sequence[Segment], rounds: int) -> Iterator[Look]:
         yield partial(matched, least=significance(channels, _LIKELY))
 
 
-def _settled(segments: Sequence[Segment], ringing: Ringing, most: int | None) -> Ringing:
+def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | None) -> Exponentials:
     """Fit old and new modes together and drop what is none."""
     ringing = refine(segments, ringing, sweeps=1, steps=0)
     if most is not None:
@@ -141,7 +323,7 @@ def _settled(segments: Sequence[Segment], ringing: Ringing, most: int | None) ->
     return refine(segments, ringing, sweeps=1)
 
 
-def _paired(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+def _paired(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
     """Split pairs, and pairs within pairs; under a budget only those that beat slowly."""
     for _ in range(1 if budget else 2):
         more = split(segments, ringing, fastest=_BEATING if budget else np.inf)
@@ -152,7 +334,7 @@ def _paired(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -
     return ringing
 
 
-def _within(segments: Sequence[Segment], ringing: Ringing, budget: int | None) -> Ringing:
+def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
     """Drop a few of the weakest at a time, and let the others take over what they can."""
     while budget and ringing.count > budget:
         fewer = max(budget, int(_STEP * ringing.count))
@@ -171,9 +353,127 @@ def _masked(segments: Sequence[Segment]) -> list[Segment]:
     ]
 
 
-def _noisier(segments: Sequence[Segment], ringing: Ringing) -> list[Segment]:
+def _noisier(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment]:
     """Take what is left over for noise where it is more."""
     return [
         replace(each, noise=each.noise.raised(each.residual(ringing), each.sample_rate))
         for each in segments
     ]
+
+
+# Fitting: takes of one object in, the modes that all of them share out.
+
+METHODS = ("shared", "corbett2007")
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # many small products: threads only wait
+def fit_poles(
+    takes: Take | Sequence[Take],
+    *,
+    method: str = "shared",
+    budget: int | None = 64,
+    onsets: Sequence[Sequence[float]] | None = None,
+    attack: bool | None = None,
+    progress: Progress = silent,
+    kept: Kept = computed,
+) -> Fitted:
+    """Fit one set of modes to all channels and hits of all takes.
+
+    Parameters
+    ----------
+    takes : Take or sequence of Take
+        Of the same object, at one sample rate.
+    method : str
+        "shared": all poles of all channels and hits in one fit; "corbett2007": the paper's own, a
+        fit of each and a merge.
+    budget : int or None
+        Not more modes than these, those that explain most; None for all that are clear of noise.
+    onsets : sequence of sequences of float, optional
+        Times of the hits in each take, s; found unless given.
+    attack : bool, optional
+        Whether the modes stand for the whole sound, from the blow itself on, or only for what rings
+        freely after it. The whole under a budget, unless given.
+    progress : Progress
+        Told the stage and the fraction done.
+    kept : callable
+        Given a name and what computes a stage of the work, returns its result: where one is kept,
+        a fit that was stopped goes on from there.
+
+    Returns
+    -------
+    Fitted
+        Where the sound is not that of a struck object, its verdict says so.
+
+    Raises
+    ------
+    RecordingError
+        When takes differ in sample rate, or one of them holds no hit.
+    OptionError
+        When there is no take, the budget is below 1, onsets are none of the takes', or the method
+        is unknown.
+    """
+    if method not in METHODS:
+        raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
+    takes = [takes] if isinstance(takes, Take) else list(takes)
+    if not takes or (budget is not None and budget < 1):
+        raise OptionError(f"{len(takes)} takes, budget {budget}: give at least 1 of each")
+    require_one_rate(takes)
+    microphones = [without_force(take) for take in takes]
+    hits = _hits(microphones, onsets)
+    whole = budget is not None if attack is None else attack
+    segments, rows = joined(cut(microphones, hits, attack=whole))
+    if method == "shared":
+        ringing = search(segments, budget=budget, progress=progress, kept=kept)
+        verdict = _verdict(segments, ringing, budget)
+    else:
+        ringing = kept(method, lambda: by_corbett2007(segments, budget))
+        verdict = judged(segments, ringing)
+    notes = list(notes_on(takes, hits))
+    measured = method == "shared" and budget is None
+    rows = _numbered(rows, takes)
+    fitted = fitted_of(segments, rows, ringing, verdict, notes, measured=measured)
+    return fitted if method == "shared" else _without_errors(fitted)
+
+
+def _without_errors(fitted: Fitted) -> Fitted:
+    """Return what the paper's method tells: those of least squares are none of its poles'."""
+    unknown = np.full(len(fitted.frequencies), np.nan)
+    return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
+
+
+def _numbered(rows: list[Row], takes: list[Take]) -> list[Row]:
+    """Give channels their numbers in the takes, where force sensors count too."""
+    channels = [np.flatnonzero(~force_channels(take)) for take in takes]
+    return [replace(row, channel=int(channels[row.take][row.channel])) for row in rows]
+
+
+def _hits(takes: list[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
+    if onsets is None:
+        return [find_hits(take) for take in takes]
+    if np.ndim(onsets) == 0 or any(np.ndim(own) == 0 for own in onsets):
+        raise OptionError(f"onsets are {onsets!r}: give a sequence of times for each take, s")
+    if len(onsets) != len(takes):
+        raise OptionError(f"onsets of {len(onsets)} takes, and {len(takes)} takes: give one each")
+    return [list(_given(take, sorted(own))) for take, own in zip(takes, onsets, strict=True)]
+
+
+def _given(take: Take, times: list[float]) -> Iterator[Hit]:
+    wrong = [time for time in times if not 0 <= time < take.duration]
+    if wrong:
+        raise OptionError(
+            f"onset {wrong[0]} s lies outside {take.name}, 0 to {take.duration:.3f} s"
+        )
+    samples = [round(time * take.sample_rate) for time in times]
+    if len(set(samples)) < len(samples):
+        raise OptionError(f"onsets {times} of {take.name} name one moment twice: name each once")
+    for first, last in zip(samples, [*samples, take.samples.shape[1]][1:], strict=True):
+        yield hit_at(take, first, last)
+
+
+def _verdict(segments: list[Segment], ringing: Exponentials, budget: int | None) -> ModalVerdict:
+    """Judge a fit; a poor one of few modes only after another try with more."""
+    verdict = judged(segments, ringing)
+    if budget is not None and budget < MODES and verdict.signal_to_misfit < LEAST:
+        richer = judged(segments, search(segments, budget=MODES))
+        return verdict if richer.modal else richer
+    return verdict

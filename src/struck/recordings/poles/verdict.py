@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.model.exponentials import Ringing
+from struck.model.exponentials import Exponentials
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.takes.segment import Segment
-
-Array = NDArray[np.float64]
+from struck.recordings.segments import Segment
 
 LEAST = 8.0
 """Signal over what the model cannot explain, dB."""
@@ -26,7 +23,7 @@ _SWELLS = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class ModalVerdict:
     """Whether the sound is modal, and if not, why not.
 
     Parameters
@@ -47,14 +44,14 @@ class Verdict:
     signal_to_misfit: float
 
 
-def judged(segments: Sequence[Segment], ringing: Ringing) -> Verdict:
+def judged(segments: Sequence[Segment], ringing: Exponentials) -> ModalVerdict:
     """Return what to think of a fit."""
     signal = sum(float((each.samples**2).sum()) for each in segments)
     left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
     noise = sum(float(each.noise.energy(each.samples.shape[1]).sum()) for each in segments)
     misfit = _decibels(signal, left - noise)
     reason = _reason(segments, ringing, misfit)
-    return Verdict(
+    return ModalVerdict(
         modal=not reason,
         reason=reason,
         signal_to_residual=_decibels(signal, left),
@@ -62,7 +59,7 @@ def judged(segments: Sequence[Segment], ringing: Ringing) -> Verdict:
     )
 
 
-def _reason(segments: Sequence[Segment], ringing: Ringing, misfit: float) -> str:
+def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -> str:
     if not ringing.count:
         return "nothing rings that stands out of the noise"
     if _steady(segments, ringing) > _STEADY:
@@ -78,7 +75,7 @@ def _reason(segments: Sequence[Segment], ringing: Ringing, misfit: float) -> str
     return ""
 
 
-def _steady(segments: Sequence[Segment], ringing: Ringing) -> float:
+def _steady(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the share of energy in what hardly decays, and is known to."""
     errors = standard_errors(segments, ringing).decays
     steady = ringing.of(ringing.decays + errors < _SLOW)

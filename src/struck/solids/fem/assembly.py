@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.errors import MeshError
+from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.solids.fem.elements import Quadrature
 from struck.solids.volume_mesh import VolumeMesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,10 +13,8 @@ from itertools import product
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Exponents = NDArray[np.int64]
+from struck.model.arrays import Array, Index
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,7 +48,7 @@ class Element:
     corners: Array
     edges: tuple[tuple[int, int], ...]
     sides: tuple[tuple[int, ...], ...]
-    exponents: Exponents
+    exponents: Index
     stiffness_rule: Quadrature
     mass_rule: Quadrature
     straight_rule: Quadrature
@@ -75,11 +73,11 @@ class Element:
         return np.stack([slope @ self._coefficients for slope in slopes], axis=-1)
 
 
-def _monomials(points: Array, exponents: Exponents) -> Array:
+def _monomials(points: Array, exponents: Index) -> Array:
     return np.prod(points[:, None, :] ** exponents, axis=2)
 
 
-def _derivative(points: Array, exponents: Exponents, axis: int) -> Array:
+def _derivative(points: Array, exponents: Index, axis: int) -> Array:
     lowered = exponents.copy()
     lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
     return exponents[:, axis] * _monomials(points, lowered)
@@ -134,15 +132,15 @@ def _wedge_rule(triangle: tuple[tuple[float, float, float], ...], count: int) ->
     )
 
 
-def _up_to(degree: int) -> Exponents:
+def _up_to(degree: int) -> Index:
     return np.array([e for e in product(range(degree + 1), repeat=3) if sum(e) <= degree])
 
 
-def _serendipity() -> Exponents:
+def _serendipity() -> Index:
     return np.array([e for e in product(range(3), repeat=3) if e.count(2) <= 1])
 
 
-def _wedge(*, quadratic: bool) -> Exponents:
+def _wedge(*, quadratic: bool) -> Index:
     flat = _up_to(2 if quadratic else 1)
     prism = [(i, j, k) for i, j, z in flat if z == 0 for k in (0, 1)]
     return np.array(prism + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if quadratic else []))
@@ -195,7 +193,7 @@ class _Family:
     straight_rule: Quadrature
     mass_rule: Quadrature
 
-    def element(self, exponents: Exponents, edges: tuple[tuple[int, int], ...] = ()) -> Element:
+    def element(self, exponents: Index, edges: tuple[tuple[int, int], ...] = ()) -> Element:
         return Element(
             corners=self.corners,
             edges=edges,

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg.blas import dgemm as gemm
 
 from struck.errors import SolverError
-
-Array = NDArray[np.float64]
+from struck.model.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,21 +9,25 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.model.arrays import Array
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.model.provenance import Provenance
-from struck.modes import Modes
-from struck.progress import Progress, silent
-from struck.solids import memory
-from struck.solids.certify import largest_residual, require_complete, require_one_piece
+from struck.model.modes import Modes
+from struck.model.provenance import Progress, Provenance, silent
+from struck.solids.fem import factorisation
 from struck.solids.fem.assembly import System, assemble, gradients
 from struck.solids.fem.factorisation import Factoriser
 from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
-from struck.solids.fem.spectrum import Spectrum
-from struck.solids.search import Search, Solver
+from struck.solids.fem.spectrum import (
+    Search,
+    Solver,
+    Spectrum,
+    largest_residual,
+    require_complete,
+    require_one_piece,
+)
 from struck.solids.volume_mesh import VolumeMesh
 
-Array = NDArray[np.float64]
 # Relative errors (m,) of modes, from their eigenvalues (m,) and the movement of all nodes
 # (N, 3, m); many modes come slice by slice.
 Estimate = Callable[[Array, Array], Array]
@@ -196,7 +200,7 @@ def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
             "unknowns": search.system.unknowns,
             "largest_residual": seen.residual,
             "sturm_count": search.counted,
-            "memory_forecast": f"{search.forecast / memory.GIB:.2f} GiB",
+            "memory_forecast": f"{search.forecast / factorisation.GIB:.2f} GiB",
         },
     )
 

@@ -7,20 +7,15 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.errors import MeshError, OptionError
-from struck.solids.curving import curved, flatness
-from struck.solids.cutting import Cells
-from struck.solids.filling.creases import Features
+from struck.model.arrays import Index
+from struck.solids.filling.creases import Features, curved, flatness
 from struck.solids.filling.lattice import Lattice
-from struck.solids.surface.distance import Body, Sheet
-from struck.solids.tetrahedra import cells_in
+from struck.solids.filling.stuffing import Cells, cells_in
+from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.volume_mesh import VolumeMesh, side_keys
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +108,9 @@ def nodes_allowed(accuracy: str, wanted: int) -> int:
     return min(max(goal.nodes, wanted), goal.most)
 
 
-def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) -> Filling:
+def filled(
+    body: FilledBody | WalledSheet, accuracy: str = "standard", *, nodes: int = 0
+) -> Filling:
     """Fill a closed surface, its wall, or a sheet's, with curved quadratic tetrahedra.
 
     Parameters
@@ -141,7 +138,9 @@ def filled(body: Body | Sheet, accuracy: str = "standard", *, nodes: int = 0) ->
     return _refilled(body, filling, left, goal) if left > begun else filling
 
 
-def filled_coarsely(body: Body | Sheet, accuracy: str = "standard") -> tuple[Filling, ...]:
+def filled_coarsely(
+    body: FilledBody | WalledSheet, accuracy: str = "standard"
+) -> tuple[Filling, ...]:
     """Fill a body with about a third of the nodes; return nothing when so few cannot follow it."""
     goal = accuracy_named(accuracy).coarser()
     _require_cavity(body)
@@ -152,7 +151,7 @@ def filled_coarsely(body: Body | Sheet, accuracy: str = "standard") -> tuple[Fil
     return () if _complaint(filling, _LARGEST_COARSE_VOLUME_ERROR) else (filling,)
 
 
-def spacing_for(body: Body | Sheet, nodes: int) -> float:
+def spacing_for(body: FilledBody | WalledSheet, nodes: int) -> float:
     """Return the lattice spacing that makes about so many nodes, m."""
     volume, thickness = _rough_volume(body), body.thickness
     if _is_solid(body):
@@ -162,24 +161,24 @@ def spacing_for(body: Body | Sheet, nodes: int) -> float:
     return thick if thick < thickness else thin
 
 
-def nodes_for(body: Body | Sheet, spacing: float) -> float:
+def nodes_for(body: FilledBody | WalledSheet, spacing: float) -> float:
     """Return about how many nodes a lattice makes."""
     cell = spacing**2 * (spacing if _is_solid(body) else min(spacing, body.thickness))
     return _rough_volume(body) * _NODES_WALL / cell
 
 
-def _is_solid(body: Body | Sheet) -> bool:
-    return isinstance(body, Body) and body.wall is None
+def _is_solid(body: FilledBody | WalledSheet) -> bool:
+    return isinstance(body, FilledBody) and body.wall is None
 
 
-def _rough_volume(body: Body | Sheet) -> float:
-    if isinstance(body, Sheet):
+def _rough_volume(body: FilledBody | WalledSheet) -> float:
+    if isinstance(body, WalledSheet):
         return float(body.mesh.areas.sum()) * body.wall
     whole = body.mesh.volume
     return whole if body.wall is None else min(whole, float(body.mesh.areas.sum()) * body.wall)
 
 
-def _spacing(body: Body | Sheet, nodes: int, goal: Accuracy) -> float:
+def _spacing(body: FilledBody | WalledSheet, nodes: int, goal: Accuracy) -> float:
     """Return the spacing that makes about so many nodes, or more where a layer were too flat."""
     spacing = spacing_for(body, nodes)
     if _is_solid(body):
@@ -187,9 +186,9 @@ def _spacing(body: Body | Sheet, nodes: int, goal: Accuracy) -> float:
     return min(spacing, max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most)))
 
 
-def _require_cavity(body: Body | Sheet) -> None:
+def _require_cavity(body: FilledBody | WalledSheet) -> None:
     """Refuse a wall so thick that it fills the body."""
-    if isinstance(body, Sheet) or body.wall is None:
+    if isinstance(body, WalledSheet) or body.wall is None:
         return
     deepest = 0.0
     for soundings in _SOUNDINGS:
@@ -205,7 +204,7 @@ def _require_cavity(body: Body | Sheet) -> None:
     )
 
 
-def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
+def _filled(body: FilledBody | WalledSheet, spacing: float, goal: Accuracy) -> Filling:
     """Fill the body; where a part finer than the lattice tears, try again finer."""
     if nodes_for(body, spacing) > goal.most:
         raise MeshError(
@@ -226,7 +225,9 @@ def _filled(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
             )
 
 
-def _refilled(body: Body | Sheet, filling: Filling, nodes: int, goal: Accuracy) -> Filling:
+def _refilled(
+    body: FilledBody | WalledSheet, filling: Filling, nodes: int, goal: Accuracy
+) -> Filling:
     """Fill a body again with more nodes, or leave it as it is where these do not serve."""
     spacing = _spacing(body, nodes, goal)
     finer = _stuffing(body, spacing, goal) if spacing < filling.spacing else filling
@@ -234,10 +235,10 @@ def _refilled(body: Body | Sheet, filling: Filling, nodes: int, goal: Accuracy) 
     return finer if fits else filling
 
 
-def _stuffing(body: Body | Sheet, spacing: float, goal: Accuracy) -> Filling:
+def _stuffing(body: FilledBody | WalledSheet, spacing: float, goal: Accuracy) -> Filling:
     halved = int(max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED)
     cells, crumbs = _whole(cells_in(body.depths, body.bounds, spacing, halved=halved))
-    features = Features(mesh=body.mesh) if isinstance(body, Body) else None
+    features = Features(mesh=body.mesh) if isinstance(body, FilledBody) else None
     mesh, short = curved(cells, body.onto, body.mesh.up, features)
     thin = not _is_solid(body) and spacing > body.thickness
     relation = "thicker" if spacing < body.thickness else "thinner"

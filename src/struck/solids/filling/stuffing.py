@@ -7,15 +7,155 @@ ends after few steps (Rivara 1991).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.solids.cutting import PAIRS, Cells
+from struck.errors import MeshError
+from struck.model.arrays import Array, Index
+from struck.solids.filling.lattice import Lattice
+from struck.solids.volume_mesh import VolumeMesh, unique_rows
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+# Tetrahedra cut along a surface: the part on its inner side, in tetrahedra again.
+#
+# Quadrilaterals are halved from their lowest-numbered corner, so neighbours agree.
+
+PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cells:
+    """Tetrahedra with the depths of their corners below the surfaces that bound a body.
+
+    Parameters
+    ----------
+    points : array (K, 3)
+        m.
+    depths : array (K, n)
+        Below each of n surfaces, negative inside, exactly 0 on the surface, m.
+    tetrahedra : array (T, 4)
+        Point numbers.
+    """
+
+    points: Array
+    depths: Array
+    tetrahedra: Index
+
+    def edges(self) -> Index:
+        """Return the edges of the tetrahedra, each once (E, 2)."""
+        pairs = np.sort(self.tetrahedra[:, np.array(PAIRS)].reshape(-1, 2), axis=1)
+        return unique_rows(pairs)[0]
+
+    def crossings(self, surface: int, edges: Index) -> Crossings:
+        """Return where one of the surfaces crosses `edges` (E, 2)."""
+        depth = self.depths[:, surface]
+        crossed = edges[depth[edges[:, 0]] * depth[edges[:, 1]] < 0]
+        first, second = depth[crossed].T
+        share = first / (first - second)
+        depths = _between(self.depths, crossed, share)
+        depths[:, surface] = 0.0
+        return Crossings(
+            edges=crossed,
+            share=share,
+            points=_between(self.points, crossed, share),
+            depths=depths,
+        )
+
+    def within(self, surface: int) -> Cells:
+        """Return the parts of the tetrahedra inside one of the surfaces."""
+        found = self.crossings(surface, self.edges())
+        keys = found.edges[:, 0] * len(self.points) + found.edges[:, 1]
+
+        def crossing(a: Index, b: Index) -> Index:
+            return len(self.points) + np.searchsorted(
+                keys, np.minimum(a, b) * len(self.points) + np.maximum(a, b)
+            )
+
+        signs = np.sign(self.depths[:, surface])[self.tetrahedra]
+        order = np.argsort(signs, axis=1, kind="stable")
+        ordered = np.take_along_axis(self.tetrahedra, order, axis=1)
+        inside, outside = (signs < 0).sum(axis=1), (signs > 0).sum(axis=1)
+        parts = [ordered[(outside == 0) & (inside > 0)]]
+        for (few, many), stencil in _STENCILS.items():
+            a, b, c, d = ordered[(inside == few) & (outside == many)].T
+            parts += stencil(a, b, c, d, crossing)
+        return Cells(
+            points=np.vstack([self.points, found.points]),
+            depths=np.vstack([self.depths, found.depths]),
+            tetrahedra=np.vstack(parts),
+        )
+
+    def compact(self) -> Cells:
+        """Give all tetrahedra positive volume; drop empty ones and unused points."""
+        corners = self.points[self.tetrahedra]
+        volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
+        turned = np.where((volumes < 0)[:, None], self.tetrahedra[:, [0, 2, 1, 3]], self.tetrahedra)
+        solid = turned[np.abs(volumes) > 1e-9 * np.abs(volumes).max(initial=0.0)]
+        used, local = np.unique(solid, return_inverse=True)
+        return replace(
+            self,
+            points=self.points[used],
+            depths=self.depths[used],
+            tetrahedra=local.reshape(-1, 4),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Crossings:
+    """Where edges (E, 2) meet a surface: the share from their first end, points and depths."""
+
+    edges: Index
+    share: Array
+    points: Array
+    depths: Array
+
+
+def _between(values: Array, edges: Index, share: Array) -> Array:
+    return values[edges[:, 0]] * (1 - share)[:, None] + values[edges[:, 1]] * share[:, None]
+
+
+def _prism(bottom: Index, top: Index) -> list[Index]:
+    """Split prisms between triangles (m, 3) into three tetrahedra each.
+
+    The lowest corner comes first; its two faces are halved from it, the face opposite from its
+    own lowest corner.
+    """
+    lowest = np.hstack([bottom, top]).argmin(axis=1)
+    flipped = (lowest >= 3)[:, None]
+    low, high = np.where(flipped, top, bottom), np.where(flipped, bottom, top)
+    turn = (lowest[:, None] % 3 + np.arange(3)) % 3
+    low, high = np.take_along_axis(low, turn, axis=1), np.take_along_axis(high, turn, axis=1)
+    (a, b, c), (x, y, z) = low.T, high.T
+    from_b = (np.minimum(b, z) < np.minimum(c, y))[:, None]
+    first = np.where(from_b, np.stack([a, b, c, z], 1), np.stack([a, b, c, y], 1))
+    second = np.where(from_b, np.stack([a, b, z, y], 1), np.stack([a, y, c, z], 1))
+    return [first, second, np.stack([a, x, y, z], axis=1)]
+
+
+def _pyramid(apex: Index, quad: tuple[Index, Index, Index, Index]) -> list[Index]:
+    """Split pyramids over quadrilaterals a, b, c, d into two tetrahedra each."""
+    a, b, c, d = quad
+    from_a = (np.minimum(a, c) < np.minimum(b, d))[:, None]
+    first = np.where(from_a, np.stack([apex, a, b, c], 1), np.stack([apex, b, c, d], 1))
+    second = np.where(from_a, np.stack([apex, a, c, d], 1), np.stack([apex, a, b, d], 1))
+    return [first, second]
+
+
+# By counts of corners inside and outside, corners ordered from inside to outside.
+_STENCILS = {
+    (1, 3): lambda a, b, c, d, x: [np.stack([a, x(a, b), x(a, c), x(a, d)], axis=1)],
+    (1, 2): lambda a, b, c, d, x: [np.stack([a, b, x(a, c), x(a, d)], axis=1)],
+    (1, 1): lambda a, b, c, d, x: [np.stack([a, b, c, x(a, d)], axis=1)],
+    (2, 1): lambda a, b, c, d, x: _pyramid(c, (a, b, x(b, d), x(a, d))),
+    (2, 2): lambda a, b, c, d, x: _prism(
+        np.stack([a, x(a, c), x(a, d)], axis=1), np.stack([b, x(b, c), x(b, d)], axis=1)
+    ),
+    (3, 1): lambda a, b, c, d, x: _prism(
+        np.stack([a, b, c], axis=1), np.stack([x(a, d), x(b, d), x(c, d)], axis=1)
+    ),
+}
+
 Depths = Callable[[Array], Array]
 # Of the depth halfway along an edge against the mean of its ends, in lengths of the edge.
 _LARGEST_MISS = 0.2
@@ -166,3 +306,96 @@ def _split(cells: Cells, hit: Index, ends: Index, middle: Index) -> Cells:
     old = cells.tetrahedra[hit]
     halves = [np.where(old == ends[:, end : end + 1], middle[:, None], old) for end in (0, 1)]
     return replace(cells, tetrahedra=np.vstack([np.delete(cells.tetrahedra, hit, 0), *halves]))
+
+
+# Isosurface stuffing: tetrahedra of good shape in any body (Labelle & Shewchuk 2007).
+#
+# Lattice points too near the boundary move onto it; tetrahedra that the boundary still cuts are
+# replaced by their part inside. Several surfaces may bound the body: each cuts in its turn, so a
+# wall between two of them may be much thinner than the lattice.
+
+# Shares of an edge within which the boundary pulls a lattice point over; long edges join two
+# corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
+_LONG, _SHORT = 0.24999, 0.41189
+
+
+def stuffed(
+    depths: Callable[[Array], Array], bounds: Array, spacing: float, up: str = "z"
+) -> VolumeMesh:
+    """Fill a body with linear tetrahedra: `cells_in` as a mesh."""
+    cells = cells_in(depths, bounds, spacing)
+    return VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
+
+
+def cells_in(
+    depths: Callable[[Array], Array], bounds: Array, spacing: float, *, halved: int = 0
+) -> Cells:
+    """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft.
+
+    Parameters
+    ----------
+    depths : callable
+        1-Lipschitz functions of points (K, 3), all negative in the body, m (K,) or (K, n).
+    bounds : array (2, 3)
+        Corners of a box around the body, m.
+    spacing : float
+        Of the lattice, m.
+    halved : int
+        How many edges may be halved where the lattice is too coarse for the body, twice over.
+
+    Raises
+    ------
+    MeshError
+        When no lattice point lies in the body.
+    """
+    lattice = Lattice.over(bounds, spacing)
+    corners, centres = lattice.sampled(depths)
+    tetrahedra = lattice.tetrahedra(corners, centres)
+    _require_any(tetrahedra, spacing)
+    values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in (corners, centres)])
+    numbers, local = np.unique(tetrahedra, return_inverse=True)
+    whole = Cells(
+        points=lattice.positions(numbers),
+        depths=values[numbers],
+        tetrahedra=local.reshape(-1, 4),
+    )
+    fine = refined(whole, depths, shortest=spacing / 5, most=halved)
+    cells = _warped(fine, numbers >= corners[..., 0].size)
+    for surface in range(values.shape[1]):
+        cells = cells.within(surface)
+    _require_any(cells.tetrahedra, spacing)
+    return cells.compact()
+
+
+def _require_any(tetrahedra: Index, spacing: float) -> None:
+    if not len(tetrahedra):
+        raise MeshError(
+            f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
+        )
+
+
+def _warped(cells: Cells, is_centre: NDArray[np.bool_]) -> Cells:
+    """Move points that a surface passes too near onto the nearest crossing."""
+    edges = cells.edges()
+    found = [cells.crossings(surface, edges) for surface in range(cells.depths.shape[1])]
+    ends = np.concatenate([each.edges.T.ravel() for each in found])
+    where = np.concatenate([np.tile(each.points, (2, 1)) for each in found])
+    there = np.concatenate([np.tile(each.depths, (2, 1)) for each in found])
+    nearness = np.concatenate(
+        [np.concatenate([each.share, 1 - each.share]) for each in found]
+    ) / np.concatenate([np.tile(_reach(each.edges, is_centre), 2) for each in found])
+    bounding = there.max(axis=1, initial=0.0) <= 0  # elsewhere the surface bounds nothing
+    order = np.lexsort((nearness, ends))
+    order = order[(nearness[order] < 1) & bounding[order]]
+    moved, first = np.unique(ends[order], return_index=True)
+    points, depths = cells.points.copy(), cells.depths.copy()
+    points[moved] = where[order[first]]
+    depths[moved] = there[order[first]]
+    return Cells(points=points, depths=depths, tetrahedra=cells.tetrahedra)
+
+
+def _reach(edges: Index, is_centre: NDArray[np.bool_]) -> Array:
+    """Return the shares of edges that are safe; points beyond the lattice's own are halfway."""
+    known = np.zeros(max(int(edges.max(initial=0)) + 1, len(is_centre)), np.int8)
+    known[: len(is_centre)] = np.where(is_centre, 1, -1)
+    return np.where(known[edges].prod(axis=1) < 0, _SHORT, _LONG)

@@ -8,9 +8,9 @@ like shells: those at even depth bound a body from outside, those at odd depth a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError
+from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import (
     Edges,
@@ -22,9 +22,6 @@ from struck.model.mesh_topology import (
     turned_faces,
     volumes_of,
 )
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 # Mesh files in single precision carry 1e-7 of their size as rounding: thinner is no body.
 _THINNEST = 1e-6

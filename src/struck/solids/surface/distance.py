@@ -7,26 +7,24 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.geometry import Closest, Surface, barycentric
-from struck.model.mesh import Mesh
+from struck.model.arrays import Array
+from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import edges_of
 from struck.solids.filling.lattice import Lattice
-from struck.solids.tetrahedra import stuffed
+from struck.solids.filling.stuffing import stuffed
 from struck.solids.volume_mesh import VolumeMesh
 
 if TYPE_CHECKING:
     import igl
 
-Array = NDArray[np.float64]
 _INSIDE = 0.5
 # Order of the expansion far away, and how many radii away that is: libigl's own.
 _ORDER, _ACCURACY = 2, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Body:
+class FilledBody:
     """What fills a closed surface: all of it, or a wall inside it.
 
     Parameters
@@ -102,7 +100,7 @@ class Body:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sheet:
+class WalledSheet:
     """A wall around an open surface: half of it on either side, square at the rim.
 
     Parameters
@@ -212,7 +210,7 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def sampled_volume(body: Body | Sheet, spacing: float) -> float:
+def sampled_volume(body: FilledBody | WalledSheet, spacing: float) -> float:
     """Return the volume where all depths are negative, m^3, by samples about `spacing` m apart.
 
     Each surface counts by a step that rises over one cell, so its place is known far better

@@ -1,25 +1,112 @@
-"""A surface between inside and outside, from a lattice (marching tetrahedra, Doi & Koide 1991).
+"""A new surface of the material, where the old one crosses itself.
 
-Lattice points too near the surface move onto it first, so no triangle becomes a needle (Labelle &
-Shewchuk 2007). Only tetrahedra on the surface are made: those within cost nothing.
+The sign of the distance is that of the winding number (Barill et al. 2018); the new surface is
+the boundary of tetrahedra that fill the material (Labelle & Shewchuk 2007), moved onto the faces
+of the old one that part material from air.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import ndimage
 
-from struck.model.mesh import Mesh
+from struck.errors import MeshError
+from struck.model.arrays import Array, Index, Mask
+from struck.model.mesh import Mesh, Surface
+from struck.model.mesh_topology import edges_of, pieces, submesh, volumes_of
 from struck.solids.filling.lattice import Lattice
+from struck.solids.surface.closedness import is_closed
+from struck.solids.surface.shells import INSIDE, halves, winding
 from struck.solids.volume_mesh import side_keys
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+# Which points of a lattice lie within the material that a surface winds around.
+#
+# The winding number (Barill et al. 2018) of a surface without rims only changes across faces: one
+# value serves all points that faces do not part.
+
+# Of pieces of faces, in voxels: their boxes reach into three along each axis.
+_LONGEST = 1.99
+_STEPS = np.stack(np.meshgrid(*[range(3)] * 3), axis=-1).reshape(-1, 3)
+_MOST = 1_000_000
+_ROUNDING = 1e-9
+
+
+def inside(mesh: Mesh, lattice: Lattice) -> Mask:
+    """Tell which lattice points the surface winds around (N,): corners first, then centres."""
+    region = _regions(mesh, lattice)
+    asked, answer = np.arange(len(region)), np.arange(len(region))
+    free = region > 0
+    if free.any():
+        _, first, inverse = np.unique(region[free], return_index=True, return_inverse=True)
+        beside = np.flatnonzero(~free)
+        asked = np.concatenate([np.flatnonzero(free)[first], beside])
+        answer[free] = inverse
+        answer[beside] = len(first) + np.arange(len(beside))
+    return (winding(mesh, lattice.positions(asked)) > INSIDE)[answer]
+
+
+def has_rims(mesh: Mesh) -> bool:
+    """Tell whether faces do not cancel along some edge, so that the winding number drifts."""
+    return bool(edges_of(mesh.faces).balance.any())
+
+
+def _regions(mesh: Mesh, lattice: Lattice) -> Index:
+    """Return the region of each lattice point (N,), from 1; 0 beside faces and where unknown.
+
+    Voxels half as wide as cells, each around a point where corners or centres may be.
+    """
+    shape = 2 * lattice.counts + 1
+    points = int(np.prod(lattice.counts + 1) + np.prod(lattice.counts))
+    origin, edge = lattice.origin - lattice.cell / 4, lattice.cell / 2
+    triangles = ((mesh.points - origin) / edge)[mesh.faces]
+    parts = None if has_rims(mesh) else _small(triangles, shape)
+    if parts is None:
+        return np.zeros(points, np.int64)
+    free = np.ones(shape, bool)
+    for voxels in _passed(parts):
+        free[tuple(voxels[((voxels >= 0) & (voxels < shape)).all(axis=1)].T)] = False
+    regions = np.asarray(ndimage.label(free)[0])  # pyright: ignore[reportIndexIssue]
+    grids = regions[::2, ::2, ::2], regions[1::2, 1::2, 1::2]
+    return np.concatenate([grid.ravel() for grid in grids]).astype(np.int64)
+
+
+def _passed(triangles: Array) -> Iterator[Index]:
+    """Yield the voxels (V, 3) that small triangles (T, 3, 3) pass through, and some beside."""
+    lowest = np.floor(triangles.min(axis=1) - _ROUNDING)
+    highest = np.floor(triangles.max(axis=1) + _ROUNDING)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    heights = np.einsum("td,td->t", normals, lowest + 0.5 - triangles[:, 0])
+    reach = (0.5 + _ROUNDING) * np.abs(normals).sum(axis=1)
+    for step in _STEPS:
+        in_box = (lowest + step <= highest).all(axis=1)
+        chosen = in_box & (np.abs(heights + normals @ step) <= reach)
+        yield (lowest[chosen] + step).astype(np.int64)
+
+
+def _small(triangles: Array, shape: Index) -> Array | None:
+    """Halve triangles (T, 3, 3) down to the size of voxels; None where that takes too many."""
+    done, count = [], 0
+    while len(triangles):
+        near = (triangles.max(axis=1) > -1) & (triangles.min(axis=1) < shape + 1)
+        triangles = triangles[near.all(axis=1)]
+        small, rest = halves(triangles, _LONGEST)
+        done.append(small)
+        count += len(small)
+        if count + len(rest) > _MOST:
+            return None
+        triangles = rest
+    return np.concatenate([np.empty((0, 3, 3)), *done])
+
+
+# A surface between inside and outside, from a lattice (marching tetrahedra, Doi & Koide 1991).
+#
+# Lattice points too near the surface move onto it first, so no triangle becomes a needle (Labelle &
+# Shewchuk 2007). Only tetrahedra on the surface are made: those within cost nothing.
+
 Distances = Callable[[Array], Array]
 # Shares of an edge within which the surface pulls a lattice point over; long edges join two
 # corners or two centres, short ones a corner and a centre (Labelle & Shewchuk, table 1).
@@ -30,7 +117,7 @@ _SIDES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 def isosurface(
-    lattice: Lattice, inside: Flags, distances: Distances, *, moved: bool = True
+    lattice: Lattice, inside: Mask, distances: Distances, *, moved: bool = True
 ) -> Mesh | None:
     """Return the surface around the lattice points inside, normals outward; None without any.
 
@@ -162,7 +249,7 @@ def _unlike(first: Index, second: Index, depths: Array) -> tuple[Index, Index]:
     return first[unlike], second[unlike]
 
 
-def _found(known: Index, wanted: Index) -> tuple[Flags, Index]:
+def _found(known: Index, wanted: Index) -> tuple[Mask, Index]:
     """Tell which of the `wanted` are among sorted `known` ones, and where."""
     place = np.minimum(np.searchsorted(known, wanted), max(len(known) - 1, 0))
     return (known[place] == wanted if len(known) else np.zeros(len(wanted), bool)), place
@@ -179,3 +266,129 @@ _TILES = {
     (2, 2): [((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2))],
     (3, 1): [((0, 3), (1, 3), (2, 3))],
 }
+
+# Cells of the lattice on the surface, from coarse to fine, until the volume stays.
+_CELLS = (4_000, 9_000, 16_000)
+# A long way through air takes more of them than memory holds.
+_MOST_CELLS, _MOST_CELLS_WITH_RIMS = 1_000_000, 100_000
+_WIDER = 1.05
+# Faces within the material cost as those in the open do: from here on, cells grow with their area.
+_MOST_LAYERS = 4
+_LARGEST_CHANGE = 0.003
+_CRUMB = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rebuilt:
+    """A new surface.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    spacing : float
+        Of the lattice, m.
+    change : float
+        Of the volume since the lattice before, relative.
+    """
+
+    mesh: Mesh
+    spacing: float
+    change: float
+
+
+def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebuilt:
+    """Return the boundary of where the surface winds around more than half a time.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Faces whose normals mostly point outward.
+    bounding : Mesh, optional
+        Those parts of faces that part material from air: see `exposed`.
+    roughly : bool
+        On the coarsest lattice alone.
+
+    Raises
+    ------
+    MeshError
+        When the surface winds around nothing, or around parts too thin for the lattice.
+    """
+    if bounding is None or bounding.volume <= 0:
+        raise MeshError(
+            "the mesh encloses nothing that could be told from air: its faces point every way; "
+            "make the normals consistent in a mesh editor"
+        )
+    area = max(float(bounding.areas.sum()), float(mesh.areas.sum()) / _MOST_LAYERS)
+    most = _MOST_CELLS_WITH_RIMS if has_rims(mesh) else _MOST_CELLS
+    spacings = [
+        _affordable(float(np.sqrt(area / cells)), bounding.bounds, most)
+        for cells in (_CELLS[:1] if roughly else _CELLS)
+    ]
+    limits = RebuildingLimits(bounding)
+    made = [_boundary(mesh, limits, spacings[0])]
+    change = np.inf
+    for spacing in spacings[1:]:
+        made.append(_boundary(mesh, limits, spacing))
+        before, after = (each.volume for each in made[-2:])
+        change = after / before - 1
+        if abs(change) <= _LARGEST_CHANGE:
+            break
+    return Rebuilt(mesh=made[-1], spacing=float(spacings[len(made) - 1]), change=float(change))
+
+
+def _boundary(mesh: Mesh, limits: RebuildingLimits, spacing: float) -> Mesh:
+    lattice = Lattice.over(limits.bounds, spacing)
+    within = inside(mesh, lattice)
+    for moved in (True, False):
+        found = isosurface(lattice, within, limits.distances, moved=moved)
+        if found is not None and is_closed(found):
+            return _largest(
+                Mesh(points=limits.nearest(found.points), faces=found.faces, up=mesh.up)
+            )
+    raise MeshError(
+        f"the body is too thin for a lattice of {spacing:.3g} m: join its pieces in a mesh editor"
+    )
+
+
+def _affordable(spacing: float, bounds: Array, most: int) -> float:
+    """Return `spacing`, or a wider one that takes no more than `most` cells to fill the box."""
+    while (np.maximum((bounds[1] - bounds[0]) / spacing, 1) + 2).prod() > most:
+        spacing *= _WIDER
+    return spacing
+
+
+class RebuildingLimits:
+    """Faces that part material from air, prepared for many distances to them."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.bounds = mesh.bounds
+        self._surface = Surface(mesh)
+
+    def distances(self, points: Array) -> Array:
+        """Return distances to the faces, m (K,)."""
+        return self._surface.closest(points)[0]
+
+    def nearest(self, points: Array) -> Array:
+        """Return the nearest points on the faces (K, 3)."""
+        return self._surface.closest(points)[2]
+
+
+def _largest(mesh: Mesh) -> Mesh:
+    """Return the mesh without crumbs of the lattice."""
+    labels = pieces(mesh)
+    volumes = np.abs(volumes_of(mesh, labels))
+    return submesh(mesh, np.flatnonzero((volumes > _CRUMB * volumes.max())[labels]))
+
+
+def lost_share(old: Mesh, new: Rebuilt) -> float:
+    """Return how much of the old faces' area lies outside the new surface, far from it."""
+    length, _, _ = Surface(new.mesh).closest(old.centroids)
+    far = length > 2 * new.spacing
+    far[far] = winding(new.mesh, old.centroids[far]) < INSIDE
+    return float(old.areas[far].sum() / old.areas.sum())
+
+
+def invented_share(old: Mesh, new: Rebuilt) -> float:
+    """Return how much of the new surface's area lies far from all old faces."""
+    length, _, _ = Surface(old).closest(new.mesh.centroids)
+    return float(new.mesh.areas[length > 2 * new.spacing].sum() / new.mesh.areas.sum())

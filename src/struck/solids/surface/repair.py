@@ -6,32 +6,271 @@ material, because faces cross, a new surface by signed distance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError
+from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
-from struck.solids.repair.bodies import largest_body, solid_shells, without_hidden
-from struck.solids.repair.exposure import bared, exposed
-from struck.solids.repair.mending import (
-    LARGEST_OPENING,
-    THINNEST,
-    Diary,
-    Mended,
-    counted,
-    largest_piece,
-    mended,
-    sewn_up,
-)
-from struck.solids.repair.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
+from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, volumes_of
 from struck.solids.surface.closedness import is_closed, require_closed
-from struck.solids.surface.shells import Shells, crossings
-from struck.solids.surface.welding import lines, open_edges
+from struck.solids.surface.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
+from struck.solids.surface.shells import (
+    Shells,
+    alike,
+    apart,
+    bared,
+    crossings,
+    exposed,
+    without_fins,
+)
+from struck.solids.surface.welding import (
+    Closed,
+    closed,
+    lines,
+    open_edges,
+    sewn,
+    single,
+    without_lines,
+)
 
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+# Mending: a surface closed and turned outward with its faces left where they are.
+
+# A surface bounds a body while what closes it is small against it. The cap of an open cup,
+# of a dome or of a dish is above a sixth of its wall; holes of scans are a few hundredths.
+LARGEST_OPENING = 0.1
+# Thinner than the rounding of single precision encloses nothing.
+THINNEST = 1e-6
+
+
+@dataclass(slots=True)
+class Diary:
+    """What was wrong with a mesh and what was changed, a sentence each."""
+
+    found: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+
+    def note(self, found: str, changed: str) -> None:
+        """Write both down."""
+        self.found.append(found)
+        self.changed.append(changed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mended:
+    """A surface whose faces are oriented alike, before and after its openings are filled.
+
+    Parameters
+    ----------
+    open : Mesh
+        Its openings as they are.
+    closed : Closed
+        All of them filled.
+    labels : array (F,)
+        The piece of each face of the closed surface.
+    """
+
+    open: Mesh
+    closed: Closed
+    labels: Index
+
+    @property
+    def mesh(self) -> Mesh:
+        """The closed surface."""
+        return self.closed.mesh
+
+    @property
+    def areas(self) -> Array:
+        """Areas of the pieces, m^2 (P,)."""
+        return np.bincount(self.labels, weights=self.mesh.areas).astype(np.float64)
+
+    @property
+    def filled(self) -> Array:
+        """Areas of what fills the openings of each piece, m^2 (P,)."""
+        fresh = np.arange(len(self.labels)) >= len(self.open.faces)
+        areas = np.where(fresh, self.mesh.areas, 0.0)
+        return np.bincount(self.labels, weights=areas).astype(np.float64)
+
+    @property
+    def solid(self) -> Mask:
+        """Which pieces bound a body (P,): closed but for small openings, and not empty."""
+        extents = boxes_of(self.mesh, self.labels).extents
+        volumes = np.abs(volumes_of(self.mesh, self.labels))
+        empty = volumes <= THINNEST * self.areas * extents
+        return ~empty & (self.filled <= LARGEST_OPENING * self.areas)
+
+    def holes(self, chosen: Mask) -> int:
+        """Return how many openings the `chosen` pieces (P,) had."""
+        piece = np.empty(len(self.mesh.points), np.int64)
+        piece[self.mesh.faces] = self.labels[:, None]
+        return int(sum(chosen[piece[rim[0]]] for rim in self.closed.rims))
+
+
+def mended(mesh: Mesh, diary: Diary) -> Mended:
+    """Drop what repeats or leans, turn faces alike, fill openings.
+
+    Raises
+    ------
+    MeshError
+        When the surface is one-sided.
+    """
+    mesh, repeated = single(mesh)
+    if repeated:
+        diary.note(
+            f"{counted(repeated, 'face')} {_repeat(repeated)} others.",
+            f"{counted(repeated, 'repeated face')} removed.",
+        )
+    mesh, leaning = without_fins(mesh)
+    if leaning:
+        diary.note(
+            f"{counted(leaning, 'face')} in fins or inner walls {_meet(leaning)} the surface.",
+            f"{counted(leaning, 'face')} of fins and inner walls removed.",
+        )
+    mesh = _apart(mesh, diary)
+    mesh = without_needles(_alike(mesh, diary), diary)
+    filled = closed(mesh)
+    return Mended(open=mesh, closed=filled, labels=pieces(filled.mesh))
+
+
+def sewn_up(mesh: Mesh, diary: Diary) -> Mesh:
+    """Return the mesh with near vertices merged, and say so."""
+    result, distance = sewn(mesh)
+    if distance:
+        merged = len(mesh.points) - len(result.points)
+        diary.note(
+            f"Faces stand apart by up to {distance:.1e} m.",
+            f"{counted(merged, 'vertex')} within {distance:.1e} m of others merged.",
+        )
+    return result
+
+
+def _apart(mesh: Mesh, diary: Diary) -> Mesh:
+    crowded = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
+    if not crowded:
+        return mesh
+    diary.note(
+        f"{counted(crowded, 'edge')} shared by more than two faces.",
+        f"Pieces taken apart at {counted(crowded, 'edge')}.",
+    )
+    return apart(mesh)
+
+
+def _alike(mesh: Mesh, diary: Diary) -> Mesh:
+    found = alike(mesh)
+    if found is None:
+        raise MeshError(
+            "the mesh cannot be oriented (it is one-sided, like a Klein bottle) and so has no "
+            "inside: rebuild it as the boundary of a solid"
+        )
+    result, turned = found
+    if turned:
+        diary.note(
+            f"{counted(turned, 'face')} of {len(mesh.faces)} flipped against their neighbours.",
+            f"{counted(turned, 'face')} turned to agree with the others.",
+        )
+    return result
+
+
+def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
+    """Return the mesh without faces of no area, and say so."""
+    mesh, flat = without_lines(mesh)
+    if flat:
+        diary.note(
+            f"{counted(flat, 'face')} without area.",
+            f"{counted(flat, 'face')} without area removed, their neighbours split.",
+        )
+    return mesh
+
+
+def largest_piece(mesh: Mesh) -> tuple[Mesh, int]:
+    """Return the piece of the largest area, and how many others there are."""
+    labels = pieces(mesh)
+    areas = np.bincount(labels, weights=mesh.areas)
+    return submesh(mesh, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
+    if count == 1:
+        return f"1 {noun}"
+    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
+    last = noun.rsplit(maxsplit=1)[-1]
+    return f"{count} {noun.removesuffix(last)}{plural.get(last, last + 's')}"
+
+
+def _repeat(count: int) -> str:
+    return "repeats" if count == 1 else "repeat"
+
+
+def _meet(count: int) -> str:
+    return "meets" if count == 1 else "meet"
+
+
+# Bodies among the pieces of a mended surface: what is loose, hidden or beside the largest.
+
+# Bodies below this share of the largest are debris.
+_DEBRIS = 0.01
+
+
+def solid_shells(surface: Mended, solid: Mask, diary: Diary) -> Shells:
+    """Return the pieces that bound bodies, their normals outward."""
+    loose = int(np.count_nonzero(~solid))
+    if loose:
+        share = surface.areas[~solid].sum() / surface.areas.sum()
+        diary.note(
+            f"{counted(loose, 'loose piece')} of the surface without volume.",
+            f"{counted(loose, 'loose piece')} removed ({100 * share:.2g} % of the area).",
+        )
+    holes = surface.holes(solid)
+    if holes:
+        share = surface.filled[solid].sum() / surface.areas[solid].sum()
+        diary.note(
+            f"{counted(holes, 'hole')} in the surface.",
+            f"{counted(holes, 'hole')} filled ({100 * share:.2g} % of the area).",
+        )
+    kept = submesh(surface.mesh, np.flatnonzero(solid[surface.labels]))
+    shells, wrong = Shells.of(without_needles(kept, diary)).outward()
+    if wrong:
+        diary.note(f"{counted(wrong, 'piece')} inside out.", f"{counted(wrong, 'piece')} turned.")
+    return shells
+
+
+def without_hidden(shells: Shells, pairs: Index, diary: Diary) -> Shells:
+    """Drop the pieces that lie within the material and cross nothing."""
+    kept = shells.bounding()
+    kept[shells.labels[pairs]] = True
+    hidden = int(np.count_nonzero(~kept))
+    if hidden:
+        diary.note(
+            f"{counted(hidden, 'shell')} within the material.",
+            f"{counted(hidden, 'inner shell')} removed: normals outward make no cavity.",
+        )
+    return shells.only(kept)
+
+
+def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
+    """Keep the largest body and say what else there was."""
+    body = shells.bodies(pairs)
+    volumes = np.bincount(body, weights=shells.volumes)
+    largest = int(volumes.argmax())
+    others = np.delete(volumes, largest) / volumes[largest]
+    debris = int(np.count_nonzero(others < _DEBRIS))
+    if debris:
+        diary.note(
+            f"{counted(debris, 'crumb')} beside the body, below {100 * _DEBRIS:g} % of its volume.",
+            f"{counted(debris, 'crumb')} removed.",
+        )
+    rest = others[others >= _DEBRIS]
+    if len(rest):
+        diary.note(
+            f"{counted(len(rest) + 1, 'separate body')}.",
+            f"The largest taken; {counted(len(rest), 'other')}, up to {100 * rest.max():.0f} % of "
+            "its volume, left out: part= gives another.",
+        )
+    return shells.only(body == largest)
+
+
 # Crossing faces matter when more than this share of the area lies within the material.
 _BURIED = 1e-3
 # What a rebuilt surface may lose of the old one, or have where there was none.
@@ -145,7 +384,7 @@ def _is_clean(mesh: Mesh) -> bool:
     return not lines(mesh).any() and not len(crossings(mesh))
 
 
-def _body(surface: Mended, solid: Flags, diary: Diary) -> Mesh:
+def _body(surface: Mended, solid: Mask, diary: Diary) -> Mesh:
     """Return the largest body that the `solid` pieces (P,) bound."""
     shells = solid_shells(surface, solid, diary)
     shells = without_hidden(shells, crossings(shells.mesh), diary)

@@ -1,1 +1,0 @@
-"""A model beside another, or beside a recording."""

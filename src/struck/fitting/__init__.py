@@ -1,1 +1,0 @@
-"""Recordings of an object in, its model out."""

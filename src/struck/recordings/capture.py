@@ -1,0 +1,484 @@
+"""A measurement: each planned point is prompted, struck, recorded, judged and kept, or repeated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import FileFormatError, RecordingError
+from struck.files import wav
+from struck.files.atomic import write_bytes
+from struck.files.sound import Sound
+from struck.model.arrays import Array, Complex
+from struck.model.provenance import Progress, silent
+from struck.recordings.acceptance import MARGIN, TakeVerdict, examined
+from struck.recordings.capture_plan import CapturePlan, Point, facts_of
+from struck.recordings.manifest import NAME, ManifestEntry, recorded_so_far
+
+# How strongly each contact drives what rings, roughly: enough to choose the best contact by.
+
+MOST = 64
+"""Lines that are looked at."""
+_DEEPEST = 50.0  # dB under the strongest line
+_LONGEST = 1.0  # s
+
+
+def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
+    """Return the strength of spectral lines at each contact (P, M).
+
+    Parameters
+    ----------
+    takes : sequence (P,) of sequences of Sound
+        Hits of each contact, heard by the same listener; their first channel counts.
+    lead_in : float
+        Before each hit, s.
+
+    Returns
+    -------
+    array (P, M)
+        Root mean squares over hits, at the local maxima of the spectrum of all contacts. Phases are
+        not known and 0: `Plan.after` asks for powers alone.
+
+    Raises
+    ------
+    RecordingError
+        When nothing rings.
+    """
+    rates = {sound.sample_rate for hits in takes for sound in hits}
+    if len(rates) != 1:
+        raise RecordingError(f"takes have rates of {sorted(rates)} Hz: record all at one rate")
+    first = round(lead_in * rates.pop())
+    shortest = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
+    powers = np.array([_mean_power(hits, first, shortest) for hits in takes])
+    loudest = powers.max(axis=0)
+    lines = _maxima(loudest)
+    if not len(lines):
+        raise RecordingError("no line stands out of the spectra of the takes: strike harder")
+    return np.sqrt(powers[:, lines]).astype(np.complex128)
+
+
+def _mean_power(hits: Sequence[Sound], first: int, length: int) -> Array:
+    """Return the power spectrum of what rings after the hit, mean over hits."""
+    count = max(2, min(length, round(_LONGEST * hits[0].sample_rate)))
+    window = np.hanning(count)
+    rung = [sound.samples[0, first : first + count].astype(np.float64) for sound in hits]
+    return np.mean([np.square(np.abs(np.fft.rfft(window * each))) for each in rung], axis=0)
+
+
+def _maxima(power: Array) -> NDArray[np.int64]:
+    """Return the strongest local maxima over two bins to each side: a window's main lobe."""
+    padded = np.pad(power, 2, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, 5)
+    deep = power > power[2:-2].max(initial=0.0) * 10 ** (-_DEEPEST / 10)
+    lines = np.flatnonzero((power >= around.max(axis=1)) & deep & (power > 0))
+    return lines[np.argsort(-power[lines], kind="stable")][:MOST]
+
+
+# What a measurement has recorded so far: takes and their manifest, each written whole.
+
+
+class TakeLog:
+    """A folder of takes with a manifest, from an earlier run or new.
+
+    Parameters
+    ----------
+    plan : CapturePlan
+    folder : Path
+        Made if only its last part is missing.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder cannot be made, or its manifest cannot be read.
+    RecordingError
+        When it holds takes of another rate.
+    """
+
+    def __init__(self, plan: CapturePlan, folder: Path) -> None:
+        _make(folder)
+        self._plan = plan
+        self._manifest = recorded_so_far(folder / NAME)
+        if plan.sample_rate is not None:
+            self._require_rate(plan.sample_rate)
+
+    @property
+    def path(self) -> Path:
+        """The manifest."""
+        return self._manifest.path
+
+    def has(self, point: Point, hit: int) -> bool:
+        """Tell whether a take is there.
+
+        Raises
+        ------
+        RecordingError
+            When its name is there, but of other places.
+        """
+        entry = self._entry(point.file(hit))
+        if entry is None:
+            return False
+        if (entry.contact, entry.listeners) != (point.contact, point.listeners):
+            raise RecordingError(
+                f"{self.path} has {entry.file} with contact {entry.contact} and listeners "
+                f"{entry.listeners}, and the plan says {point.contact} and {point.listeners}: name "
+                "the places in the plan, or record into another folder"
+            )
+        return True
+
+    def add(self, point: Point, hit: int, verdict: TakeVerdict) -> None:
+        """Write a take that was taken, then the manifest: a kill leaves both whole.
+
+        Raises
+        ------
+        FileFormatError
+            When they cannot be written.
+        """
+        sound = verdict.sound
+        if sound is None:
+            raise RecordingError(f"{point.file(hit)} was refused: {verdict.reason}")
+        self._require_rate(sound.sample_rate)
+        data = wav.encode(wav.Recording(samples=sound.samples, sample_rate=sound.sample_rate))
+        write_bytes(self.path.with_name(point.file(hit)), data)
+        entry = ManifestEntry(
+            file=point.file(hit),
+            contact=point.contact,
+            listeners=point.listeners,
+            hit=hit,
+            sample_rate=sound.sample_rate,
+            lead_in=self._plan.lead_in,
+            peak=round(verdict.peak, 2),
+            above_noise=round(verdict.above_noise, 2),
+        )
+        self._write((*self._others(entry.file), entry))
+
+    def sounds(self, point: Point) -> list[Sound]:
+        """Return the takes of a point."""
+        paths = [self.path.with_name(point.file(hit)) for hit in range(1, point.hits + 1)]
+        heard = [wav.decode(path.read_bytes(), str(path)) for path in paths]
+        return [Sound(samples=each.samples, sample_rate=each.sample_rate) for each in heard]
+
+    def _entry(self, file: str) -> ManifestEntry | None:
+        return next((entry for entry in self._manifest.entries if entry.file == file), None)
+
+    def _others(self, file: str) -> tuple[ManifestEntry, ...]:
+        return tuple(entry for entry in self._manifest.entries if entry.file != file)
+
+    def _write(self, entries: tuple[ManifestEntry, ...]) -> None:
+        plan = self._plan
+        self._manifest = replace(
+            self._manifest,
+            entries=entries,
+            symmetry=plan.symmetry,
+            centre=plan.centre,
+            coordinates=plan.coordinates,
+        )
+        write_bytes(self.path, self._manifest.text().encode("utf-8"))
+
+    def _require_rate(self, rate: int) -> None:
+        known = {entry.sample_rate for entry in self._manifest.entries} - {None, rate}
+        if known:
+            raise RecordingError(
+                f"{self.path} has takes of {known.pop()} Hz, and now {rate} Hz are recorded: give "
+                "that sample_rate in the plan, or record into another folder"
+            )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError as error:
+        raise FileFormatError(f"there is no folder {folder.parent}: make it first") from error
+    except OSError as error:
+        raise FileFormatError(
+            f"the folder {folder} cannot be made ({error.strerror or error}): give another"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CapturedTake:
+    """One attempt, from 1 on, at one hit, from 1 on, of a point."""
+
+    point: Point
+    hit: int
+    attempt: int
+
+    @property
+    def file(self) -> str:
+        """Name of its recording."""
+        return self.point.file(self.hit)
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What programs are told of it."""
+        return facts_of(self.point.name, self.hit, self.point.contact, self.point.listeners)
+
+    def __str__(self) -> str:
+        told = self.facts
+        places = [f"{what} {told[what]}" for what in ("contact", "listener") if told[what]]
+        again = f", attempt {self.attempt}" if self.attempt > 1 else ""
+        return f"{self.point.name}, hit {self.hit} of {self.point.hits}{again}: {'; '.join(places)}"
+
+
+class Recorder(Protocol):
+    """What records."""
+
+    def record(
+        self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
+    ) -> Sound:
+        """Record so many seconds; call `cue` once `lead_in` seconds of them are recorded.
+
+        What spoilt the recording stands in the notes of the sound: then it is refused.
+        """
+        ...
+
+
+class Operator(Protocol):
+    """Who strikes, or looks on."""
+
+    def ready(self, text: str) -> None:
+        """Tell what comes, and return when it may begin."""
+
+    def tell(self, text: str) -> None:
+        """Tell what happens."""
+
+
+class Nobody:
+    """Nobody looks on, and nobody is waited for."""
+
+    def ready(self, text: str) -> None:
+        """Return at once."""
+
+    def tell(self, text: str) -> None:
+        """Tell nobody."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """A take that was refused, and why."""
+
+    file: str
+    attempt: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a measurement did.
+
+    Parameters
+    ----------
+    manifest : Path
+        What `read_manifest` reads.
+    recorded, kept : int
+        Takes of this run, and of earlier ones.
+    refusals : tuple of Refusal
+    """
+
+    manifest: Path
+    recorded: int
+    kept: int
+    refusals: tuple[Refusal, ...]
+
+
+def capture(
+    plan: CapturePlan,
+    folder: Path,
+    recorder: Recorder,
+    *,
+    operator: Operator | None = None,
+    progress: Progress = silent,
+) -> Outcome:
+    """Make the measurement that a plan describes, or what is missing of it.
+
+    Parameters
+    ----------
+    plan : CapturePlan
+    folder : Path
+        Where takes and their manifest are or will be. A take is a WAV file of the lead-in, 10 ms
+        and the sound from the hit on; it is written as a whole, then the manifest. What is there
+        is not recorded again.
+    recorder : Recorder
+    operator : Operator, optional
+        Nobody unless given.
+    progress : callable
+
+    Raises
+    ------
+    RecordingError
+        When a take is refused too often, a program fails, or the folder holds another measurement.
+    FileFormatError
+        When takes cannot be written.
+    DeviceError
+        When the device fails.
+
+    Notes
+    -----
+    The measuring system of 2007 (section 3): 0.5 s of ambient sound before each hit, a hook that
+    moves the microphone, and one that fires a solenoid.
+    """
+    session = _Session(plan, folder, recorder, operator or Nobody(), progress)
+    for point in session.points():
+        session.visit(point)
+    progress("record", 1.0)
+    return session.outcome()
+
+
+class _Session:
+    """One run of a measurement."""
+
+    def __init__(
+        self,
+        plan: CapturePlan,
+        folder: Path,
+        recorder: Recorder,
+        operator: Operator,
+        progress: Progress,
+    ) -> None:
+        self._plan, self._log = plan, TakeLog(plan, folder)
+        self._recorder, self._operator, self._progress = recorder, operator, progress
+        self._recorded, self._kept, self._refusals = 0, 0, list[Refusal]()
+        self._last: Point | None = None
+
+    def points(self) -> Iterator[Point]:
+        """Yield the points in order; with P+Q those that follow once the first are recorded."""
+        plan = self._plan
+        if plan.pairs == "all":
+            yield from plan.every()
+            return
+        planning = plan.planning()
+        first = [plan.point(plan.contacts[c], plan.listeners[q]) for c, q in planning.first]
+        yield from first
+        heard = [self._log.sounds(point) for point in first]
+        chosen = planning.after(rough_gains(heard, plan.lead_in + MARGIN))
+        yield from (plan.point(plan.contacts[c], plan.listeners[q]) for c, q in chosen.rest)
+
+    def visit(self, point: Point) -> None:
+        """Record the hits of a point that are missing."""
+        missing = [hit for hit in range(1, point.hits + 1) if not self._log.has(point, hit)]
+        self._kept += point.hits - len(missing)
+        if not missing:
+            return
+        here = CapturedTake(point=point, hit=missing[0], attempt=1)
+        self._tell_progress(point)
+        self._plan.hooks.run("move", here.facts)
+        for hit in missing:
+            self._tell_progress(point)
+            self._log.add(point, hit, self._taken(point, hit))
+            self._recorded += 1
+
+    def outcome(self) -> Outcome:
+        """Return what was done."""
+        return Outcome(
+            manifest=self._log.path,
+            recorded=self._recorded,
+            kept=self._kept,
+            refusals=tuple(self._refusals),
+        )
+
+    def _taken(self, point: Point, hit: int) -> TakeVerdict:
+        """Try until a take is taken."""
+        reason = ""
+        for attempt in range(1, self._plan.tries + 1):
+            take = CapturedTake(point=point, hit=hit, attempt=attempt)
+            verdict = self._tried(take)
+            reason = verdict.reason
+            if not reason:
+                return verdict
+            self._refusals.append(Refusal(file=take.file, attempt=attempt, reason=reason))
+            self._operator.tell(f"{take.file} is refused: {reason}")
+        raise RecordingError(
+            f"{point.file(hit)} was refused {self._plan.tries} times (tries), the last time since "
+            f"{reason}. What is recorded stays: start again to go on from here"
+        )
+
+    def _tried(self, take: CapturedTake) -> TakeVerdict:
+        plan = self._plan
+        self._ask(take)
+        before = plan.lead_in + MARGIN
+        length = before + plan.patience + plan.seconds
+        sound = self._recorder.record(take, length, before, lambda: self._cue(take))
+        self._require_rate(sound)
+        if sound.notes:
+            return TakeVerdict(reason="; ".join(sound.notes))
+        return examined(
+            sound,
+            lead_in=plan.lead_in,
+            seconds=plan.seconds,
+            bounds=plan.bounds,
+            channels=plan.channels,
+        )
+
+    def _ask(self, take: CapturedTake) -> None:
+        last, self._last = self._last, take.point
+        moved = last is None or last.contact != take.point.contact
+        if self._plan.prompt == "take" or (self._plan.prompt == "contact" and moved):
+            self._operator.ready(str(take))
+
+    def _cue(self, take: CapturedTake) -> None:
+        if self._plan.hooks.strike:
+            self._plan.hooks.run("strike", take.facts)
+        else:
+            self._operator.tell("strike now")
+
+    def _require_rate(self, sound: Sound) -> None:
+        wanted = self._plan.sample_rate
+        if wanted not in (None, sound.sample_rate):
+            raise RecordingError(
+                f"the device records at {sound.sample_rate} Hz and the plan says {wanted} Hz: "
+                "change one of them"
+            )
+
+    def _tell_progress(self, point: Point) -> None:
+        done = self._recorded + self._kept
+        self._progress(f"record {point.name}", done / self._plan.count)
+
+
+# A recorder that plays what was recorded before: a rehearsal of a measurement.
+
+
+class SimulatedRecorder:
+    """Gives the WAV file of each take's name from a folder.
+
+    A second attempt is given "name.2.wav" where there is one, a third "name.3.wav" ...; else the
+    same again.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def record(
+        self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
+    ) -> Sound:
+        """Return the file of a take, at most `seconds` of it.
+
+        Raises
+        ------
+        RecordingError
+            When there is none.
+        FileFormatError
+            When it is no WAV file.
+        """
+        del lead_in
+        usual = self.folder / take.file
+        again = usual.with_suffix(f".{take.attempt}.wav")
+        path = again if again.is_file() else usual
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise RecordingError(
+                f"{path} cannot be read ({error.strerror or error}): a rehearsal needs a WAV file "
+                "for each take"
+            ) from error
+        cue()
+        heard = wav.decode(data, str(path))
+        length = round(seconds * heard.sample_rate)
+        return Sound(samples=heard.samples[:, :length], sample_rate=heard.sample_rate)

@@ -1,1 +1,0 @@
-"""Recordings made by a plan: prompted, struck, recorded, judged, and kept."""

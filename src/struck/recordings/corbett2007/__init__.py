@@ -1,1 +1,0 @@
-"""The fit of 2007 as its paper has it."""

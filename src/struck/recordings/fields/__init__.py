@@ -1,1 +1,0 @@
-"""Timbre fields: gains over contact and listener."""

@@ -1,1 +1,0 @@
-"""Which recording was struck where, and heard from where."""

@@ -1,1 +1,0 @@
-"""Compiled: groups of modes against the bins that hold them."""

@@ -1,1 +1,0 @@
-"""What was recorded, where it was struck, and the stretches that ring freely."""

@@ -1,1 +1,0 @@
-"""Repair of surfaces: `struck.solids.surface.repair` decides, the rooms here mend or rebuild."""
