@@ -22,15 +22,20 @@ hypothesis.settings.load_profile("struck")
 # Each of these takes loops that take long to compile: one worker does, the other need not. And two
 # sound servers at once get into each other's way: JACK then refuses clients of either.
 _TOGETHER = {
-    "sound": ("tests/ears/", "tests/excitation/", "tests/live/", "tests/synth/", "tests/test_mix"),
+    "sound": (
+        "tests/ears/",
+        "tests/excitation/",
+        "tests/live/",
+        "tests/scene/test_mix",
+        "tests/synth/",
+    ),
     "fit": (
-        "tests/comparison/",
-        "tests/demo/",
-        "tests/fitting/",
+        "tests/cli/test_calibrate",
+        "tests/cli/test_compare",
+        "tests/cli/test_fit",
+        "tests/model/test_",
         "tests/recordings/",
-        "tests/test_calibrate_command",
-        "tests/test_compare_command",
-        "tests/test_fit_command",
+        "tests/report/",
     ),
 }
 

@@ -32,7 +32,7 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.radiation import by_name
 from tests.files.test_model_file import SCHEMA, complaints
-from tests.recordings.fields.vases import HEIGHTS, RADIUS, Vase, listeners, noisy
+from tests.model.vases import HEIGHTS, RADIUS, Vase, listeners, noisy
 
 Array = NDArray[np.float64]
 

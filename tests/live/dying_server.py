@@ -12,7 +12,7 @@ import pytest
 
 from struck.errors import DeviceError
 from tests.live.servers import dummy_server
-from tests.live.test_portaudio import Player, PortAudio
+from tests.live.test_device import Player, PortAudio
 
 
 def main() -> None:

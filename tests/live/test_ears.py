@@ -17,7 +17,7 @@ from struck.excitation.strike import Strike
 from struck.live.ears import FARTHEST
 from tests.live.hand import BLOCK, HandPlayer, Make, ball, by_hand
 from tests.live.test_player import LATE, OPENED, decibels
-from tests.test_mixing import sided
+from tests.scene.test_mixing import sided
 
 __all__ = ["by_hand"]
 

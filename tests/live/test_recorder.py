@@ -17,7 +17,7 @@ from struck.live.recorder import DeviceRecorder
 from struck.recordings.capture import CapturedTake
 from struck.recordings.capture_plan import Point
 from tests.live.servers import RATE
-from tests.test_record_command import struck_record
+from tests.cli.test_record import struck_record
 
 TAKE = CapturedTake(point=Point(name="a", contact=(), listeners=(), hits=1), hit=1, attempt=1)
 

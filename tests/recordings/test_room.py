@@ -11,7 +11,7 @@ from struck.recordings.fit import fit_recordings
 from struck.recordings.residual_sound import may_be_of_room, reverberation
 from struck.recordings.takes import Take
 from struck.report.fit_page import report
-from tests.fitting.strings import DECAYS, FREQUENCIES, ONSET, RATE, gains, noise, ringing, take
+from tests.recordings.strings import DECAYS, FREQUENCIES, ONSET, RATE, gains, noise, ringing, take
 
 
 def echo(seconds: float, seed: int, length: float = 1.5) -> np.ndarray:

@@ -13,7 +13,7 @@ import trimesh
 import struck
 from struck.files.surfaces import load_body
 
-MESHES = Path(__file__).parents[2] / "shared/data/meshes"
+MESHES = Path(__file__).parents[3] / "shared/data/meshes"
 SPOT, BUNNY = MESHES / "spot.obj", MESHES / "stanford_bunny.obj"
 # A child tells its own peak: RUSAGE_CHILDREN would keep the largest of all children so far.
 RUN = """

@@ -18,7 +18,7 @@ from struck.recordings.takes import Take
 from struck.report.comparison import compare
 from struck.report.comparison_sides import RecordedHit
 from struck.shapes import Bar
-from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
+from tests.model.vases import HEIGHTS, Vase, listeners
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint
 from struck.model.waves import ORDER, real_harmonics
 from tests.live.hand import ball
-from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
+from tests.model.vases import HEIGHTS, Vase, listeners
 
 sofar = pytest.importorskip("sofar", reason="NO SOFA FILE WAS VERIFIED: pip install sofar")
 

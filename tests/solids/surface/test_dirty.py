@@ -17,7 +17,7 @@ from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import filled
 from struck.solids.surface.distance import FilledBody
-from tests.dirty_bodies import CLEAN, VERSIONS
+from tests.solids.surface.dirty_bodies import CLEAN, VERSIONS
 
 EVERY = [(name, number) for name in CLEAN for number in range(5)]
 COSTLY = {"cube", "bracket", "hollow ball", "capsule"}

@@ -12,7 +12,7 @@ from struck import Mono, Strike
 from struck.model.air import AIR
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.takes import Take
-from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
+from tests.model.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 
 IMPACT, SECONDS = 0.3, 0.8
 

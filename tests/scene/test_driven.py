@@ -17,7 +17,7 @@ from struck.excitation.strike import Strike
 from struck.model.gains import Gains
 from struck.scene.body import Action
 from struck.scene.render import render
-from tests.test_rendering import BLOCK, FREQUENCIES, TOP, block
+from tests.scene.test_render import BLOCK, FREQUENCIES, TOP, block
 
 SCRAPE = Scrape(path=[TOP, (-0.05, 0.01, 0.05)], speed=0.2, load=1.0, radius=1e-3)
 ELSEWHERE = (-0.03, -0.02, 0.05)

@@ -11,7 +11,7 @@ from struck.model.separation import Separation
 from struck.model.survey import Survey, shares
 from struck.model.timbre_field import ContactPart, ListenerPart
 from struck.model.waves import ORDER, SphericalWaves, degrees, near_field, real_harmonics
-from tests.recordings.fields.vases import error
+from tests.model.vases import error
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -12,7 +12,7 @@ import pytest
 import struck
 from struck.cli import main
 from struck.errors import FileFormatError
-from tests.fitting.strings import FREQUENCIES, hit, sound
+from tests.recordings.strings import FREQUENCIES, hit, sound
 from tests.recordings.sounds import cymbal
 
 

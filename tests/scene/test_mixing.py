@@ -19,7 +19,7 @@ from struck.model.air import AIR
 from struck.model.gains import ShapeGains
 from struck.scene.body import Body
 from struck.scene.render import render
-from tests.test_rendering import BLOCK, TOP
+from tests.scene.test_render import BLOCK, TOP
 
 Array = NDArray[np.float64]
 RATE = 48000

@@ -24,7 +24,7 @@ from struck.model.model import ModalModel
 from struck.model.sampled_field import SampledField
 from struck.model.survey import from_spherical
 from tests.live.hand import ball
-from tests.recordings.fields.vases import HEIGHTS, Vase, listeners
+from tests.model.vases import HEIGHTS, Vase, listeners
 
 sofar = pytest.importorskip("sofar", reason="NO SOFA FILE WAS VERIFIED: pip install sofar")
 

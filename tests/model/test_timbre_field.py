@@ -14,7 +14,7 @@ from struck.model.timbre_table import TimbreTable
 from struck.model.waves import ORDER
 from struck.recordings.survey_plan import SurveyPlan
 from struck.synth.resonators import Resonators
-from tests.recordings.fields.vases import HEIGHTS, NODES, RADIUS, Vase, error, listeners, noisy
+from tests.model.vases import HEIGHTS, NODES, RADIUS, Vase, error, listeners, noisy
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 from struck.errors import ContactError, OptionError
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_table import GridAxis, TimbreTable
-from tests.recordings.fields.vases import HEIGHTS, Vase, listeners, noisy
+from tests.model.vases import HEIGHTS, Vase, listeners, noisy
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

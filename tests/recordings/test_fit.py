@@ -17,7 +17,7 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.takes import Take
-from tests.fitting.strings import (
+from tests.recordings.strings import (
     DECAYS,
     FREQUENCIES,
     ONSET,
