@@ -1,0 +1,68 @@
+"""Thirty faults and more in physics, signal processing and files: a test notices each of them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MUTANTS = tomllib.loads((ROOT / "tests/mutants.toml").read_text(encoding="utf-8"))["mutant"]
+LONGEST = 300.0  # s: a fault may also never end
+
+
+def holder(mutant: dict[str, Any]) -> Path:
+    """Return the only file of the sources that holds what a mutant changes."""
+    sources = sorted((ROOT / "src").rglob("*.py"))
+    counts = {path: path.read_text(encoding="utf-8").count(mutant["find"]) for path in sources}
+    assert sum(counts.values()) == 1, f"stands {sum(counts.values())} times: {mutant['find']!r}"
+    return max(sources, key=counts.__getitem__)
+
+
+def run(tests: list[str], sources: Path) -> int:
+    """Return the exit code of tests of these sources; 1 where they do not come to an end."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", ""]
+    environment = {**os.environ, "PYTHONPATH": str(sources)}
+    environment.pop("PYTEST_XDIST_WORKER", None)
+    try:
+        done = subprocess.run(
+            [*command, *tests],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            timeout=LONGEST,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return 1
+    return done.returncode
+
+
+def test_every_mutant_changes_one_place() -> None:
+    assert len(MUTANTS) >= 30
+    assert len({mutant["name"] for mutant in MUTANTS}) == len(MUTANTS)
+    for mutant in MUTANTS:
+        holder(mutant)
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["name"])
+def test_mutant_is_caught(mutant: dict[str, Any], tmp_path: Path) -> None:
+    path = holder(mutant)
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    changed = tmp_path / path.relative_to(ROOT)
+    text = changed.read_text(encoding="utf-8")
+    changed.write_text(text.replace(mutant["find"], mutant["replace"]), encoding="utf-8")
+    assert run(mutant["tests"], tmp_path / "src") == 1  # failed: not missing, not misspelt
+
+
+@pytest.mark.prove
+def test_without_a_mutant_their_tests_pass() -> None:
+    tests = sorted({test for mutant in MUTANTS for test in mutant["tests"]})
+    assert run(tests, ROOT / "src") == 0
