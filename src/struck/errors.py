@@ -55,6 +55,10 @@ class MissingDependencyError(StruckError, ImportError):
     """An optional package that is not installed."""
 
 
+class CacheWarning(UserWarning):
+    """Something could not be kept, or was damaged; what was asked for is computed."""
+
+
 class LossWarning(UserWarning):
     """A file was written that cannot keep all of a model: what it leaves out."""
 

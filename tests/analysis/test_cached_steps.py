@@ -17,9 +17,9 @@ import trimesh
 
 import struck
 from struck.analysis.cached_steps import ELEMENTS, FILLING, MODES, SURFACE, Stages, fingerprint
-from struck.errors import FileFormatError, MeshError
+from struck.errors import CacheWarning, FileFormatError, MeshError
 from struck.files import model_file
-from struck.files.cache import Cache, CacheWarning
+from struck.files.cache import Cache
 from struck.files.container import from_bytes, to_bytes
 from struck.files.surfaces import load_mesh
 from struck.model.damping import InternalFriction

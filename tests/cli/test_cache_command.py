@@ -11,7 +11,8 @@ import pytest
 
 from struck.cli import main
 from struck.cli.command import warnings_in_one_line
-from struck.files.cache import Cache, CacheWarning
+from struck.errors import CacheWarning
+from struck.files.cache import Cache
 
 
 @pytest.fixture

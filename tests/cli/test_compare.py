@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import struck
+from struck.cli import declare
 from struck.cli.command import Result
-from struck.cli.compare import declare_compare
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.model.provenance import TerminalProgress
 from struck.shapes import Bar
@@ -25,7 +25,7 @@ MODES = {"bar": 12, "block": 11}
 
 def struck_compare(*arguments: object) -> Result:
     whole = argparse.ArgumentParser(prog="struck")
-    declare_compare(whole.add_subparsers())
+    declare(whole.add_subparsers().add_parser("compare"), "compare")
     options = whole.parse_args(["compare", *map(str, arguments)])
     return options.run(options, TerminalProgress())
 

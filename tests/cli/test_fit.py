@@ -12,8 +12,8 @@ import pytest
 import struck
 from struck.cli import main
 from struck.errors import FileFormatError
-from tests.recordings.strings import FREQUENCIES, hit, sound
 from tests.recordings.sounds import cymbal
+from tests.recordings.strings import FREQUENCIES, hit, sound
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from struck.cli import declare
 from struck.cli.command import Result
-from struck.cli.record import Terminal, declare_record
+from struck.cli.record import Terminal
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.live import device as binding
 from struck.model.provenance import TerminalProgress
@@ -21,7 +22,7 @@ from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 
 def parser() -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(prog="struck")
-    declare_record(whole.add_subparsers())
+    declare(whole.add_subparsers().add_parser("record"), "record")
     return whole
 
 

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from struck.analysis.analysis import model_of_modes
-from struck.errors import FileFormatError, OptionError
+from struck.errors import CacheWarning, FileFormatError, OptionError
 from struck.files import atomic, model_file
-from struck.files.cache import Cache, CacheWarning, opened, user_folder
+from struck.files.cache import Cache, opened, user_folder
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from tests.folders import closed_to_writing

@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.cli.analyze import described
+from struck.cli import declare
 from struck.cli.command import Result
-from struck.cli.export import declare_export
+from struck.cli.info import described
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
 from struck.files import model_file
 from struck.files.sofa_fields import load_sofa_field, load_sofa_responses, save_sofa
@@ -276,7 +276,7 @@ def test_models_go_to_files_of_models(name: str, tmp_path: Path) -> None:
 
 def struck_export(*arguments: object) -> Result:
     shell = argparse.ArgumentParser(prog="struck")
-    declare_export(shell.add_subparsers())
+    declare(shell.add_subparsers().add_parser("export"), "export")
     options = shell.parse_args(["export", *map(str, arguments)])
     return options.run(options, TerminalProgress())
 

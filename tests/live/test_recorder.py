@@ -16,8 +16,8 @@ from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW
 from struck.live.recorder import DeviceRecorder
 from struck.recordings.capture import CapturedTake
 from struck.recordings.capture_plan import Point
-from tests.live.servers import RATE
 from tests.cli.test_record import struck_record
+from tests.live.servers import RATE
 
 TAKE = CapturedTake(point=Point(name="a", contact=(), listeners=(), hits=1), hit=1, attempt=1)
 

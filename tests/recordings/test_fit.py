@@ -17,6 +17,8 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.takes import Take
+from tests.recordings.scenes import over_noise
+from tests.recordings.sounds import chord, cymbal, sine
 from tests.recordings.strings import (
     DECAYS,
     FREQUENCIES,
@@ -29,8 +31,6 @@ from tests.recordings.strings import (
     sound,
     take,
 )
-from tests.recordings.scenes import over_noise
-from tests.recordings.sounds import chord, cymbal, sine
 
 CONTACTS = np.linspace(0, 1, 9)
 

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import struck
-from struck.cli.command import Result, command
-from struck.cli.options import body_named, material_named, numbers
+from struck.cli.command import Result
+from struck.cli.info import described
+from struck.cli.options import MATERIAL, body_named, material_named, numbers
 from struck.errors import OptionError
 from struck.files.model_file import model_path
-from struck.model.html import HEADINGS, aligned, modes_rows
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from struck.analysis.analysis import Source
     from struck.shapes.shape import Shape
 
@@ -129,20 +126,14 @@ def _corners(text: str) -> tuple[float, float]:
     return x, y
 
 
-LISTED = 20
-MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
+EXAMPLES = (
+    "bell.stl --material bronze --units mm -o bell.struck",
+    "--shape bar --length 0.3 --width 0.03 --thickness 0.005 --material steel -o bar.struck",
+)
 
 
-def declare_analyze(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck analyze`."""
-    parser = command(
-        commands,
-        _run_analyze,
-        "analyze",
-        "compute the modes of a body and save its model",
-        "bell.stl --material bronze --units mm -o bell.struck",
-        "--shape bar --length 0.3 --width 0.03 --thickness 0.005 --material steel -o bar.struck",
-    )
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck analyze`."""
     parser.add_argument(
         "body", nargs="?", help="mesh file, or tube:length=0.5,radius=0.0125,wall=0.001"
     )
@@ -171,7 +162,8 @@ def declare_analyze(commands: argparse._SubParsersAction) -> None:
     add_shape(parser)
 
 
-def _run_analyze(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck analyze`."""
     body, name = _body(options)
     read = [] if options.body is None else [options.body]
     output = model_path(options.output or f"{name}.struck", unlike=read)
@@ -199,38 +191,3 @@ def _body(options: argparse.Namespace) -> tuple[Source, str]:
     if options.shape is not None:
         return shape_named(options), options.shape
     return body_named(options.body), Path(options.body.partition(":")[0]).stem
-
-
-def described(
-    model: struck.ModalModel, last: str, *, listed: int = LISTED, **facts: object
-) -> Result:
-    """Return what a model holds, for people and machines, with a `last` line and more `facts`."""
-    from struck.report.model_page import summary
-
-    rows = modes_rows(model.frequencies, model.t60, model.decays, model.errors)
-    more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
-    lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
-    return Result(
-        "\n".join(lines).rstrip(),
-        frequencies=model.frequencies.tolist(),
-        decays=model.decays.tolist(),
-        errors=_or_null(model.errors),
-        complete_to=model.complete_to,
-        mass=model.mass,
-        calibrated=model.calibrated,
-        places=sorted(model.places),
-        provenance={
-            "method": model.provenance.method,
-            "dropped": list(model.provenance.dropped),
-            "references": list(model.provenance.references),
-            "details": dict(model.provenance.details),
-        },
-        **facts,
-    )
-
-
-def _or_null(errors: np.ndarray | None) -> list[float | None] | None:
-    """Return errors for JSON, which has no word for what is not a number."""
-    if errors is None:
-        return None
-    return [error if math.isfinite(error) else None for error in errors.tolist()]

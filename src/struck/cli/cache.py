@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.files.cache import opened
 from struck.model.provenance import TerminalProgress
 
+EXAMPLES = ("--clear",)
 
-def declare_cache(commands: argparse._SubParsersAction) -> None:
-    """Declare ``struck cache``."""
-    parser = command(
-        commands, _run, "cache", "show or clear the finished work kept between runs", "--clear"
-    )
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck cache`."""
     parser.add_argument("--clear", action="store_true", help="remove every entry")
 
 
-def _run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    """Run `struck cache`."""
     cache = opened()
     if cache is None:
         return Result("the cache is off, by STRUCK_CACHE or for want of a home", folder=None)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import struck
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.files.model_file import is_model, model_path
 from struck.model.provenance import TerminalProgress
 
@@ -17,15 +17,11 @@ if TYPE_CHECKING:
     from struck.recordings.calibration import Calibration
 
 
-def declare_calibrate(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck calibrate`."""
-    parser = command(
-        commands,
-        _run,
-        "calibrate",
-        "infer a material from recordings of a body and a model of its shape",
-        "pot.struck taps/*.wav --density 7850 --corrected real_pot.struck",
-    )
+EXAMPLES = ("pot.struck taps/*.wav --density 7850 --corrected real_pot.struck",)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck calibrate`."""
     parser.add_argument("model", help="of the body, of a material that is about right")
     parser.add_argument("recordings", nargs="+", help="sound files, or one model fitted to them")
     parser.add_argument("--density", type=float, help="kg/m3; that of the model unless given")
@@ -35,7 +31,8 @@ def declare_calibrate(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--corrected", help="model file: the body, ringing as recorded")
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck calibrate`."""
     from struck.recordings.calibration import calibrated, corrected, inferable
 
     output = None

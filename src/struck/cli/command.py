@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from struck.errors import LossWarning, RepairWarning
-from struck.files.cache import CacheWarning
-from struck.model.provenance import TerminalProgress
+from struck.errors import CacheWarning, LossWarning, RepairWarning
 
 
 class Result:
@@ -20,37 +17,6 @@ class Result:
     def __init__(self, text: str, **facts: object) -> None:
         self.text = text
         self.facts = facts
-
-
-def command(
-    commands: argparse._SubParsersAction,
-    run: Callable[[argparse.Namespace, TerminalProgress], Result],
-    name: str,
-    about: str,
-    *examples: str,
-) -> argparse.ArgumentParser:
-    """Declare a command and return its parser.
-
-    Parameters
-    ----------
-    commands : action
-        Of the parser of the whole shell.
-    run : callable
-        Does the work.
-    name, about, *examples : str
-        What people type, what they get, and the rest of lines that work.
-    """
-    lines = "\n".join(f"  struck {name} {example}" for example in examples)
-    parser = commands.add_parser(
-        name,
-        help=about,
-        description=about,
-        epilog=f"example:\n{lines}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--json", action="store_true", help="print the result for machines")
-    parser.set_defaults(run=run)
-    return parser
 
 
 _TOLD = (CacheWarning, LossWarning, RepairWarning)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import struck
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.cli.options import numbers, place
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
@@ -21,16 +21,14 @@ if TYPE_CHECKING:
     from struck.report.comparison import Comparison
 
 
-def declare_compare(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck compare`."""
-    parser = command(
-        commands,
-        _run,
-        "compare",
-        "tell how a model differs from a recording of the body, or from another model",
-        "bell.struck real_bell.wav --strike rim -o bell.html",
-        "bell.struck thicker_bell.struck --strike rim --against rim",
-    )
+EXAMPLES = (
+    "bell.struck real_bell.wav --strike rim -o bell.html",
+    "bell.struck thicker_bell.struck --strike rim --against rim",
+)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck compare`."""
     parser.add_argument("model")
     parser.add_argument("other", help="sound file of the body, struck once or more; or a model")
     parser.add_argument(
@@ -46,7 +44,8 @@ def declare_compare(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck compare`."""
     from struck.report.comparison import compare
 
     read = [options.model, options.other]

@@ -6,25 +6,24 @@ import argparse
 from pathlib import Path
 
 import struck
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.cli.options import place
 from struck.errors import OptionError
 from struck.files.atomic import writable
 from struck.files.model_file import CONVENTIONS, export, left_out
 from struck.model.provenance import TerminalProgress
 
-
-def declare_export(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck export`."""
-    parser = command(
-        commands,
-        _run,
-        "export",
-        "write the gains of a model as a SOFA file",
-        "vase.struck -o vase.sofa",
+EXAMPLES = (
+    "vase.struck -o vase.sofa",
+    (
         "bell.struck -o bell.sofa --contacts rim top --listeners 1,0,0 0,1,0 "
-        "--convention GeneralFIR-E --seconds 2",
-    )
+        "--convention GeneralFIR-E --seconds 2"
+    ),
+)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck export`."""
     parser.add_argument("model")
     parser.add_argument(
         "--contacts",
@@ -55,7 +54,8 @@ def declare_export(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("-o", "--output", help="SOFA file; MODEL.sofa unless given")
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck export`."""
     output = writable(
         options.output or Path(options.model).with_suffix(".sofa"), unlike=[options.model]
     )

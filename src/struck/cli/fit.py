@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import struck
-from struck.cli.analyze import described
-from struck.cli.command import Result, command
+from struck.cli.command import Result
+from struck.cli.info import described
 from struck.cli.options import numbers
 from struck.errors import OptionError
 from struck.files.atomic import writable
@@ -21,16 +21,14 @@ from struck.report.fit_page import save_report
 _SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")
 
 
-def declare_fit(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck fit`."""
-    parser = command(
-        commands,
-        _run,
-        "fit",
-        "make a model of recordings of one object",
-        "taps/*.wav -o mug.struck --report mug.html",
-        "takes -o vase.struck --symmetry axial",
-    )
+EXAMPLES = (
+    "taps/*.wav -o mug.struck --report mug.html",
+    "takes -o vase.struck --symmetry axial",
+)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck fit`."""
     parser.add_argument(
         "recordings", nargs="+", help="sound files; or a manifest, or the folder of one"
     )
@@ -58,7 +56,8 @@ def declare_fit(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("-o", "--output", help="model file; by the first recording unless given")
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck fit`."""
     several = options.recordings
     read = files_read(several, options.manifest)
     output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)

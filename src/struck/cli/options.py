@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # Texts of the shell turned into bodies, strikes and places to write.
 
+MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
+
 
 def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
     """Return a parser of `count` numbers between commas."""

@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 import struck
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.cli.options import add_listener, listener
 from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress
@@ -24,11 +24,11 @@ _LOOK = 0.004  # s between two looks at the keyboard
 _SHOWN = 0.2  # s between two looks of a person at the line
 
 
-def declare_play(commands: argparse._SubParsersAction) -> None:
-    """Declare ``struck play``."""
-    parser = command(
-        commands, _run, "play", "play models with the keyboard, live", "--list-devices"
-    )
+EXAMPLES = ("--list-devices",)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck play`."""
     parser.add_argument("models", nargs="*", metavar="MODEL", help="model files")
     parser.add_argument("--list-devices", action="store_true", help="list devices and end")
     parser.add_argument("--device", help="number, or part of the name; the system's own choice")
@@ -52,7 +52,8 @@ def declare_play(commands: argparse._SubParsersAction) -> None:
     )
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck play`."""
     from struck.live.soak import repeated
 
     _require_counts(options)

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.errors import DeviceError, OptionError, RecordingError
 from struck.model.provenance import TerminalProgress
 
@@ -21,15 +21,11 @@ if TYPE_CHECKING:
 _NAMED = 4  # files that a message names
 
 
-def declare_record(commands: argparse._SubParsersAction) -> None:
-    """Declare ``struck record``."""
-    parser = command(
-        commands,
-        _run,
-        "record",
-        "record the takes that a plan asks for, and go on where it stopped",
-        "plan.toml -o takes",
-    )
+EXAMPLES = ("plan.toml -o takes",)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck record`."""
     parser.add_argument("plan", nargs="?", metavar="PLAN", help="what to record, a TOML file")
     parser.add_argument(
         "-o", "--output", metavar="FOLDER", help="for takes and manifest; PLAN_takes unless given"
@@ -41,7 +37,8 @@ def declare_record(commands: argparse._SubParsersAction) -> None:
     )
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck record`."""
     from struck.recordings.capture import capture
     from struck.recordings.capture_plan import read_plan
 

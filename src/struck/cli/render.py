@@ -3,19 +3,64 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from struck.cli.options import numbers, place
+import struck
+from struck.cli.command import Result
+from struck.cli.options import add_listener, add_room, listener, numbers, place, room
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
+from struck.files.atomic import writable
+from struck.model.provenance import TerminalProgress
 from struck.scene.body import Action
 
+EXAMPLES = (
+    (
+        "bell.struck --strike rim --striker wood --speed 1 --listener 0,2,0 --facing 1,0,0 "
+        "--hrtf kemar -o bell.wav"
+    ),
+)
 _PLACE = "PLACE[@SECONDS]"
 _WAY = "FROM..TO[@SECONDS]"
 _SPEED = 0.1
 _Spot = str | tuple[float, ...]
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck render`."""
+    parser.add_argument("model")
+    add_touches(parser)
+    add_listener(parser)
+    add_room(parser)
+    parser.add_argument("--seconds", type=float, help="length of the sound")
+    parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
+    parser.add_argument("--level", default="peak", help="peak (default) or absolute (1.0 = 20 Pa)")
+    parser.add_argument("--encoding", default="float32", help="float32 (default), int24 or int16")
+    parser.add_argument("-o", "--output", help="sound file; MODEL.wav unless given")
+
+
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck render`."""
+    read = filter(None, (options.model, options.walk, options.hrtf))
+    output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
+    model = struck.load(options.model)
+    progress("render", 0.0)
+    sound = struck.render(
+        model,
+        touches(options),
+        seconds=options.seconds,
+        sample_rate=options.rate,
+        listener=listener(options),
+        room=room(options),
+    )
+    factor = sound.save(output, level=options.level, encoding=options.encoding)
+    text = "\n".join((*sound.notes, f"wrote {output} ({sound.duration:.2f} s)"))
+    return Result(
+        text, output=str(output), seconds=sound.duration, factor=factor, notes=list(sound.notes)
+    )
 
 
 def add_touches(parser: argparse.ArgumentParser) -> None:

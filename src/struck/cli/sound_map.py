@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import struck
-from struck.cli.command import Result, command
+from struck.cli.command import Result
 from struck.cli.options import numbers
 from struck.files.atomic import writable
 from struck.model.arrays import Array
@@ -15,17 +15,14 @@ from struck.perception.wav_bank import write_bank
 from struck.report.charts import save as save_picture
 from struck.report.sound_map_picture import sound_map_picture
 
+EXAMPLES = (
+    "bar.struck --threshold 3 -o bar_map.png",
+    "bar.struck --threshold 3 --bank bar_sounds --parameters bar_map.safetensors",
+)
 
-def declare_sound_map(commands: argparse._SubParsersAction) -> None:
-    """Declare `struck sound-map`."""
-    parser = command(
-        commands,
-        _run,
-        "sound-map",
-        "tell how few contacts of a body are enough, and where its timbre changes",
-        "bar.struck --threshold 3 -o bar_map.png",
-        "bar.struck --threshold 3 --bank bar_sounds --parameters bar_map.safetensors",
-    )
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck sound-map`."""
     parser.add_argument("model")
     parser.add_argument(
         "--threshold", type=float, default=3.0, help="sonic distance that passes, dB (default 3)"
@@ -37,7 +34,8 @@ def declare_sound_map(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("-o", "--output", help="picture; MODEL_map.png unless given")
 
 
-def _run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck sound-map`."""
     path = Path(options.model)
     picture = options.output or path.with_name(f"{path.stem}_map.png")
     output, parameters = writable(picture, unlike=[path]), None

@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import CacheWarning, FileFormatError, OptionError
 from struck.files.atomic import sweep, write_bytes
 
 MOST_BYTES = 2 * 2**30
@@ -28,10 +28,6 @@ OFF = "off"
 _HEAD = b"struck cache" + (1).to_bytes(4, "little")  # what it is, and its version
 _SEAL = hashlib.sha256().digest_size
 _KEY = re.compile(r"[0-9a-f]{64}")
-
-
-class CacheWarning(UserWarning):
-    """Something could not be kept, or was damaged; what was asked for is computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,35 @@
+"""`struck materials`: the table of materials with their sources."""
+
+from __future__ import annotations
+
+import argparse
+
+import struck
+from struck.cli.command import Result
+from struck.model.html import aligned
+from struck.model.provenance import TerminalProgress
+
+EXAMPLES = ("--json",)
+
+
+def declare(_parser: argparse.ArgumentParser) -> None:
+    """Declare nothing: `struck materials` takes no options of its own."""
+
+
+def run(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+    """Run `struck materials`."""
+    head = ("material", "kg/m3", "GPa", "Poisson", "tan phi", "heard")
+    rows = [
+        (
+            name,
+            f"{entry['density']:.0f}",
+            f"{entry['youngs_modulus'] / 1e9:.4g}",
+            f"{entry['poisson_ratio']:.3g}",
+            f"{entry['loss_tangent']:.2g}",
+            "yes" if "heard" in entry else "",
+        )
+        for name, entry in struck.materials().items()
+    ]
+    return Result(
+        aligned([head, *rows]), **{name: dict(e) for name, e in struck.materials().items()}
+    )
