@@ -1,10 +1,10 @@
-"""The verbs: thin functions over what does the work."""
+"""The verbs: each has its signature, its documentation and one call of what does the work."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -14,201 +14,119 @@ from struck.model.provenance import Progress, silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from struck.analysis.analysis import Fixed, Source
     from struck.analysis.discretisation import Solid
     from struck.ears.listeners import Listener
+    from struck.ears.room import Room
+    from struck.excitation.strike import Strike
     from struck.files.sofa_fields import Contacts
+    from struck.files.sound import Sound
     from struck.live.player import Player
+    from struck.model.contact import Place
     from struck.model.material import Material
     from struck.model.model import ModalModel
+    from struck.perception.sound_map import SoundMap
     from struck.recordings.gain_table import Recording
+    from struck.report.comparison import Comparison, Other
+    from struck.scene.body import Action, Body
 
 
-def save(
-    model: ModalModel,
-    path: str | os.PathLike[str],
-    *,
-    contacts: Contacts | None = None,
-    listeners: ArrayLike | None = None,
-) -> None:
-    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
-
-    Parameters
-    ----------
-    model : ModalModel
-    path : path
-        Its ending tells the kind.
-    contacts, listeners : array-like, optional
-        For ``.sofa`` files, where the model is struck and heard: coordinates, m, or names; those
-        that were recorded unless given.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder is missing or cannot be written.
-    OptionError
-        On another ending, on contacts or listeners for a ``.struck`` file, or none for a computed
-        model's SOFA file.
-
-    Warns
-    -----
-    LossWarning
-        When the model has what a ``.sofa`` file cannot hold: a residual, a shape, a material.
-    """
-    from struck.files import model_file
-
-    model_file.save_model(model, path, contacts=contacts, listeners=listeners)
-
-
-def load(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
-
-    Raises
-    ------
-    FileFormatError
-        When the file is missing, damaged, no model, or of a newer version.
-    """
-    from struck.files import model_file
-
-    return model_file.load_model(path)
-
-
-def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw a model: its shape, its first mode shapes and the spectrum of a strike.
-
-    Parameters
-    ----------
-    model : ModalModel
-    path : path, optional
-        Where to save the picture too; the ending tells its format.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder is missing or the ending is no picture's.
-    """
-    from struck.excitation.strike import Strike
-    from struck.report.charts import overview
-    from struck.report.charts import save as save_picture
-    from struck.scene.render import render
-
-    figure = overview(model, render(model, Strike()))
-    if path is not None:
-        save_picture(figure, path)
-    return figure
-
-
-def play(
-    model: ModalModel | Sequence[ModalModel],
-    *,
-    listener: Listener | ArrayLike | None = None,
-    device: int | str | None = None,
-    sample_rate: float | None = None,
-    block: int = 128,
-    volume: float = 0.0,
-    voices: int = 16,
-    ahead: int = 2,
-) -> Player:
-    """Play a model, or several, on an audio device until the player is stopped.
-
-    Parameters
-    ----------
-    model : ModalModel or sequence of them
-        The bodies, in one system of coordinates.
-    listener : Mono, Stereo, Binaural or array-like (3,), optional
-        Who hears them, as for `render`, with a position and a direction that stay until
-        `player.listener` is set anew.
-    device : int or str, optional
-        Its number or part of its name (`struck play --list-devices`); the system's own choice
-        unless given.
-    sample_rate : float, optional
-        Hz; the device's own unless given.
-    block : int
-        Samples for each call of the device: fewer are heard sooner and cost more.
-    volume : float
-        dB. At 0 the default strike of the loudest body at its default contact peaks at -12 dB of
-        full scale; a limiter keeps all below -1 dB.
-    voices : int
-        Excitations at once; strikes at one place share one.
-    ahead : int
-        Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
-
-    Returns
-    -------
-    Player
-        Running; use it in a `with`, or call its `stop()`. The first call takes seconds, as all
-        that runs on the device is compiled before it opens.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where PortAudio is not installed.
-    DeviceError
-        Where there is no such device, or it refuses.
-    OptionError
-        On numbers outside their bounds, or a model that is not fit to ring.
-    ContactError
-        Where the listener is inside a body.
-    """
-    from struck.live.player import play as play_live
-    from struck.model.model import ModalModel
-
-    return play_live(
-        [model] if isinstance(model, ModalModel) else list(model),
-        listener=listener,
-        device=device,
-        sample_rate=sample_rate,
-        block=block,
-        volume=volume,
-        voices=voices,
-        ahead=ahead,
-    )
-
-
-def tune(
-    body: Solid | str,
+def analyze(
+    body: Source,
     material: Material | str,
     *,
-    vary: str,
-    lowest: float,
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
+    wall: float | None = None,
+    repair: bool = True,
+    fixed: Fixed | None = None,
     accuracy: str = "standard",
+    band: tuple[float, float] = (20.0, 20_000.0),
+    damping: str = "own",
+    radiation: str = "power",
+    method: str | None = None,
+    backend: str = "auto",
+    cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
-) -> Solid:
-    """Return the body with the dimension that makes its lowest mode ring at `lowest`.
+) -> ModalModel:
+    """Compute the modal model of a body.
 
     Parameters
     ----------
-    body : a solid of struck.solids
-        A file has no dimensions to vary.
+    body : path, Mesh, VolumeMesh or a body of struck.solids or struck.shapes
+        A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
+        of another program (VTK, VTU, MSH, INP).
     material : Material or str
-    vary : str
-        Name of the dimension, such as "length".
-    lowest : float
-        Hz.
+    units : str, optional
+        Of a file's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
+    size : float, optional
+        Longest edge of the body's bounding box instead, m.
+    part : str, optional
+        Which of several bodies in a file.
+    up : str, optional
+        The axis that points up; by the file format's custom unless given.
+    wall : float, optional
+        Thickness of the wall of a hollow body, m; without it a surface is filled. An open sheet
+        becomes a shell of this thickness, half on either side.
+    repair : bool
+        Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
+        say so (RepairWarning, provenance); otherwise such a surface is refused.
+    fixed : box (2, 3) or callable, optional
+        Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
     accuracy : str
-        "preview", "standard" or "fine".
+        "preview", "standard" or "fine": how many elements a body gets at least, and as many more
+        as bring most errors below 3, 0.5 and 0.1 %.
+    band : pair of float
+        All modes within it are computed, Hz.
+    damping : str
+        "own" or "heard": see `Material.named`. A Material keeps its own.
+    radiation : str
+        "power" (Pa), "obrien2002" or "heuristic1998" (relative).
+    method : str
+        For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
+        For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
+        tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
+    backend : str
+        Sparse factorisation: "auto", "rslab" or "superlu".
+    cache : bool or path
+        Where finished stages are kept and taken up again: True for the user's cache (or what the
+        environment variable STRUCK_CACHE names), False for none, or a folder.
     progress : callable
         Told the stage and the fraction of it that is done.
 
+    Returns
+    -------
+    ModalModel
+        Complete over the band, by Sturm count, with the error of each frequency.
+
     Raises
     ------
-    OptionError
-        When the body has no such dimension, or it does not reach the frequency.
-
-    Examples
-    --------
-    >>> from struck.solids import Tube
-    >>> tube = Tube(length=0.5, radius=0.0125, wall=0.001)
-    >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
-    0.511
+    MeshError, MaterialError, OptionError, FileFormatError, SolverError
+        With the value, the bound and the way out.
     """
-    from struck.analysis.discretisation import Solid
-    from struck.analysis.tuning import tuned
-    from struck.model.material import Material
+    from struck.analysis import analysis
 
-    if not isinstance(body, Solid):
-        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
-    chosen = Material.named(material) if isinstance(material, str) else material
-    return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
+    return analysis.analyze(
+        body,
+        material,
+        units=units,
+        size=size,
+        part=part,
+        up=up,
+        wall=wall,
+        repair=repair,
+        fixed=fixed,
+        accuracy=accuracy,
+        band=band,
+        damping=damping,
+        radiation=radiation,
+        method=method,
+        backend=backend,
+        cache=cache,
+        progress=progress,
+    )
 
 
 def fit(
@@ -321,3 +239,454 @@ def fit(
     if page is not None:
         save_report(fitting, page)
     return fitting.model
+
+
+def load(path: str | os.PathLike[str]) -> ModalModel:
+    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
+
+    Raises
+    ------
+    FileFormatError
+        When the file is missing, damaged, no model, or of a newer version.
+    """
+    from struck.files import model_file
+
+    return model_file.load_model(path)
+
+
+def save(
+    model: ModalModel,
+    path: str | os.PathLike[str],
+    *,
+    contacts: Contacts | None = None,
+    listeners: ArrayLike | None = None,
+) -> None:
+    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path
+        Its ending tells the kind.
+    contacts, listeners : array-like, optional
+        For ``.sofa`` files, where the model is struck and heard: coordinates, m, or names; those
+        that were recorded unless given.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or cannot be written.
+    OptionError
+        On another ending, on contacts or listeners for a ``.struck`` file, or none for a computed
+        model's SOFA file.
+
+    Warns
+    -----
+    LossWarning
+        When the model has what a ``.sofa`` file cannot hold: a residual, a shape, a material.
+    """
+    from struck.files import model_file
+
+    model_file.save_model(model, path, contacts=contacts, listeners=listeners)
+
+
+def render(
+    model: ModalModel | Body | Sequence[Body],
+    excitations: Action | Sequence[Action] = (),
+    *,
+    seconds: float | None = None,
+    sample_rate: int = 48000,
+    listener: Listener | ArrayLike | None = None,
+    room: Room | None = None,
+) -> Sound:
+    """Return what a listener hears of bodies that are struck, scraped, rolled on, plucked or held.
+
+    Parameters
+    ----------
+    model : ModalModel, Body, or several bodies
+        What sounds; a `Body` is a model with its place in the scene and what happens to it.
+    excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, or several of them
+        What pushes a single model and what holds it.
+    seconds : float or None
+        Length of the sound. None: until 60 dB of decay of the slowest among the loud modes (within
+        40 dB of the loudest), at most 10 s after the last push.
+    sample_rate : int
+        Hz. Modes at or above half of it are left out, and the sound's notes say how many.
+    listener : Mono, Stereo, Binaural, array-like (3,) or None
+        Who hears it. A bare position in body coordinates, m, is one ear for which the travel time
+        is left out: what a contact sends at t is heard at t. None: on the body's x axis through its
+        centre, 1 m or two of its radii away, whichever is farther; several bodies are heard by
+        `Mono()`.
+    room : Room or None
+        Whose walls reflect, for listeners other than a bare position.
+
+    Returns
+    -------
+    Sound
+        A channel for each ear, left first, in Pa when the models are calibrated.
+
+    Raises
+    ------
+    OptionError
+        On nothing to render, arguments outside their bounds, gains that are not finite, or pushes
+        that never end where no length is said.
+    ContactError
+        On a contact off the body, or a listener inside one.
+
+    Notes
+    -----
+    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] is the answer to a unit impulse. Half-sine
+    strikes at points are convolved with it in closed form (`struck.synth.ring_down`); all else goes
+    through `struck.synth.resonators`, strikes too where a hand holds the body.
+    """
+    from struck.scene import render as offline
+
+    return offline.render(
+        model, excitations, seconds=seconds, sample_rate=sample_rate, listener=listener, room=room
+    )
+
+
+def play(
+    model: ModalModel | Sequence[ModalModel],
+    *,
+    listener: Listener | ArrayLike | None = None,
+    device: int | str | None = None,
+    sample_rate: float | None = None,
+    block: int = 128,
+    volume: float = 0.0,
+    voices: int = 16,
+    ahead: int = 2,
+) -> Player:
+    """Play a model, or several, on an audio device until the player is stopped.
+
+    Parameters
+    ----------
+    model : ModalModel or sequence of them
+        The bodies, in one system of coordinates.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Who hears them, as for `render`, with a position and a direction that stay until
+        `player.listener` is set anew.
+    device : int or str, optional
+        Its number or part of its name (`struck play --list-devices`); the system's own choice
+        unless given.
+    sample_rate : float, optional
+        Hz; the device's own unless given.
+    block : int
+        Samples for each call of the device: fewer are heard sooner and cost more.
+    volume : float
+        dB. At 0 the default strike of the loudest body at its default contact peaks at -12 dB of
+        full scale; a limiter keeps all below -1 dB.
+    voices : int
+        Excitations at once; strikes at one place share one.
+    ahead : int
+        Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
+
+    Returns
+    -------
+    Player
+        Running; use it in a `with`, or call its `stop()`. The first call takes seconds, as all
+        that runs on the device is compiled before it opens.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where PortAudio is not installed.
+    DeviceError
+        Where there is no such device, or it refuses.
+    OptionError
+        On numbers outside their bounds, or a model that is not fit to ring.
+    ContactError
+        Where the listener is inside a body.
+    """
+    from struck.live.player import play as play_live
+    from struck.model.model import ModalModel
+
+    return play_live(
+        [model] if isinstance(model, ModalModel) else list(model),
+        listener=listener,
+        device=device,
+        sample_rate=sample_rate,
+        block=block,
+        volume=volume,
+        voices=voices,
+        ahead=ahead,
+    )
+
+
+def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw a model: its shape, its first mode shapes and the spectrum of a strike.
+
+    Parameters
+    ----------
+    model : ModalModel
+    path : path, optional
+        Where to save the picture too; the ending tells its format.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder is missing or the ending is no picture's.
+    """
+    from struck.excitation.strike import Strike
+    from struck.report.charts import overview
+    from struck.report.charts import save as save_picture
+    from struck.scene.render import render
+
+    figure = overview(model, render(model, Strike()))
+    if path is not None:
+        save_picture(figure, path)
+    return figure
+
+
+def compare(
+    model: ModalModel,
+    other: Other,
+    *,
+    strike: Strike | None = None,
+    against: Strike | None = None,
+    listener: ArrayLike | None = None,
+    recording: Sound | None = None,
+    widest: float = 1.25,
+    progress: Progress = silent,
+) -> Comparison:
+    """Compare a model with a recording of the body, or with another model.
+
+    Parameters
+    ----------
+    model : ModalModel
+    other : path, Sound, Take, ModalModel or FittedModes
+        A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
+        or anything with `frequencies`, `decays` and `gains`.
+    strike : Strike, optional
+        Where and with what the model is struck: it tells the levels of its modes. ``Strike()``
+        unless given.
+    against : Strike, optional
+        The same for another model; as `strike` unless given.
+    listener : array-like (3,), optional
+        In the coordinates of each model, m; beside it unless given.
+    recording : Sound, optional
+        What was fitted, to be heard on the page; else the fitted modes are.
+    widest : float
+        Largest factor between the frequencies of the two, either way.
+    progress : callable
+        Told the stage and the fraction done while a recording is fitted.
+
+    Returns
+    -------
+    Comparison
+        The validation of 2002, section 5, for any body.
+
+    Raises
+    ------
+    OptionError
+        On `against` or `recording` without what they belong to.
+    ContactError
+        When a contact is none of the body's.
+    RecordingError
+        When either has no modes, or nothing is struck in a recording.
+    FileFormatError, MissingDependencyError
+        When a file cannot be read.
+    """
+    from struck.report import comparison
+
+    return comparison.compare(
+        model,
+        other,
+        strike=strike,
+        against=against,
+        listener=listener,
+        recording=recording,
+        widest=widest,
+        progress=progress,
+    )
+
+
+def tune(
+    body: Solid | str,
+    material: Material | str,
+    *,
+    vary: str,
+    lowest: float,
+    accuracy: str = "standard",
+    progress: Progress = silent,
+) -> Solid:
+    """Return the body with the dimension that makes its lowest mode ring at `lowest`.
+
+    Parameters
+    ----------
+    body : a solid of struck.solids
+        A file has no dimensions to vary.
+    material : Material or str
+    vary : str
+        Name of the dimension, such as "length".
+    lowest : float
+        Hz.
+    accuracy : str
+        "preview", "standard" or "fine".
+    progress : callable
+        Told the stage and the fraction of it that is done.
+
+    Raises
+    ------
+    OptionError
+        When the body has no such dimension, or it does not reach the frequency.
+
+    Examples
+    --------
+    >>> from struck.solids import Tube
+    >>> tube = Tube(length=0.5, radius=0.0125, wall=0.001)
+    >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
+    0.511
+    """
+    from struck.analysis.discretisation import Solid
+    from struck.analysis.tuning import tuned
+    from struck.model.material import Material
+
+    if not isinstance(body, Solid):
+        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
+    chosen = Material.named(material) if isinstance(material, str) else material
+    return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
+
+
+def audible(
+    model: ModalModel,
+    contacts: Sequence[Place] | None = None,
+    *,
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+) -> ModalModel:
+    """Return a model of the modes that are heard anywhere, their gains solved for anew.
+
+    A mode is left out when nobody misses it at any contact and listener, in the sense of
+    `audible_modes`. What is left out sounds, together, though each mode of it does not; so each
+    mode that stays gets a factor, the same for all contacts, such that what passes the ear's
+    filters at all contacts comes nearest to what did, in relative least squares with a weak pull
+    toward 1. (The nearest waveform would leave the gains as they are: modes of different
+    frequencies are orthogonal.)
+
+    Parameters
+    ----------
+    model, contacts, listener, level
+        As for `audible_modes`.
+
+    Returns
+    -------
+    ModalModel
+        Its provenance counts what was left out.
+
+    Raises
+    ------
+    ContactError
+        On a place off the body, or a listener inside it.
+    OptionError
+        On a level that is not finite or at which no mode is heard, no contacts, or gains without
+        mode shapes.
+    """
+    from struck.perception import audibility
+
+    return audibility.audible(model, contacts, listener=listener, level=level)
+
+
+def sonic_distance(
+    a: ModalModel,
+    b: ModalModel,
+    *,
+    at: Place = None,
+    against: Place = None,
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+    method: str = "erb",
+) -> float:
+    """Return how different two impacts sound, dB.
+
+    Parameters
+    ----------
+    a, b : ModalModel
+        What is struck; one model twice to compare two of its contacts.
+    at : place, optional
+        Where `a` is struck, as for `ModalModel.contact`; the loudest contact unless given.
+    against : place, optional
+        Where `b` is struck; as `a` unless given.
+    listener : array-like (3,), optional
+        In the coordinates of each model, m; beside it unless given.
+    level : float, optional
+        What the loudest contact of each model reaches, dB re 20 micropascal; 85 unless given. So
+        bodies are compared by their timbre, contacts of one body by their level too.
+    method : str
+        "erb": levels behind the ear's filters, above the threshold in quiet; root mean square over
+        those filters where either is heard. Filters stand every half bandwidth and pass the flanks
+        of what lies beside them, so a mode that louder neighbours mask counts for little, and
+        changes within one band for nothing.
+        "doel1998": the sum of section 5 over modes; its root grows with their number.
+        "doel1998-mean": the same with the sum of S(f) divided out, a weighted root mean square.
+
+    Returns
+    -------
+    float
+        0 for sounds that cannot be told apart.
+
+    Raises
+    ------
+    OptionError
+        On an unknown method, or by those of 1998 for models without a common set of modes.
+    ContactError
+        On a place off the body.
+
+    Notes
+    -----
+    The paper leaves S(f), E_0 and the logarithm open. S is `auditory_scale.sensitivity`, from the
+    contour of 40 phon; 10 log10 gives dB; E_0 is the energy, E = (a f)^2, of the softest audible
+    partial of the same frequency and decay, so that f cancels from E / E_0.
+    """
+    from struck.perception.sonic_distance import sonic_distance as distance
+
+    return distance(a, b, at=at, against=against, listener=listener, level=level, method=method)
+
+
+def sound_map(
+    model: ModalModel,
+    threshold_db: float = 3.0,
+    *,
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+) -> SoundMap:
+    """Choose how few contacts are enough, and which sounds where.
+
+    Parameters
+    ----------
+    model : ModalModel
+        With a surface.
+    threshold_db : float
+        How far, by `sonic_distance`, what is stored may be from what sounds at any contact, pushed
+        straight into the surface.
+    listener : array-like (3,), optional
+        m; beside the model unless given.
+    level : float, optional
+        Of the loudest contact, dB re 20 micropascal; 85 unless given. Softer needs fewer.
+
+    Returns
+    -------
+    SoundMap
+        Its `bound` holds at all contacts, not at samples: see `struck.perception.covering`. For
+        modes given at vertices it follows from their being straight in between; for modes in
+        closed form, what they bend between the corners and middles of edges is taken as twice the
+        most that the middles show.
+
+    Raises
+    ------
+    OptionError
+        When the threshold does not exceed 0 or is too fine, the model is silent, or several
+        listeners are given.
+    ContactError
+        When the model has no surface, or the listener is inside it.
+    """
+    from struck.perception.sound_map import sound_map as map_sounds
+
+    return map_sounds(model, threshold_db, listener=listener, level=level)
+
+
+def materials() -> Mapping[str, Mapping[str, Any]]:
+    """Return the table of materials by name: group, aliases, constants, damping sets, source."""
+    from struck.model import material
+
+    return material.materials()

@@ -14,7 +14,7 @@ from struck.files.model_file import is_model, model_path
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.recordings.calibration import Calibration
+    from struck.recordings import Calibration
 
 
 EXAMPLES = ("pot.struck taps/*.wav --density 7850 --corrected real_pot.struck",)
@@ -33,7 +33,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck calibrate`."""
-    from struck.recordings.calibration import calibrated, corrected, inferable
+    from struck.recordings import calibrated, corrected, inferable
 
     output = None
     if options.corrected:

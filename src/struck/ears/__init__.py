@@ -1,1 +1,5 @@
-"""Ears: how a listener hears bodies in space. The only place where bodies are mixed."""
+"""Ears: what a listener hears of bodies in space, in the open or in a room."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

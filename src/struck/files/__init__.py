@@ -1,1 +1,5 @@
-"""Files: meshes, models and volume meshes, in and out."""
+"""Files: models, sounds, meshes and SOFA in and out, and the cache."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

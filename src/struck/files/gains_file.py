@@ -317,9 +317,16 @@ def formula_from_json(
 
 
 def _kinds() -> tuple[type, ...]:
-    from struck.shapes import FORMS  # with SciPy's special functions, for those who need them
+    # With SciPy's special functions, for those who need them.
+    from struck.shapes.beam import BendingForms
+    from struck.shapes.circular_membrane import RoundForms
+    from struck.shapes.particular_solutions import PolygonForms
+    from struck.shapes.rectangular_membrane import SineForms
+    from struck.shapes.rectangular_plate import RitzForms
+    from struck.shapes.string import StringForms
 
-    return (TransverseShapes, *FORMS)
+    forms = (BendingForms, PolygonForms, RitzForms, RoundForms, SineForms, StringForms)
+    return (TransverseShapes, *forms)
 
 
 KINDS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")

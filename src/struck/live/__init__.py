@@ -1,1 +1,5 @@
-"""From samples to the loudspeaker, while they are being made."""
+"""Live: bodies played on an audio device."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
-"""Perception: how different impacts sound, which modes are heard, how many contacts to store."""
+"""Perception: what of a sound is heard, and how different two sounds are."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

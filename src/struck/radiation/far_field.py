@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.model.air import AIR, Air
 from struck.model.arrays import Array
-from struck.model.gains import quarter_turns
+from struck.model.gains import Radiation, quarter_turns
 from struck.model.mesh import Mesh
 from struck.radiation.on_surface import Skin, normal_velocities
 
@@ -170,3 +170,30 @@ def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Arr
             f"the lowest frequency is {np.min(frequencies)} Hz: only modes that vibrate radiate; "
             "leave rigid motions out"
         )
+
+
+def by_name(name: str) -> Radiation:
+    """Return the estimate of radiation that `name` stands for.
+
+    Parameters
+    ----------
+    name : str
+        ``"power"`` (calibrated, the default of struck), ``"obrien2002"`` or ``"heuristic1998"``
+        (both relative).
+
+    Returns
+    -------
+    Radiation
+
+    Raises
+    ------
+    OptionError
+        When no estimate has that name.
+    """
+    estimates: dict[str, Radiation] = {
+        estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
+    }
+    if name not in estimates:
+        offer = " or ".join(repr(known) for known in estimates)
+        raise OptionError(f"no radiation is called {name!r}: give {offer}")
+    return estimates[name]

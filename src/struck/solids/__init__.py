@@ -1,7 +1,5 @@
 """Bodies by finite elements: solids that mesh themselves, and what fills any closed surface."""
 
-from struck.solids.bodies import Block, Extrusion, Tube
-from struck.solids.revolution import Revolution, Stem
-from struck.solids.volume_mesh import VolumeMesh
+import lazy_loader
 
-__all__ = ["Block", "Extrusion", "Revolution", "Stem", "Tube", "VolumeMesh"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

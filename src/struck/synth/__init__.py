@@ -1,1 +1,5 @@
-"""From modes and pushes to samples."""
+"""Synthesis: the state of all modes of a scene, advanced block by block."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

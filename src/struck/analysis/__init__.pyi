@@ -1,0 +1,1 @@
+from .analysis import model_of_modes as model_of_modes

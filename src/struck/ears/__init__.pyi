@@ -1,0 +1,14 @@
+from .heads import Filters as Filters
+from .heads import Head as Head
+from .heads import SphereHead as SphereHead
+from .hearing import Hearing as Hearing
+from .listeners import Binaural as Binaural
+from .listeners import Listener as Listener
+from .listeners import Mono as Mono
+from .listeners import Stereo as Stereo
+from .listeners import Trajectory as Trajectory
+from .measured_head import MeasuredHead as MeasuredHead
+from .propagation import Emitter as Emitter
+from .reverberation import Reverberation as Reverberation
+from .room import Room as Room
+from .room import wall_materials as wall_materials

@@ -1,0 +1,16 @@
+from .excitation import Excitation as Excitation
+from .excitation import Push as Push
+from .force_track import ForceTrack as ForceTrack
+from .hertz import contact_time as contact_time
+from .hertz import strikers as strikers
+from .hold import Hold as Hold
+from .pluck import Pluck as Pluck
+from .pluck import Release as Release
+from .pluck import impact_amplitudes as impact_amplitudes
+from .pluck import impact_impulse as impact_impulse
+from .roughness import Roughness as Roughness
+from .roughness import roughnesses as roughnesses
+from .scrape import Roll as Roll
+from .scrape import Scrape as Scrape
+from .strike import Strike as Strike
+from .touch import TouchLog as TouchLog

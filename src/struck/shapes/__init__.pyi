@@ -1,0 +1,12 @@
+from .bar import Bar as Bar
+from .bar import GivenSection as GivenSection
+from .bar import RectangularSection as RectangularSection
+from .bar import RoundSection as RoundSection
+from .circular_membrane import AnnularMembrane as AnnularMembrane
+from .circular_membrane import CircularMembrane as CircularMembrane
+from .circular_plate import CircularPlate as CircularPlate
+from .polygon_membrane import PolygonMembrane as PolygonMembrane
+from .rectangular_membrane import RectangularMembrane as RectangularMembrane
+from .rectangular_plate import RectangularPlate as RectangularPlate
+from .shape import Shape as Shape
+from .string import String as String

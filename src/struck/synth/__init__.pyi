@@ -1,0 +1,1 @@
+from .resonators import Resonators as Resonators
