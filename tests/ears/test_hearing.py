@@ -13,7 +13,7 @@ from struck.ears.listeners import Binaural, Course3, Listener, Mono, Stereo, Tra
 from struck.ears.propagation import Emitter
 from struck.ears.room import Room
 from struck.errors import ContactError, OptionError
-from struck.model.air import AIR
+from struck.model.material import AIR
 
 Array = NDArray[np.float64]
 RATE = 48000

@@ -11,7 +11,7 @@ import scipy.signal
 from struck.ears.reverberation import Reverberation, band_shares
 from struck.ears.room import Images, Room
 from struck.errors import OptionError
-from struck.model.air import AIR
+from struck.model.material import AIR
 
 RATE = 48_000.0
 

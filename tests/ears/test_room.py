@@ -12,7 +12,7 @@ import scipy.signal
 
 from struck.ears.room import BANDS, WALLS, Room, pyroomacoustics, wall_materials
 from struck.errors import MissingDependencyError, OptionError
-from struck.model.air import AIR
+from struck.model.material import AIR
 
 RATE = 48_000.0
 C = AIR.sound_speed

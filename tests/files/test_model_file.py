@@ -21,10 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from struck.errors import FileFormatError
 from struck.files import model_file
 from struck.files.container import pack
-from struck.model.air import Air
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, ShapeGains
-from struck.model.material import Material
+from struck.model.material import Air, Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance

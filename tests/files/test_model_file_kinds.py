@@ -16,13 +16,13 @@ from struck.cli.command import Result
 from struck.cli.info import described
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
 from struck.files import model_file
+from struck.files.sampled_field import SampledField, recorded_contacts, recorded_listeners
 from struck.files.sofa_fields import load_sofa_field, load_sofa_responses, save_sofa
 from struck.model.damping import InternalFriction
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance, TerminalProgress
 from struck.model.residual import Residual
-from struck.model.sampled_field import SampledField, recorded_contacts, recorded_listeners
 from struck.model.survey import from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint

@@ -13,15 +13,15 @@ import pytest
 
 from struck.errors import ContactError, FileFormatError, MissingDependencyError, OptionError
 from struck.files import sofa
+from struck.files.sampled_field import SampledField
 from struck.files.sofa_fields import (
     load_sofa_field,
     load_sofa_responses,
     save_sofa,
     save_sofa_responses,
 )
-from struck.model.air import AIR
+from struck.model.material import AIR
 from struck.model.model import ModalModel
-from struck.model.sampled_field import SampledField
 from struck.model.survey import from_spherical
 from tests.live.hand import ball
 from tests.model.vases import HEIGHTS, Vase, listeners

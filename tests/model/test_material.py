@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from struck.errors import MaterialError
 from struck.model.damping import InternalFriction, Rayleigh
-from struck.model.material import Material, materials
+from struck.model.material import AIR, Material, materials
 
 NAMES = sorted(materials())
 FIELDS = {
@@ -235,3 +235,8 @@ def test_damped_changes_the_losses_alone() -> None:
     muffled = steel.damped(Rayleigh(mass=80, stiffness=0))
     assert muffled.damping == Rayleigh(mass=80, stiffness=0)
     assert muffled.damped(steel.damping) == steel
+
+
+def test_air_is_a_gas() -> None:
+    laplace = np.sqrt(1.4 * 101325 / AIR.density)  # Laplace: adiabatic sound in an ideal gas
+    assert AIR.sound_speed == pytest.approx(laplace, rel=1e-3)

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import spherical_jn, spherical_yn
 
 from struck.errors import OptionError
-from struck.model.separation import Separation
 from struck.model.survey import Survey, shares
-from struck.model.timbre_field import ContactPart, ListenerPart
+from struck.model.timbre_field import ContactPart, ListenerPart, Separation
 from struck.model.waves import ORDER, SphericalWaves, degrees, near_field, real_harmonics
 from tests.model.vases import error
 

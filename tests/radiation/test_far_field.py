@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, h1vp
 
-from struck.model.air import AIR
+from struck.model.material import AIR
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
 from struck.radiation.on_surface import Skin

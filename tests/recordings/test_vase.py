@@ -9,7 +9,7 @@ import pytest
 
 import struck
 from struck import Mono, Strike
-from struck.model.air import AIR
+from struck.model.material import AIR
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.takes import Take
 from tests.model.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners

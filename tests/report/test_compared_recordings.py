@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import struck
 from struck import InternalFriction, ModalModel, Rayleigh, Sound, Strike
 from struck.errors import FileFormatError, OptionError, RecordingError
-from struck.model.sampled_field import SampledField
+from struck.files.sampled_field import SampledField
 from struck.model.timbre_table import SinglePoint
 from struck.recordings.takes import Take
 from struck.report.comparison import compare

@@ -15,8 +15,8 @@ from struck.errors import ContactError, OptionError
 from struck.excitation.hold import Hold
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
-from struck.model.air import AIR
 from struck.model.gains import ShapeGains
+from struck.model.material import AIR
 from struck.scene.body import Body
 from struck.scene.render import render
 from tests.scene.test_render import BLOCK, TOP

@@ -12,8 +12,8 @@ import numpy as np
 
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, nearness, pressure
 from struck.errors import OptionError, SolverError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Single
+from struck.model.material import AIR
 
 # What a head does to sound on its way to its two ears.
 #

@@ -17,8 +17,8 @@ from struck.ears.heads import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS, Fil
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
 from struck.errors import FileFormatError, OptionError
 from struck.files.sofa import Container, opened
-from struck.model.air import AIR
 from struck.model.arrays import Array, Single
+from struck.model.material import AIR
 
 # Measured head-related impulse responses: what one set holds, and the sets bundled.
 

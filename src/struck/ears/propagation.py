@@ -15,8 +15,8 @@ from struck.ears.heads import Filters
 from struck.ears.listeners import Listener, Trajectory, axes
 from struck.ears.room import Room
 from struck.errors import ContactError, OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Single
+from struck.model.material import AIR
 
 # Bodies as ears know them, and their images in the walls of a room.
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex, Single
+from struck.model.material import AIR
 
 EAR_SPACING = 0.175
 """m; twice the radius 8.75 cm of the sphere that stands for a head."""

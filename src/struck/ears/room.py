@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 
 from struck.ears.reverberation import Reverberation, statistical_time
 from struck.errors import MissingDependencyError, OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Index, Single
+from struck.model.material import AIR
 
 # Libraries that ears use where they are installed.
 

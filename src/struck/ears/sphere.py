@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex
+from struck.model.material import AIR
 
 HEAD_RADIUS = 0.0875  # m, the customary mean head (Hartley & Fry 1921)
 NEAREST = 1.01  # radii from the centre: the nearer the source, the more terms the series needs

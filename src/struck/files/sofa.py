@@ -18,9 +18,9 @@ import numpy as np
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError
 from struck.files.atomic import write_bytes
+from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.model.arrays import Array
 from struck.model.provenance import Provenance, bibliography
-from struck.model.sampled_field import WAYS, Origin, SampledField
 from struck.model.survey import SYMMETRIES
 
 if TYPE_CHECKING:

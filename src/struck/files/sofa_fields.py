@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import FileFormatError, OptionError
+from struck.files.sampled_field import SampledField
 from struck.files.sofa import (
     MOST_VALUES,
     Container,
@@ -29,12 +30,11 @@ from struck.files.sofa import (
     way_of,
     write_container,
 )
-from struck.model.air import AIR
 from struck.model.arrays import Array
 from struck.model.contact import Place
 from struck.model.exponentials import samples
+from struck.model.material import AIR
 from struck.model.model import ModalModel
-from struck.model.sampled_field import SampledField
 
 # Timbre fields as SOFA files: gains, frequencies and decays of modes, convention GeneralTF-E.
 

@@ -26,9 +26,9 @@ from numba.extending import intrinsic
 from struck.ears import delay_kernels
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index
-from struck.model.compiling import Compiler
 from struck.synth import blocks
 from struck.synth.blocks import refresh, settle, stand, wake
+from struck.synth.compiler import Compiler
 from struck.synth.memory import BodyColumn, Drive, Memory, Mode, Output, Voice
 
 # Atomic integers, for compiled code that shares memory with Python.

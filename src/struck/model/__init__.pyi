@@ -1,4 +1,3 @@
-from .air import AIR as AIR
 from .damping import Damping as Damping
 from .damping import InternalFriction as InternalFriction
 from .damping import Measured as Measured
@@ -6,6 +5,7 @@ from .damping import Rayleigh as Rayleigh
 from .exponentials import Exponentials as Exponentials
 from .gains import Gains as Gains
 from .gains import ShapeGains as ShapeGains
+from .material import AIR as AIR
 from .material import Material as Material
 from .material import materials as materials
 from .mesh import Mesh as Mesh

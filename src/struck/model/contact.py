@@ -87,15 +87,7 @@ def raised(mesh: Mesh, place: Array) -> Array:
 
 
 def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -> Array:
-    """Return the point that a name, "vertex:120" or coordinates stand for, m (3,).
-
-    The plan of a flat body has 1 or 2 `axes`; a place in it means the point on top.
-
-    Raises
-    ------
-    ContactError
-        When there is no such place.
-    """
+    """Return the point of a name, of "vertex:120" or of coordinates, m (3,)."""
     if not isinstance(at, str):
         place = np.asarray(at, dtype=np.float64)
         return raised(mesh, place) if place.shape == (axes,) != (3,) else place

@@ -123,15 +123,9 @@ class Measured:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Each:
-    """The decay rate of each mode of one body, whatever made it.
+    """The decay rate of each mode of one body, whatever made it."""
 
-    Parameters
-    ----------
-    rates : array (M,)
-        1/s.
-    """
-
-    rates: Array
+    rates: Array  # (M,), 1/s
 
     def decays(self, frequencies: ArrayLike) -> Array:
         """Return the rates of these M modes, 1/s."""
@@ -145,13 +139,7 @@ def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
 
 
 def natural_at(frequency: float, damping: Damping) -> float:
-    """Return the natural frequency that rings at `frequency`, Hz.
-
-    Raises
-    ------
-    MaterialError
-        When no mode of this damping rings there.
-    """
+    """Return the natural frequency that rings at `frequency`, Hz; MaterialError where none does."""
     if not (np.isfinite(frequency) and frequency > 0):
         raise MaterialError(f"a mode cannot be tuned to {frequency} Hz: give more than 0")
     natural = frequency

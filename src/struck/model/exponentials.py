@@ -1,4 +1,4 @@
-"""Free ringing: sums of decaying exponentials, in time and as exact discrete spectra."""
+"""Sums of decaying exponentials: free vibration in time, and its exact discrete spectrum."""
 
 from __future__ import annotations
 
@@ -13,22 +13,14 @@ _NEAR = 1e-2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exponentials:
-    """What rings: channel c is the sum over modes of Im[g_c exp(s t)].
+    """Decaying exponentials: channel c is the sum over modes of Im[g_c exp(s t)]."""
 
-    Parameters
-    ----------
-    poles : array (M,), complex
-        s = -d + 2 pi i f, 1/s.
-    gains : array (C, M), complex
-        g, in the unit of the samples; row by row the channels of all segments.
-    """
-
-    poles: AnyComplex
-    gains: AnyComplex
+    poles: AnyComplex  # (M,): s = -d + 2 pi i f, 1/s
+    gains: AnyComplex  # (C, M): g, in the unit of the samples; channels of all segments in order
 
     @classmethod
     def silence(cls, channels: int) -> Exponentials:
-        """Return no modes at all."""
+        """Return channels without modes."""
         return cls(poles=np.zeros(0, complex), gains=np.zeros((channels, 0), complex))
 
     @property
@@ -51,7 +43,7 @@ class Exponentials:
         return Exponentials(poles=self.poles[modes], gains=self.gains[:, modes])
 
     def joined(self, poles: AnyComplex) -> Exponentials:
-        """Return a copy with more modes, silent as yet."""
+        """Return a copy with more modes, of gain 0."""
         silent = np.zeros((len(self.gains), len(poles)), complex)
         return Exponentials(
             poles=np.concatenate((self.poles, poles)), gains=np.hstack((self.gains, silent))
@@ -63,11 +55,7 @@ class Exponentials:
 
 
 def samples(poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: float) -> Array:
-    """Return the sum of Im[g exp(s n / rate)], (C, length).
-
-    A sample index is a row and a column, n = row * width + column, and so each exponential the
-    product of two short ones: all modes add up in a product of two matrices.
-    """
+    """Return the samples (C, length) of the sum of Im[g exp(s n / rate)]."""
     rows = samples_in_rows(poles, gains, length, sample_rate)
     return rows.reshape(len(gains), -1)[:, :length]
 
@@ -75,7 +63,7 @@ def samples(poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: floa
 def samples_in_rows(
     poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: float, every: int = 1
 ) -> Array:
-    """Return every so many rows of the samples, (C, rows, width); the width is root length."""
+    """Return one in `every` rows of the samples, (C, rows, width); the width is root length."""
     width = row_width(length)
     coarse = _powers(poles * (every * width / sample_rate), -(-length // (every * width))).T
     fine = _powers(poles / sample_rate, width)
@@ -86,12 +74,12 @@ def samples_in_rows(
 
 
 def row_width(length: int) -> int:
-    """Return how many samples stand in a row."""
+    """Return the number of samples in a row."""
     return int(np.ceil(np.sqrt(length)))
 
 
 def correlations(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
-    """Return the sums of conj(exp(s n / rate)) x[n], (C, M), by the same factors."""
+    """Return the sums of conj(exp(s n / rate)) x[n], (C, M)."""
     channels, length = samples.shape
     width = row_width(length)
     count = -(-length // width)
@@ -106,7 +94,7 @@ def correlations(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyCo
 
 
 def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
-    """Return exp(x n) for n below the count, (M, count), by the same factors once more."""
+    """Return exp(x n) for n below the count, (M, count), as products of two short factors."""
     width = row_width(count)
     rows = -(-count // width)
     coarse: AnyComplex = np.exp(np.outer(exponents, width * np.arange(rows)))
@@ -116,11 +104,7 @@ def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
 
 
 def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
-    """Return the gains (C, M) of least squares of all modes at once, over all samples.
-
-    The inner products of exponentials are geometric series, so only the correlations touch the
-    samples.
-    """
+    """Return the gains (C, M) of all modes by least squares over all samples."""
     length = samples.shape[1]
     steps = poles / sample_rate
     direct = _series(steps.conj(), steps, length)
@@ -140,7 +124,6 @@ def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComp
 
 
 def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:
-    """Return the sums of exp((x + y) n) for n below the length, one row for each x."""
     last = np.outer(np.exp(left * length), np.exp(right * length))
     first = np.outer(np.exp(left), np.exp(right)) - 1
     # Where much cancels, digit by digit.
@@ -151,25 +134,11 @@ def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SegmentSpectrum:
-    """The discrete Fourier transform of a segment's first samples.
+    """The discrete Fourier transform of a segment's first N samples."""
 
-    A mode that rings from the first of N samples on has the transform r / (1 - z / u) at
-    u = exp(2 pi i k / N), exactly: z = exp(s / rate) and r = g (1 - z^N) / 2i. Its conjugate
-    belongs to it, for samples are real.
-
-    Parameters
-    ----------
-    values : array (N / 2 + 1, C), complex
-        From 0 Hz to half the sample rate.
-    length : int
-        N.
-    sample_rate : float
-        Hz.
-    """
-
-    values: AnyComplex
-    length: int
-    sample_rate: float
+    values: AnyComplex  # (N / 2 + 1, C), from 0 Hz to half the sample rate
+    length: int  # N
+    sample_rate: float  # Hz
 
     @classmethod
     def of(cls, samples: Array, length: int, sample_rate: float) -> SegmentSpectrum:
@@ -179,5 +148,5 @@ class SegmentSpectrum:
 
     @property
     def spacing(self) -> float:
-        """From one bin to the next, Hz."""
+        """Distance between bins, Hz."""
         return self.sample_rate / self.length

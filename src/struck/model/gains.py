@@ -18,11 +18,11 @@ from struck.model.mesh import Mesh, Surface
 
 
 class Forms(Protocol):
-    """Functions Psi_n over the plan of a body (1998, eq. 3), with a mean square of 1."""
+    """Mode shapes over the plan of a body as functions Psi_n (1998, eq. 3) of mean square 1."""
 
     @property
     def dimensions(self) -> int:
-        """How many coordinates a place in the plan has, D."""
+        """Number of coordinates of a place in the plan, D."""
         ...
 
     def values(self, places: Array) -> Array:
@@ -36,25 +36,15 @@ class Forms(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TransverseShapes:
-    """Mode shapes of a body that moves along z alone, known over its plan.
+    """Mode shapes of a body that moves along z alone, exact at any place of its plan."""
 
-    Parameters
-    ----------
-    forms : Forms
-        Over the plan of the body as it was computed.
-    weights : array (M,)
-        Values of the forms times these are mass-normalised shapes, kg^-1/2.
-    size : float
-        How many times larger the body has become.
-    """
-
-    forms: Forms
-    weights: Array
-    size: float = 1.0
+    forms: Forms  # over the plan of the body as it was computed
+    weights: Array  # (M,): forms times these are mass-normalised shapes, kg^-1/2
+    size: float = 1.0  # how many times larger the body has become since
 
     @classmethod
     def of(cls, forms: Forms, count: int, mass: float) -> TransverseShapes:
-        """Make the shapes of a body of `mass` kg from `count` forms with a mean square of 1."""
+        """Make the shapes of a body of `mass` kg from `count` forms."""
         return cls(forms=forms, weights=np.full(count, mass**-0.5))
 
     def displacements(self, points: Array) -> Array:
@@ -85,7 +75,7 @@ _INWARD = 0.02
 
 
 class Radiation(Protocol):
-    """How loudly the modes of a surface reach the far field."""
+    """A law of how loudly the modes of a surface reach the far field."""
 
     name: str
     calibrated: bool
@@ -142,24 +132,18 @@ class Gains(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpandedGains(Gains):
-    """Products of contact and listener as modes of their own: what resonators can play.
-
-    Parameters
-    ----------
-    products : Gains
-        A sum of R products for each of M modes.
-    """
+    """Gains whose R products for each of M modes count as R M modes: what resonators can play."""
 
     products: Gains
 
     @property
     def directional(self) -> bool:
-        """As of the products."""
+        """Whether the products differ between directions."""
         return self.products.directional
 
     @property
     def of_surface(self) -> bool:
-        """As of the products."""
+        """Whether the products are those of a surface."""
         return self.products.of_surface
 
     @property
@@ -170,7 +154,7 @@ class ExpandedGains(Gains):
     def changed(
         self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
     ) -> Gains:
-        """Refuse: modes that share a frequency are changed together, before they are expanded."""
+        """Refuse: a model is changed before it is expanded."""
         del frequencies, modes, size, density
         raise OptionError("expanded gains cannot be changed: change the model, then expand it")
 
@@ -310,12 +294,7 @@ class ShapeGains(Gains):
 
 
 def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
-    """Return a phase for each mode: i for every second one of those that share a frequency.
-
-    A round body has its modes in pairs, which a solver may turn about the axis at will. An
-    estimate the same in all directions must not depend on that turn: a quarter period apart, the
-    two add to the root of their drives' squares, whichever way they are turned.
-    """
+    """Return a phase for each mode (M,): i for every second one of those that share a frequency."""
     phases = np.ones(len(frequencies), np.complex128)
     for mode in range(1, len(frequencies)):
         close = frequencies[mode] - frequencies[mode - 1] < _SHARED * frequencies[mode]
@@ -325,10 +304,7 @@ def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
 
 
 def canonical_signs(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
-    """Return +1 or -1 for each mode (M,), so that any solver's shapes get the same sign.
-
-    The sign is that of the volume displaced, weighted by a function without symmetry.
-    """
+    """Return +1 or -1 for each mode (M,), so that any solver's shapes get the same sign."""
     low, high = surface.bounds
     place = (surface.centroids - (low + high) / 2) / surface.extent
     weights = np.exp(place @ np.array([2.0, 1.3, 0.7]))[:, None] * surface.area_vectors

@@ -1,4 +1,4 @@
-"""HTML pages that need no other file: their frame, their look, pictures and tables in them."""
+"""HTML pages that need no other file, and tables of modes in HTML and in text."""
 
 from __future__ import annotations
 
@@ -34,17 +34,7 @@ th { position: sticky; top: 0; background: #fff; border-bottom: 1px solid #bbb; 
 
 
 def document(title: str, body: str, *, style: str = "") -> str:
-    """Return a whole page under a title.
-
-    Parameters
-    ----------
-    title : str
-        Text, not HTML.
-    body : str
-        HTML.
-    style : str
-        CSS after `STYLE`.
-    """
+    """Return an HTML page with a title (text), a body (HTML) and CSS besides `STYLE`."""
     told = html.escape(title)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{told}</title>\n'
@@ -54,7 +44,7 @@ def document(title: str, body: str, *, style: str = "") -> str:
 
 
 def picture(text: str, figure: Figure) -> str:
-    """Return a figure as an image in the page itself, with a text for those who do not see it."""
+    """Return a figure as an image within the page, with `text` for those who cannot see it."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
     encoded = base64.b64encode(data.getvalue()).decode("ascii")
@@ -62,7 +52,7 @@ def picture(text: str, figure: Figure) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return rows of text under headings."""
+    """Return an HTML table of text cells."""
     head = "".join(f"<th>{html.escape(heading)}</th>" for heading in headings)
     body = "".join(
         f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
@@ -87,7 +77,7 @@ def note(frequency: float) -> str:
 def modes_rows(
     frequencies: Array, t60: Array, decays: Array, errors: Array | None
 ) -> list[tuple[str, ...]]:
-    """Return one row of text a mode, under `HEADINGS`."""
+    """Return one row of text for each mode, under `HEADINGS`."""
     known = np.full(len(frequencies), np.nan) if errors is None else errors
     return [
         (

@@ -1,4 +1,4 @@
-"""Materials: what a body is made of, by constants or by name."""
+"""Materials: what a body is made of, by constants or by name; and the air around it."""
 
 from __future__ import annotations
 
@@ -127,6 +127,22 @@ class Material:
 
 
 _LARGEST_POISSON_RATIO = 0.495
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Air:
+    """A gas at rest, which carries sound from a body to an ear."""
+
+    density: float  # kg/m^3
+    sound_speed: float  # m/s
+
+    @property
+    def impedance(self) -> float:
+        """Characteristic impedance rho c, Pa s/m."""
+        return self.density * self.sound_speed
+
+
+AIR = Air(density=1.2041, sound_speed=343.21)  # dry, at 20 degrees Celsius and 101.325 kPa
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Triangle surfaces: what every body shows to contacts, radiation and pictures."""
+"""Triangle surfaces, closest points on them, and names for their outermost places."""
 
 from __future__ import annotations
 
@@ -115,14 +115,7 @@ def _validate(points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
 
 
 class Closest:
-    """Edges or triangles prepared for many closest-point queries.
-
-    Parameters
-    ----------
-    points : array (N, 3)
-    parts : array (P, 2) or (P, 3)
-        Numbers of the points at the ends of edges, or corners of triangles.
-    """
+    """Edges (P, 2) or triangles (P, 3) of points (N, 3), ready for closest-point queries."""
 
     def __init__(self, points: Array, parts: Index) -> None:
         import igl
@@ -152,7 +145,7 @@ class Surface(Closest):
 
 
 def barycentric(triangles: Array, points: Array) -> Array:
-    """Return the weights (K, 3) that make `points` (K, 3) of the corners of `triangles`."""
+    """Return the weights (K, 3) of the corners of `triangles` that make `points` (K, 3)."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     offset = points - triangles[:, 0]
     uu, uv, vv = _dot(first, first), _dot(first, second), _dot(second, second)

@@ -1,4 +1,4 @@
-"""Pieces of a surface: edges, the parts they connect, and which lie inside which."""
+"""Topology of a triangle surface: its edges, connected pieces, and which lie inside which."""
 
 from __future__ import annotations
 
@@ -14,28 +14,16 @@ from struck.model.mesh import Mesh
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Edges:
-    """Edges of a triangle surface.
+    """Edges of a triangle surface."""
 
-    Parameters
-    ----------
-    ends : array (E, 2)
-        Vertices, the lower number first.
-    faces_at : array (E,)
-        How many faces share the edge.
-    balance : array (E,)
-        How many more faces run along it from its first end than from its second.
-    owner : array (3 F,)
-        The edge of each side of each face.
-    """
-
-    ends: Index
-    faces_at: Index
-    balance: Index
-    owner: Index
+    ends: Index  # (E, 2) vertices, the lower number first
+    faces_at: Index  # (E,) number of faces at the edge
+    balance: Index  # (E,) how many more faces run along it from its first end than from its second
+    owner: Index  # (3 F,) the edge of each side of each face
 
     @property
     def shared(self) -> NDArray[np.bool_]:
-        """Which edges join exactly two faces."""
+        """Mask of the edges that join exactly two faces."""
         return self.faces_at == 2
 
     def pairs(self) -> tuple[Index, NDArray[np.bool_]]:
@@ -77,11 +65,7 @@ def pieces(mesh: Mesh) -> Index:
 
 
 def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
-    """Tell which faces to flip, the fewest of each piece (F,); None on a one-sided surface.
-
-    Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
-    consistent copies. A two-sided piece falls into two mirrored halves.
-    """
+    """Return which faces to flip (F,), the fewest of each piece; None on a one-sided surface."""
     sides, agree = edges.pairs()
     second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
     mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])
@@ -96,45 +80,31 @@ def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
 
 
 def volumes_of(mesh: Mesh, labels: Index) -> Array:
-    """Return the signed volume that each piece encloses, m^3 (P,).
-
-    Each is summed about its own middle: open pieces give what they enclose from there.
-    """
+    """Return the signed volume of each piece about its own middle, open ones too, m^3 (P,)."""
     offsets = mesh.centroids - boxes_of(mesh, labels).middles[labels]
     cones = np.einsum("ij,ij->i", offsets, mesh.area_vectors) / 3
     return np.bincount(labels, weights=cones).astype(np.float64)
 
 
 def bodies(mesh: Mesh) -> list[Index]:
-    """Return the faces of each separate body, cavities with the body around them.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        A closed surface.
-
-    Returns
-    -------
-    list of arrays
-        Indices of faces, one array a body, in file order.
-    """
+    """Return the faces of each separate body of a closed surface, cavities with their body."""
     labels = pieces(mesh)
     owner = _owners(mesh, labels)
     return [np.flatnonzero(owner[labels] == body) for body in np.unique(owner)]
 
 
 def submesh(mesh: Mesh, faces: Index) -> Mesh:
-    """Return the surface made of some `faces`, without the vertices that they do not use."""
+    """Return the surface of some `faces`, without the vertices that they do not use."""
     used, renumbered = np.unique(mesh.faces[faces], return_inverse=True)
     return Mesh(points=mesh.points[used], faces=renumbered.reshape(-1, 3), up=mesh.up)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boxes:
-    """Bounding boxes of pieces, by their `lowest` and `highest` corners, m (P, 3)."""
+    """Bounding boxes of pieces by their corners."""
 
-    lowest: Array
-    highest: Array
+    lowest: Array  # (P, 3), m
+    highest: Array  # (P, 3), m
 
     @property
     def middles(self) -> Array:
@@ -147,7 +117,7 @@ class Boxes:
         return (self.highest - self.lowest).max(axis=1)
 
     def nested(self) -> Iterator[tuple[int, Index]]:
-        """Yield each box that holds others, and those."""
+        """Yield each box that holds others, and the numbers of those."""
         order = np.argsort(self.lowest[:, 0])
         starts = self.lowest[order, 0]
         for box in range(len(order)):
@@ -159,7 +129,7 @@ class Boxes:
 
 
 def boxes_of(mesh: Mesh, labels: Index) -> Boxes:
-    """Return the bounding boxes of the pieces that `labels` (F,) numbers."""
+    """Return the bounding boxes of the pieces numbered by `labels` (F,)."""
     lowest = np.full((labels.max() + 1, 3), np.inf)
     highest = -lowest
     corners = mesh.points[mesh.faces]
@@ -169,7 +139,7 @@ def boxes_of(mesh: Mesh, labels: Index) -> Boxes:
 
 
 def nesting(mesh: Mesh, labels: Index) -> tuple[Index, Index]:
-    """Return pairs of pieces (inner, shell) where the first lies inside the second."""
+    """Return pairs of pieces (inner, shell) of which the first lies inside the second."""
     first = mesh.points[mesh.faces[np.unique(labels, return_index=True)[1], 0]]
     inner: list[Index] = [np.empty(0, np.int64)]
     shells: list[Index] = [np.empty(0, np.int64)]
@@ -182,7 +152,7 @@ def nesting(mesh: Mesh, labels: Index) -> tuple[Index, Index]:
 
 
 def _owners(mesh: Mesh, labels: Index) -> Index:
-    """Return the piece that bounds from outside the body of each piece (P,)."""
+    """Return the piece that bounds the body of each piece from outside (P,)."""
     inner, shells = nesting(mesh, labels)
     owner = np.arange(labels.max() + 1)
     depths = np.bincount(inner, minlength=len(owner))

@@ -1,4 +1,4 @@
-"""Modes: how an undamped body vibrates, and the shapes as seen on its surface."""
+"""Modes: how an undamped body vibrates, its shapes on its surface, and other materials."""
 
 from __future__ import annotations
 
@@ -29,38 +29,17 @@ _SECOND_ORDER = 0.7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stiffness:
-    """What a change of material needs to know of the modes.
+    """Natural frequencies with what a change of material needs to know."""
 
-    Parameters
-    ----------
-    frequencies : array (M,)
-        Natural, Hz.
-    poisson_slopes : array (M,) or None
-        d ln f / d nu at constant Young's modulus.
-    errors : array (M,) or None
-        Relative.
-    complete_to : float
-        No mode below is missing, Hz.
-    tensioned : bool
-        Whether a tension, which stays, drives the body back, not the material's stiffness.
-    """
-
-    frequencies: Array
-    poisson_slopes: Array | None
-    errors: Array | None
-    complete_to: float
-    tensioned: bool = False
+    frequencies: Array  # (M,), natural, Hz
+    poisson_slopes: Array | None  # (M,), d ln f / d nu at constant Young's modulus
+    errors: Array | None  # (M,), relative
+    complete_to: float  # no mode below is missing, Hz
+    tensioned: bool = False  # a tension, which stays, drives the body back, not the material
 
 
 def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
-    """Return the modes of the same body made of `new` instead of `old`.
-
-    Raises
-    ------
-    MaterialError
-        When Poisson's ratio differs and the slopes are unknown, or both tension and stiffness
-        drive the body back.
-    """
+    """Return the modes of the same body made of `new`; MaterialError without slopes."""
     lightness = old.density / new.density
     if modes.tensioned:
         _require_slack(modes)

@@ -1,4 +1,4 @@
-"""Where a model came from: method, versions, what was dropped, and the papers behind it."""
+"""Provenance of a result (method, versions, losses, papers), and progress while it is made."""
 
 from __future__ import annotations
 
@@ -16,14 +16,11 @@ Progress = Callable[[str, float], None]
 
 
 def silent(_stage: str, _fraction: float) -> None:
-    """Tell nobody."""
+    """Show no progress."""
 
 
 class TerminalProgress:
-    """One line on a terminal: the stage, how much is done, and about how long the rest takes.
-
-    Nothing where there is no terminal.
-    """
+    """One line on a terminal: the stage, the share that is done, and the time left."""
 
     def __init__(self) -> None:
         self._stream = sys.stderr
@@ -47,7 +44,7 @@ class TerminalProgress:
 
 
 def _share(fraction: float, passed: float) -> str:
-    """Tell the fraction done and, once it means something, the time that is left."""
+    """Return the percentage done and, once it means something, the time that is left."""
     if not fraction:
         return ""
     left = passed * (1 / fraction - 1)

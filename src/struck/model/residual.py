@@ -1,4 +1,4 @@
-"""What the modes of a recorded object do not explain: its attack, and noise that dies away."""
+"""Residual of a recording: its attack and decaying noise, which modes do not explain."""
 
 from __future__ import annotations
 

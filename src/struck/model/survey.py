@@ -1,4 +1,4 @@
-"""Gains measured for pairs of contact and listener: what a timbre field is made of."""
+"""Surveys: gains measured for pairs of contact and listener, from which timbre fields are made."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex, Index
+from struck.model.material import AIR
 
 # Which of several explanations data speak for, when many modes share the same few.
 
@@ -19,24 +19,7 @@ _LEAST = 1e-12  # less than that would only make denormal numbers, which process
 
 
 def shares(evidence: Array) -> Array:
-    """Return how far to believe each explanation (K, M), adding up to 1 for each mode.
-
-    Parameters
-    ----------
-    evidence : array (K, M)
-        Log marginal likelihood of K explanations for each of M modes.
-
-    Returns
-    -------
-    array (K, M)
-
-    Notes
-    -----
-    Modes are taken as draws from one mixture of the explanations. Its weights come from all modes
-    by expectation maximisation, from equal ones: a mode that tells little by itself goes with the
-    others (empirical Bayes; C. M. Bishop, Pattern Recognition and Machine Learning, Springer, 2006,
-    chapter 9).
-    """
+    """Return the weight of each explanation (K, M), of sum 1 for each mode, by its log evidence."""
     count, modes = evidence.shape
     relative = np.exp(evidence - evidence.max(axis=0, initial=-np.inf))
     common = np.full(count, 1 / count)
@@ -55,10 +38,7 @@ _SAME = 1e-6
 
 
 def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> Array:
-    """Return places (n, 3), m, of spherical coordinates that broadcast.
-
-    The azimuth counts from the x axis to the y axis, the polar angle from the z axis, rad.
-    """
+    """Return places (n, 3), m, of radius, azimuth from x to y, and polar angle from z, rad."""
     flat = np.asarray(radius, np.float64) * np.sin(polar)
     x, y, z = np.broadcast_arrays(
         flat * np.cos(azimuth), flat * np.sin(azimuth), np.asarray(radius) * np.cos(polar)
@@ -198,7 +178,7 @@ def _turned(places: Array, contacts: Array) -> Array:
 
 
 def distinct(places: Array) -> tuple[Array, Index]:
-    """Return each place once, and for every one given its number."""
+    """Return each place once, and for every given one its number."""
     step = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
     rounded = np.round(places / step)
     _, first, number = np.unique(rounded, axis=0, return_index=True, return_inverse=True)

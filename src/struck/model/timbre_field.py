@@ -1,18 +1,159 @@
-"""The timbre field: gains over contact and listener, as product of a part of each."""
+"""Timbre fields: the gain of each mode as a part over contacts times a part over listeners."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from struck.errors import ContactError, OptionError
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import Gains
-from struck.model.separation import Separation
+from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
 from struck.model.waves import ORDER, SphericalWaves
+
+# Recorded gains separated into contact parts times listener parts.
+
+_SILENT = 1e-3  # drive below which nothing is known of a listener, however small the noise
+_SWEEPS = 200
+_SETTLED = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Separation:
+    """Real contact parts and complex listener parts whose products come nearest to the gains."""
+
+    drives: Array  # (P, M); the largest of each mode is 1
+    outputs: Complex  # (Q, M)
+    weights: Array  # (Q, M): one over the variance of each output, in any unit
+    rank_errors: Array
+    drive_errors: Array
+    output_errors: Array
+
+    @classmethod
+    def of(cls, survey: Survey) -> Separation:
+        """Find both by alternating least squares; OptionError where recordings share no place."""
+        table = _Table.of(survey)
+        table.require_connected()
+        drives, outputs = table.separated()
+        known = table.listeners @ (table.weights * np.square(drives)[table.contact])
+        loud = known > _SILENT**2 * table.listeners @ table.weights
+        energies = np.square(np.abs(outputs))
+        pushed = table.contacts @ (table.weights * energies[table.listener])
+        variance = table.variance(drives, outputs) if survey.errors is None else 1.0
+        return cls(
+            drives=drives,
+            outputs=outputs,
+            weights=known,
+            rank_errors=table.rank_errors(drives, outputs),
+            drive_errors=_error(pushed, variance, drives**2),
+            output_errors=_error(known * loud, variance, energies),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Table:
+    """Recorded gains (n, M) with matrices that sum over the recordings of a contact or listener."""
+
+    gains: Complex
+    weights: Array
+    contact: Index
+    listener: Index
+    contacts: sparse.csr_array
+    listeners: sparse.csr_array
+
+    @classmethod
+    def of(cls, survey: Survey) -> _Table:
+        contact, listener = survey.pairs.T
+        errors = np.ones(survey.gains.shape) if survey.errors is None else survey.errors
+        return cls(
+            gains=survey.gains,
+            weights=1 / np.square(errors),
+            contact=contact,
+            listener=listener,
+            contacts=_sums(contact, len(survey.contacts)),
+            listeners=_sums(listener, len(survey.listeners)),
+        )
+
+    @property
+    def surplus(self) -> int:
+        """Real numbers recorded of a mode less those that its parts have."""
+        unknowns = self.contacts.shape[0] + 2 * self.listeners.shape[0] - 1
+        return 2 * len(self.gains) - unknowns
+
+    def require_connected(self) -> None:
+        reached = np.zeros(self.contacts.shape[0])
+        reached[self.contact[0]] = 1
+        for _ in reached:
+            heard = self.listeners @ reached[self.contact] > 0
+            reached = (self.contacts @ heard[self.listener] > 0).astype(float)
+        lost = np.flatnonzero(self.contacts.sum(axis=1) * (reached == 0))
+        if len(lost):
+            raise OptionError(
+                f"contact {lost[0] + 1} shares no listener with contact {self.contact[0] + 1}, not "
+                "even by way of others: record one listener with all contacts"
+            )
+
+    def separated(self) -> tuple[Array, Complex]:
+        """Return drives (P, M), the largest of each mode 1, and outputs (Q, M)."""
+        energies = self.contacts @ (self.weights * np.square(np.abs(self.gains)))
+        drives = (np.arange(len(energies))[:, None] == energies.argmax(axis=0)).astype(float)
+        for _ in range(_SWEEPS):
+            last, heard = drives, self._outputs(drives)[self.listener]
+            agreement = self.contacts @ (self.weights * (heard.conj() * self.gains).real)
+            powers = self.contacts @ (self.weights * np.square(np.abs(heard)))
+            drives = agreement * _inverse(powers)
+            drives = drives * _inverse(_leading(drives))
+            if np.abs(drives - last).max() < _SETTLED:
+                break
+        return drives, self._outputs(drives)
+
+    def variance(self, drives: Array, outputs: Complex) -> float:
+        """Return the variance of the noise of a gain, alike in all modes; 0 where unknown."""
+        rest = self.gains - drives[self.contact] * outputs[self.listener]
+        if self.surplus <= 0:
+            return 0.0
+        return 2 * float(np.square(np.abs(rest)).sum()) / (self.surplus * rest.shape[1])
+
+    def rank_errors(self, drives: Array, outputs: Complex) -> Array:
+        if self.surplus <= 0:
+            return np.full(drives.shape[1], np.nan)
+        rest = self.gains - drives[self.contact] * outputs[self.listener]
+        energies = (self.weights * np.square(np.abs(self.gains))).sum(axis=0)
+        shares = (self.weights * np.square(np.abs(rest))).sum(axis=0) * _inverse(energies)
+        return np.sqrt(shares * 2 * len(rest) / self.surplus)
+
+    def _outputs(self, drives: Array) -> Complex:
+        pushes = self.weights * drives[self.contact]
+        known = self.listeners @ (pushes**2 / self.weights)
+        return np.asarray(self.listeners @ (pushes * self.gains), np.complex128) * _inverse(known)
+
+
+def _sums(owner: Index, count: int) -> sparse.csr_array:
+    """Return the matrix (count, n) that sums the recordings of each owner (n,)."""
+    ones, numbers = np.ones(len(owner)), np.arange(len(owner))
+    return sparse.csr_array((ones, (owner, numbers)), shape=(count, len(owner)))
+
+
+def _inverse(values: Array) -> Array:
+    """Return one over each value, 0 for 0: what is not known counts for nothing."""
+    return np.where(values == 0, 0.0, 1 / np.where(values == 0, 1.0, values))
+
+
+def _error(weights: Array, variance: float, powers: Array) -> Array:
+    """Return the error at half of the places of a part (P, M) over its root mean square (M,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variances = np.where(weights > 0, variance / weights, np.inf)
+        shares = np.median(variances, axis=0) / powers.mean(axis=0)
+    return np.sqrt(np.where(powers.any(axis=0), shares, np.inf))
+
+
+def _leading(drives: Array) -> Array:
+    """Return the drive of the largest absolute value of each mode (1, M)."""
+    return np.take_along_axis(drives, np.abs(drives).argmax(axis=0)[None], axis=0)
+
 
 # Contact parts between the places that were struck: Gaussian processes over u, or u and v.
 
@@ -25,33 +166,16 @@ SNAP = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactPart:
-    """Real, signed drives over contact coordinates.
+    """Real, signed drives over contact coordinates: a Gaussian process over u, or u and v."""
 
-    Parameters
-    ----------
-    lowest, spans : array (D,)
-        Where coordinates begin, and how far they range.
-    contacts : array (P, D)
-        Places that were struck, from 0 to 1 in each coordinate.
-    factors : array (K, P, M)
-        For each length, what the likeness to each contact counts for.
-    """
-
-    lowest: Array
-    spans: Array
-    contacts: Array
-    factors: Array
+    lowest: Array  # (D,)
+    spans: Array  # (D,), range of each coordinate
+    contacts: Array  # (P, D), places that were struck, from 0 to 1 in each coordinate
+    factors: Array  # (K, P, M), weight of the likeness to each contact, for each of K lengths
 
     @classmethod
     def of(cls, contacts: Array, drives: Array, errors: Array) -> ContactPart:
-        """Fit drives (P, M) at contacts (P, D), with errors (M,) over their root mean squares.
-
-        Notes
-        -----
-        A Gaussian process with a squared-exponential kernel of unknown scale, averaged over its
-        lengths by their evidence (C. E. Rasmussen and C. K. I. Williams, Gaussian
-        Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5).
-        """
+        """Fit drives (P, M) at contacts (P, D), with errors (M,) over their root mean squares."""
         lowest = contacts.min(axis=0)
         spans = np.ptp(contacts, axis=0)
         places = (contacts - lowest) / np.where(spans > 0, spans, 1.0)
@@ -67,13 +191,7 @@ class ContactPart:
         )
 
     def at(self, points: Array) -> Array:
-        """Return drives (K, M) at points (K, D).
-
-        Raises
-        ------
-        ContactError
-            Where a coordinate lies farther outside of its range than 2 % of it.
-        """
+        """Return drives (K, M) at points (K, D); ContactError more than 2 % out of range."""
         self._require_inside(points)
         places = np.clip((points - self.lowest) / np.where(self.spans > 0, self.spans, 1.0), 0, 1)
         return np.einsum("knp,npm->km", _likenesses(places, self.contacts), self.factors)
@@ -115,31 +233,22 @@ def _fit(kernel: Array, drives: Array, noises: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inside:
-    """What is added to outgoing waves around listeners inside a body.
+    """Corrections of the outgoing waves around listeners inside a body."""
 
-    Parameters
-    ----------
-    places : array (I, 3)
-        From the centre, m.
-    corrections : array (I, M), complex
-    reach : float
-        From where on nothing is added, m: up to the nearest listener outside.
-    """
-
-    places: Array
-    corrections: Complex
-    reach: float
+    places: Array  # (I, 3), from the centre, m
+    corrections: Complex  # (I, M)
+    reach: float  # distance from which on nothing is added, m: up to the nearest listener outside
 
     @classmethod
     def of(cls, places: Array, missing: Complex, outside: Array) -> Inside:
-        """Let what is missing (I, M) at places (I, 3) fade away up to the listeners outside."""
+        """Let corrections (I, M) at places (I, 3) fade away up to the listeners outside."""
         gaps = np.linalg.norm(places[:, None] - outside, axis=2)
         reach = float(gaps.min()) if gaps.size else 1.0
         matrix = _closeness(places, places, reach)
         return cls(places=places, corrections=_solved(matrix, missing), reach=reach)
 
     def at(self, places: Array) -> Complex:
-        """Return what is added at places (L, 3): (L, M)."""
+        """Return the correction at places (L, 3): (L, M)."""
         return _closeness(places, self.places, self.reach) @ self.corrections
 
     def chosen(self, modes: Index, size: float, factor: float) -> Inside:
@@ -153,20 +262,12 @@ class Inside:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ListenerPart:
-    """Complex outputs over places, relative to the arrival time r/c.
-
-    Parameters
-    ----------
-    waves : Waves
-    inside : Inside
-    mirrored, turned : bool
-        Whether outputs are even in y; whether they are given by angular order.
-    """
+    """Complex outputs over places, relative to the arrival time r/c."""
 
     waves: SphericalWaves
     inside: Inside
-    mirrored: bool
-    turned: bool
+    mirrored: bool  # outputs are even in y
+    turned: bool  # outputs are given by angular order
 
     @classmethod
     def of(
@@ -180,15 +281,7 @@ class ListenerPart:
         mirrored: bool = False,
         turned: bool = False,
     ) -> ListenerPart:
-        """Fit outputs (Q, M), each counting with its weight, at places (Q, 3) from the centre.
-
-        Places nearer than `radius` are inside.
-
-        Raises
-        ------
-        OptionError
-            When no listener is outside, or one stands on the centre without a radius.
-        """
+        """Fit outputs (Q, M) with weights (Q, M) at places (Q, 3) from the centre."""
         distances = np.linalg.norm(places, axis=1)
         outside = (distances >= radius) & (distances > 0)
         if not outside.any() or np.any(distances[~outside] >= radius):
@@ -249,10 +342,7 @@ class ListenerPart:
         )
 
     def _folded(self, places: Array) -> Array:
-        """Return places with those that sound alike inside as one.
-
-        A contact may lie at any azimuth: then only the distance from the axis counts.
-        """
+        """Return places with those that sound alike inside as one."""
         x, y, z = places.T
         if self.turned:
             return np.stack([np.hypot(x, y), np.zeros_like(x), z], axis=1)
@@ -425,7 +515,7 @@ class TimbreField(Gains):
 
 
 def _levelled(parts: Separation, survey: Survey) -> tuple[Complex, Array]:
-    """Return outputs and weights, those of modes that drown in noise alike on all sides."""
+    """Return outputs and weights, with modes that drown in noise made alike on all sides."""
     outputs, weights = parts.outputs.copy(), parts.weights.copy()
     distances = np.linalg.norm(survey.places, axis=1)
     for mode in np.flatnonzero(~(parts.output_errors < LOST)):

@@ -1,4 +1,4 @@
-"""The full table of 2007: gains on a grid of contacts and listeners, quinti-linear in between."""
+"""Timbre tables: the gain of every pair on a grid of contacts and listeners, linear in between."""
 
 from __future__ import annotations
 
@@ -19,18 +19,10 @@ _GRIDS_SAME = 1e-9  # share of an axis within which two values are the same
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GridAxis:
-    """One coordinate of a grid.
+    """One coordinate of a grid."""
 
-    Parameters
-    ----------
-    nodes : array (n,)
-        Ascending.
-    period : float
-        After which the coordinate begins anew; 0 for none.
-    """
-
-    nodes: Array
-    period: float = 0.0
+    nodes: Array  # (n,), ascending
+    period: float = 0.0  # after which the coordinate begins anew; 0 for none
 
     @classmethod
     def through(cls, values: Array, period: float = 0.0) -> GridAxis:
@@ -43,10 +35,7 @@ class GridAxis:
         return cls(nodes=nodes[kept], period=period)
 
     def weights(self, values: Array) -> Array:
-        """Return what each node counts for at values (K,): (K, n).
-
-        Beyond the ends of an axis without a period: its last node. Close to a node: exactly that.
-        """
+        """Return the weight of each node at values (K,): (K, n); clamped beyond the ends."""
         nodes, count = self.nodes, len(self.nodes)
         if self.period:
             values = nodes[0] + (values - nodes[0]) % self.period
@@ -67,23 +56,14 @@ class GridAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grid:
-    """Places at all combinations of the nodes of some axes.
-
-    Parameters
-    ----------
-    axes : tuple of Axis
-    sources : array (nodes,)
-        Number of the place that each combination stands for, the last axis fastest.
-    count : int
-        How many places there are.
-    """
+    """Places at all combinations of the nodes of some axes."""
 
     axes: tuple[GridAxis, ...]
-    sources: Index
-    count: int
+    sources: Index  # (nodes,), number of the place of each combination, the last axis fastest
+    count: int  # number of places
 
     def weights(self, points: Array) -> Array:
-        """Return what each place counts for at points (K, axes): (K, count)."""
+        """Return the weight of each place at points (K, axes): (K, count)."""
         products = np.ones((len(points), 1))
         for axis, values in zip(self.axes, points.T, strict=True):
             share = axis.weights(values)

@@ -1,4 +1,4 @@
-"""Sound around a body as a sum of outgoing waves."""
+"""Sound around a body as a sum of outgoing spherical waves, fitted to what listeners heard."""
 
 from __future__ import annotations
 
@@ -21,23 +21,14 @@ ORDER = 4
 
 
 def degrees(order: int) -> tuple[Index, Index]:
-    """Return degree l and angular order m of each of the (order + 1)^2 harmonics.
-
-    They go by degree, and from -l to l within it; below 0 stand the sines of the azimuth.
-    """
+    """Return degree l and order m of all harmonics, m from -l to l; below 0 the sines."""
     pairs = [(degree, m) for degree in range(order + 1) for m in range(-degree, degree + 1)]
     degree, angular = np.array(pairs).T
     return degree, angular
 
 
 def real_harmonics(places: Array, order: int) -> Array:
-    """Return solid harmonics r^l Y_lm at places (n, 3), real, of mean square 1 on a unit sphere.
-
-    Returns
-    -------
-    array (n, (order + 1)^2)
-        In the sequence of `degrees`; spherical harmonics where places are unit vectors.
-    """
+    """Return real harmonics r^l Y_lm at places (n, 3), of mean square 1 on a unit sphere."""
     degree, angular = degrees(order)
     x, y, z = places.T[:, :, None]
     flat = np.hypot(x, y)
@@ -48,16 +39,7 @@ def real_harmonics(places: Array, order: int) -> Array:
 
 
 def near_field(order: int) -> Complex:
-    """Return how outgoing waves of each degree differ from a monopole near the source.
-
-    h_l(x) / h_0(x) for time going as exp(+i omega t) is a polynomial in 1/x; the phase i^l is left
-    out, so that it tends to 1 far away (Williams 1999, section 6.4).
-
-    Returns
-    -------
-    array (order + 1, order + 1)
-        Coefficient of x^-k of the degree l at [k, l].
-    """
+    """Return the coefficient of x^-k in h_l(x) / h_0(x) i^-l at [k, l]: 1 far away."""
     coefficients = np.zeros((order + 1, order + 1), np.complex128)
     for degree in range(order + 1):
         for power in range(degree + 1):
@@ -78,14 +60,9 @@ _POWERS = np.arange(1.0, ORDER + 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DistanceLaw:
-    """How waves of each harmonic go with the distance: powers r^-(k+1) with these factors.
+    """How waves of each harmonic go with the distance: powers r^-(k+1) with coefficients."""
 
-    Parameters
-    ----------
-    coefficients : array (ORDER + 1, B, M or 1), complex
-    """
-
-    coefficients: Complex
+    coefficients: Complex  # (ORDER + 1, B, M or 1)
 
     @classmethod
     def same(cls, reference: float) -> DistanceLaw:
@@ -110,26 +87,7 @@ class DistanceLaw:
 def fit_waves(
     laws: Sequence[DistanceLaw], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
 ) -> Complex:
-    """Fit waves of unknown degree and noise to outputs (Q, M) at places (Q, 3).
-
-    Amplitudes are taken as normal random numbers whose variance falls with the degree as
-    1 / (1 + l (l + 1)), that of the monopole being next to free. Law, highest degree and noise are
-    averaged over by their evidence (C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for
-    Machine Learning, MIT Press, 2006, chapters 2 and 5). There are never more harmonics than
-    listeners.
-
-    Parameters
-    ----------
-    weights : array (Q, M)
-        What each output counts for.
-    mirrored : bool
-        Whether outputs are even in y.
-
-    Returns
-    -------
-    array (ORDER + 1, B, M), complex
-        Parts of r^-(k+1) Y_lm, as in `Waves`.
-    """
+    """Return parts (ORDER + 1, B, M) of r^-(k+1) Y_lm, fitted to outputs at places."""
     distances = np.linalg.norm(places, axis=1)
     harmonics = real_harmonics(places / distances[:, None], ORDER)
     usable = (_WAVE_FIT_ANGULAR >= 0) | (not mirrored)
@@ -147,10 +105,7 @@ def fit_waves(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Problem:
-    """Normal equations of one law: matrices (M, B, B), right sides (M, B), energies (M,).
-
-    Weights have the mean 1 over those above 0, of which there are `count` (M,).
-    """
+    """Normal equations of one law: weights have the mean 1 over those above 0, `count` (M,)."""
 
     matrices: Complex
     sides: Complex
@@ -190,24 +145,11 @@ _EXPLAINED = 0.75
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SphericalWaves:
-    """Sound around a body, relative to the arrival time r/c.
+    """Sound around a body, relative to the arrival: p = sum_k r^-(k+1) sum_lm parts_klm Y_lm."""
 
-    p = sum_k r^-(k+1) sum_lm parts_klm Y_lm. Waves of degree l that solve the wave equation have
-    parts up to k = l; sound whose directions are the same at all distances has k = 0 alone.
-    Nearer than `limit`, distances count as that and Y_lm as r^l Y_lm.
-
-    Parameters
-    ----------
-    parts : array (ORDER + 1, (ORDER + 1)^2, M), complex
-    limit : float
-        Distance down to which the law is trusted, m.
-    levelled : array (M,), bool
-        Modes that send out more lobes than there are listeners to tell: of these the levels alone
-        are interpolated, with the same phase everywhere.
-    """
-
-    parts: Complex
-    limit: float
+    parts: Complex  # (ORDER + 1, (ORDER + 1)^2, M)
+    limit: float  # distance down to which the law is trusted, m; nearer, Y_lm goes as r^l Y_lm
+    # (M,), modes with more lobes than listeners: levels alone, of one phase
     levelled: NDArray[np.bool_]
 
     @classmethod
@@ -221,24 +163,7 @@ class SphericalWaves:
         radius: float = 0.0,
         mirrored: bool = False,
     ) -> SphericalWaves:
-        """Fit outputs (Q, M), each counting with its weight (Q, M), at places (Q, 3).
-
-        Parameters
-        ----------
-        wave_numbers : array (M,)
-            rad/m.
-        radius : float
-            Of the body, m. The waves are trusted down to it, or to half the distance of the nearest
-            listener if that is more.
-        mirrored : bool
-            Whether outputs are even in y.
-
-        Notes
-        -----
-        See `struck.model.waves.fit_waves`. Waves and sound with the same directions
-        at all distances are tried. Where both together explain less than 3/4 of the energy, what
-        they make of phases would only cancel out: there levels are fitted.
-        """
+        """Fit outputs (Q, M) with weights (Q, M) at places (Q, 3) around a body of `radius` m."""
         distances = np.linalg.norm(places, axis=1)
         reference = float(np.exp(np.log(distances).mean()))
         same, levels = DistanceLaw.same(reference), np.abs(outputs)
@@ -254,15 +179,11 @@ class SphericalWaves:
         return replace(waves, parts=np.where(levelled, parts, waves.parts), levelled=levelled)
 
     def at(self, places: Array) -> Complex:
-        """Return what is heard at places (L, 3) from the centre: (L, M)."""
+        """Return the pressure at places (L, 3) from the centre: (L, M)."""
         return np.einsum("lkb,kbm->lm", self._seen(places), self.parts)
 
     def turned(self, places: Array) -> Complex:
-        """Return what is heard by angular order: (L, 2 ORDER + 1, M).
-
-        1, then cosine and sine of each: a contact at azimuth a is heard as their sum with the
-        factors 1, cos a, sin a, cos 2 a, ...
-        """
+        """Return the pressure by angular order: (L, 2 ORDER + 1, M)."""
         seen = self._seen(places)
         sides = [0, *(side for order in range(1, ORDER + 1) for side in (order, -order))]
         heard = [

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.model.air import AIR, Air
 from struck.model.arrays import Array
 from struck.model.gains import Radiation, quarter_turns
+from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 from struck.radiation.on_surface import Skin, normal_velocities
 

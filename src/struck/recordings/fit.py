@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from struck.analysis.cached_steps import Stages, fingerprint, holding
 from struck.errors import OptionError, RecordingError
 from struck.files.cache import opened
+from struck.files.sampled_field import WAYS
 from struck.model.arrays import Array
 from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, Provenance, silent
 from struck.model.residual import Residual
-from struck.model.sampled_field import WAYS
 from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from struck.errors import OptionError, RecordingError
 from struck.files.sound import Sound
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex, Index
+from struck.model.material import AIR
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES, Survey
 from struck.recordings.alignment import aligned, averaged

@@ -14,8 +14,8 @@ from struck.ears.room import Room
 from struck.errors import OptionError
 from struck.excitation.hold import Hold
 from struck.files.sound import Sound
-from struck.model.air import AIR
 from struck.model.arrays import Array, Complex
+from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.scene.body import Action, Body, centre_of, place_beside
 from struck.scene.one_body import (

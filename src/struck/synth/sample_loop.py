@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
-from struck.model.compiling import Compiler
+from struck.synth.compiler import Compiler
 
 # The compiler of the loops over samples.
 

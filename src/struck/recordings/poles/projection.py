@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from struck.model.arrays import AnyComplex, Array, Index
-from struck.model.compiling import Compiler
+from struck.synth.compiler import Compiler
 
 # Groups of modes and the bins that hold them, as compiled code reads them.
 

@@ -1,4 +1,4 @@
-"""How loops are compiled, and when machine code that numba kept may be used again.
+"""Compilation of loops by numba, and when its cached machine code may be used again.
 
 numba keeps the code of a function as long as the file it stands in stays the same, whatever
 becomes of the functions and constants that it uses from elsewhere. So the names under which code
@@ -23,23 +23,15 @@ _SUMS = {"reassoc", "contract", "arcp", "nsz"}
 
 @dataclass(frozen=True, slots=True)
 class Compiler:
-    """Compiles the functions of a package.
+    """Compiles the functions of a package."""
 
-    Parameters
-    ----------
-    fingerprint : str
-        Of all its files, and of those of the packages that it compiles with them.
-    keeps_parts : bool
-        Whether functions that only compiled code calls are also kept by themselves: that takes
-        longer, but whatever else is made of them is then sooner done.
-    """
-
-    fingerprint: str
+    fingerprint: str  # of all its files, and of those of the packages compiled with them
+    # also keep functions that only compiled code calls: slower the first time
     keeps_parts: bool = False
 
     @classmethod
     def of_packages(cls, *files: str, keeps_parts: bool = False) -> Compiler:
-        """Take the packages that these files stand in."""
+        """Take the fingerprint of the packages that these files stand in."""
         digest = hashlib.sha256()
         for file in files:
             for path in sorted(Path(file).parent.glob("*.py")):
@@ -47,16 +39,16 @@ class Compiler:
         return cls(digest.hexdigest()[:12], keeps_parts)
 
     def jitted(self, function: Function) -> Function:
-        """Compile a function when it is first called; it needs no Python then, nor its lock."""
+        """Compile a function when it is first called; it then runs without Python and its lock."""
         return self._compiled(function, cache=True)
 
     def jitted_within(self, function: Function) -> Function:
-        """Compile a function that only compiled code calls: sooner done without a way in."""
+        """Compile a function that only compiled code calls, without an entry from Python."""
         without = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         return self._compiled(function, cache=self.keeps_parts, **without)
 
     def callback(self, signature: Any) -> Callable[[Callable[..., Any]], Any]:  # noqa: ANN401 - numba has no types
-        """Compile a function, now, for those who call it by its `address`."""
+        """Compile a function now, to be called by its `address`."""
 
         def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba has no types
             return numba.cfunc(signature, error_model="numpy", cache=True)(self._named(function))

@@ -28,10 +28,7 @@ def unexpanded(gains: Gains) -> Gains:
 
 
 def recorded_contacts(gains: Gains) -> Array | None:
-    """Return the contacts (P, D) that were recorded; None of gains that were computed.
-
-    Of a round body struck all around, each height once: the azimuth makes no difference.
-    """
+    """Return the contacts (P, D) that were recorded; None of gains that were computed."""
     whole = unexpanded(gains)
     if isinstance(whole, SinglePoint):
         return np.zeros((1, 0))
@@ -47,12 +44,7 @@ def recorded_contacts(gains: Gains) -> Array | None:
 
 
 def recorded_listeners(gains: Gains) -> Array | None:
-    """Return the listeners (Q, 3) that were recorded, m; None of gains that were computed.
-
-    A `TimbreField` keeps waves, not who heard them outside: 45 directions that tell all its waves
-    apart, at the distance of the nearest listener and at twice that, which tell how they fall.
-    Listeners inside the body follow as they were.
-    """
+    """Return the listeners (Q, 3) that were recorded, m; None of gains that were computed."""
     whole = unexpanded(gains)
     if isinstance(whole, SinglePoint):
         return whole.centre + np.eye(3)[:1]
@@ -65,7 +57,7 @@ def recorded_listeners(gains: Gains) -> Array | None:
 
 
 def _gridded(table: TimbreTable) -> Array:
-    """Return the place of each listener of a table, the first of those that stand for it."""
+    """Return one place for each listener of a table (Q, 3), m."""
     nodes = combinations(table.listeners.axes)
     places = from_spherical(*nodes.T) if table.system == "spherical" else nodes
     _, first = np.unique(table.listeners.sources, return_index=True)
@@ -73,11 +65,7 @@ def _gridded(table: TimbreTable) -> Array:
 
 
 def _all_around(distance: float) -> Array:
-    """Return places (n, 3) that tell all waves up to `ORDER` apart.
-
-    Gauss-Legendre nodes in the cosine of the polar angle, equal steps in azimuth (E. G. Williams,
-    Fourier Acoustics, Academic Press, 1999, section 6.3).
-    """
+    """Return places (n, 3) that tell all waves up to `ORDER` apart."""
     heights, _ = np.polynomial.legendre.leggauss(ORDER + 1)
     azimuths = np.arange(2 * ORDER + 1) * (2 * np.pi / (2 * ORDER + 1))
     polar, azimuth = np.meshgrid(np.arccos(heights), azimuths, indexing="ij")
@@ -92,31 +80,18 @@ RECORDED = "recorded"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Origin:
-    """The model that gains were sampled from.
-
-    Parameters
-    ----------
-    provenance : Provenance
-        Of the model.
-    errors : array (M,) or None
-        Relative errors of its frequencies; NaN where unknown.
-    unmeasured : array of int
-        Modes of a `TimbreField` of which a part is little known.
-    notes : tuple of str
-        What a person should know of such a field.
-    place : array (D,) or None
-        The contact that it called "recorded".
-    """
+    """The model that gains were sampled from: its provenance, errors and doubtful modes."""
 
     provenance: Provenance = field(default_factory=Provenance)
-    errors: Array | None = None
+    errors: Array | None = None  # (M,), relative, of frequencies; NaN where unknown
+    # modes of a `TimbreField` of which a part is little known
     unmeasured: Index = field(default_factory=lambda: np.zeros(0, np.int64))
-    notes: tuple[str, ...] = ()
-    place: Array | None = None
+    notes: tuple[str, ...] = ()  # what a person should know of such a field
+    place: Array | None = None  # (D,), the contact that it called "recorded"
 
     @classmethod
     def of(cls, model: ModalModel) -> Origin:
-        """Ask a model."""
+        """Take them from a model."""
         place = model.places.get(RECORDED)
         told = cls(provenance=model.provenance, errors=model.errors, place=place)
         gains = unexpanded(model.gains)
@@ -125,7 +100,7 @@ class Origin:
         return replace(told, unmeasured=gains.unmeasured, notes=gains.notes)
 
     def chosen(self, modes: Index) -> Origin:
-        """Return what is told of some modes, in their order."""
+        """Return those of some modes, in their order."""
         return replace(
             self,
             errors=None if self.errors is None else self.errors[modes],
@@ -133,7 +108,7 @@ class Origin:
         )
 
     def told_to(self, gains: Gains) -> Gains:
-        """Return gains with what was known before: of products nothing tells how good they are."""
+        """Return sampled gains with the doubts of their origin; rank errors become unknown."""
         if not isinstance(gains, TimbreField):
             return gains
         return replace(
@@ -149,48 +124,21 @@ WAYS = ("field", "table")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampledField:
-    """The gains of every contact with every listener.
+    """The gains of every contact with every listener."""
 
-    Parameters
-    ----------
-    frequencies, decays : array (M,)
-        Ringing, Hz, and 1/s.
-    contacts : array (P, D)
-        Coordinates u, or u and v, or x, y, z in m.
-    listeners : array (Q, 3)
-        Body coordinates, m.
-    gains : array (P, Q, M), complex
-        Relative to the arrival time r/c, with r from the centre.
-    centre : array (3,)
-        Where the sound seems to come from, m.
-    symmetry : str
-        "none" or "axial", as in `Survey`.
-    calibrated : bool
-        Whether gains are Pa/(N s), not relative.
-    coordinates : tuple of str
-        Names and units of a contact's coordinates.
-    title : str
-    way : str
-        How its model interpolates: "field" or "table", as for `model`.
-    radius : float
-        Of a ball about the centre that holds the body, m; 0 where it is not known.
-    origin : Origin or None
-        What the model tells that gains were sampled from; None of gains that were measured.
-    """
-
-    frequencies: Array
-    decays: Array
-    contacts: Array
-    listeners: Array
-    gains: Complex
-    centre: Array
-    symmetry: str = "none"
-    calibrated: bool = False
-    coordinates: tuple[str, ...] = ()
+    frequencies: Array  # (M,), ringing, Hz
+    decays: Array  # (M,), 1/s
+    contacts: Array  # (P, D): u, or u and v, or x, y, z in m
+    listeners: Array  # (Q, 3), body coordinates, m
+    gains: Complex  # (P, Q, M), relative to the arrival time r/c, with r from the centre
+    centre: Array  # (3,), where the sound seems to come from, m
+    symmetry: str = "none"  # "none" or "axial", as in `Survey`
+    calibrated: bool = False  # gains are Pa/(N s), not relative
+    coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
     title: str = ""
-    way: str = "field"
-    radius: float = 0.0
-    origin: Origin | None = None
+    way: str = "field"  # of interpolation by its model: "field" or "table"
+    radius: float = 0.0  # of a ball about the centre that holds the body, m; 0 where not known
+    origin: Origin | None = None  # of gains sampled from a model; None of measured ones
 
     @classmethod
     def of(
@@ -199,19 +147,7 @@ class SampledField:
         contacts: ArrayLike | Sequence[Place] | None = None,
         listeners: ArrayLike | None = None,
     ) -> SampledField:
-        """Take the gains of a model at contacts (P, D) and listeners (Q, 3).
-
-        Contacts of a body with a surface may be places by name too; pushes go inward. Unless given,
-        they are those that were recorded.
-
-        Raises
-        ------
-        ContactError
-            On a contact off the body, or a listener inside it.
-        OptionError
-            When contacts or listeners have another shape, or are not given and none were recorded,
-            or gains are not finite.
-        """
+        """Take the gains of a model at contacts (P, D) or named places, and listeners (Q, 3)."""
         places, directions = _touched(model, _given("contacts", contacts, model.gains))
         heard = np.asarray(_given("listeners", listeners, model.gains), np.float64)
         if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
@@ -236,13 +172,7 @@ class SampledField:
         )
 
     def survey(self) -> Survey:
-        """Return the gains as of a measurement.
-
-        Raises
-        ------
-        OptionError
-            When contacts have three coordinates.
-        """
+        """Return the gains as of a measurement; OptionError for contacts of three coordinates."""
         if self.contacts.shape[1] > 2:
             raise OptionError(
                 "its contacts have 3 coordinates, and fields are interpolated over 1 or 2: give "
@@ -259,24 +189,7 @@ class SampledField:
         )
 
     def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
-        """Return a model that interpolates between contacts and between listeners.
-
-        One contact without coordinates, heard at one place, is a `SinglePoint`. Contacts that are
-        points in space are called "contact 1", "contact 2" ...: between them nothing is known.
-
-        Parameters
-        ----------
-        way : str, optional
-            "field": a product for each mode (`TimbreField`); "table": all gains, linear in between
-            (`TimbreTable`), for contacts and listeners on grids. The field's own unless given.
-        radius : float, optional
-            As for `TimbreField.of`, m. The field's own unless given.
-
-        Raises
-        ------
-        OptionError
-            On an unknown way, or places that do not suit it.
-        """
+        """Return a model that interpolates as "field" (products) or "table" (linear)."""
         chosen = self.way if way is None else way
         if chosen not in WAYS:
             raise OptionError(f"way is {chosen!r}: give one of {', '.join(WAYS)}")
@@ -314,11 +227,7 @@ def _sampled_from(origin: Origin, method: str) -> Provenance:
 
 
 def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
-    """Return a field with contacts by number where they are points in space, and their names.
-
-    A contact without coordinates is the recorded one; of several it is that which a model called
-    so, else that of most energy.
-    """
+    """Return a field with contacts by number where they are points in space, and their names."""
     count, axes = field.contacts.shape
     if axes in {1, 2}:
         known = None if field.origin is None else field.origin.place
@@ -383,7 +292,7 @@ def _centre(model: ModalModel) -> Array:
 
 
 def _is_axial(gains: Gains) -> bool:
-    """Tell whether only the azimuth between contact and listener matters."""
+    """Return whether only the azimuth between contact and listener matters."""
     whole = unexpanded(gains)
     if isinstance(whole, TimbreTable):
         return whole.mirrored

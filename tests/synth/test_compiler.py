@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from struck.model.compiling import Compiler
+from struck.synth.compiler import Compiler
 
 
 @pytest.mark.parametrize("changed", ["one", "other"])
