@@ -31,10 +31,10 @@ from struck.solids import Block, Tube
 from struck.solids.fem.spectrum import Solver
 from struck.solids.filling.filling import filled
 from struck.solids.surface.distance import FilledBody
-from struck.solids.volume_mesh import VolumeMesh
 
 STEEL = Material.named("steel")
 BLOCK = Block(size=(0.1, 0.12, 0.15))
+TUBE = Tube(length=0.5, radius=0.0125, wall=0.001)
 EGG = trimesh.creation.icosphere(subdivisions=2, radius=0.05).apply_scale([1, 1.2, 1.4])
 
 
@@ -237,8 +237,10 @@ def test_the_same_is_computed_once(cache: Cache) -> None:
 
 def test_two_stages_of_the_same_inputs_are_two(cache: Cache) -> None:
     Stages(cache=cache).kept(MODES, some_modes, band=1.0)
-    mesh = Stages(cache=cache).kept(ELEMENTS, lambda: BLOCK.volume_mesh("preview"), band=1.0)
-    assert isinstance(mesh, VolumeMesh)
+    expected = BLOCK.volume_mesh("preview")
+    mesh = Stages(cache=cache).kept(ELEMENTS, lambda: expected, band=1.0)
+    assert bits(mesh) == bits(expected)
+    assert len(cache.entries()) == 2
 
 
 def test_without_a_cache_everything_is_computed() -> None:
@@ -359,6 +361,17 @@ def stages_kept(body: object, material: Material, cache: Path, **options: object
     return {stage.removesuffix(" (kept)") for stage in told if stage.endswith("(kept)")}
 
 
+def test_another_material_takes_up_the_elements_alone(tmp_path: Path) -> None:
+    cache, band = tmp_path / "cache", (20.0, 1000.0)
+    assert not stages_kept(TUBE, STEEL, cache, band=band)
+    assert stages_kept(TUBE, STEEL, cache, band=band) == {"elements", "modes", "model"}
+    lossy = STEEL.damped(InternalFriction(loss_tangent=0.01))
+    assert stages_kept(TUBE, lossy, cache, band=band) == {"elements", "modes"}
+    assert stages_kept(TUBE, Material.named("brass"), cache, band=band) == {"elements"}
+    assert stages_kept(replace(TUBE, wall=0.002), STEEL, cache, band=band) == set()
+
+
+@pytest.mark.prove
 def test_another_option_takes_up_all_that_does_not_depend_on_it(egg: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     assert not stages_kept(egg, STEEL, cache)
@@ -380,7 +393,7 @@ def test_another_option_takes_up_all_that_does_not_depend_on_it(egg: Path, tmp_p
     [
         pytest.param("egg.stl", {}, marks=pytest.mark.prove),
         ("egg.stl", {"fixed": [(-1, -1, -1), (1, 1, -0.03)]}),
-        (Tube(length=0.5, radius=0.0125, wall=0.001), {"band": (20.0, 5000.0)}),
+        (TUBE, {"band": (20.0, 5000.0)}),
     ],
     ids=["a body", "a body that is held", "a tube"],
 )
@@ -398,11 +411,9 @@ def test_with_and_without_a_cache_the_model_is_the_same_to_the_last_bit(
     assert model(cache=tmp_path / "cache") == without
 
 
-def test_trouble_with_the_cache_is_said_once_and_the_model_is_there(
-    egg: Path, tmp_path: Path
-) -> None:
+def test_trouble_with_the_cache_is_said_once_and_the_model_is_there(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        assert stages_kept(egg, STEEL, tmp_path / "file") == set()
+        assert stages_kept(TUBE, STEEL, tmp_path / "file", band=(20.0, 1000.0)) == set()
     assert [each.category for each in said] == [CacheWarning]

@@ -13,6 +13,7 @@ import struck
 from struck import InternalFriction, Material, ModalModel, Rayleigh, Strike
 from struck.analysis.analysis import model_of_modes
 from struck.errors import ContactError, MaterialError, OptionError
+from struck.model.contact import Contact
 from struck.solids import Block, VolumeMesh
 
 BLOCK = Block(size=(0.11, 0.07, 0.043), elements=(5, 4, 3))
@@ -184,7 +185,7 @@ def test_contacts_snap_and_tell_how_far(block: ModalModel) -> None:
 
 
 def test_the_loudest_contact_is_louder_than_others(block: ModalModel) -> None:
-    def loudness(contact: struck.model.Contact) -> float:
+    def loudness(contact: Contact) -> float:
         drive = block.gains.at(contact.point[None], contact.direction[None])
         return float(np.square(np.abs(drive * block.gains.outputs)).sum())
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from struck.errors import ContactError, OptionError
 from struck.excitation.excitation import Push
 from struck.model.model import ModalModel
-from struck.model.survey import Survey, from_spherical, since_arrival
+from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import TimbreTable
 from struck.model.waves import ORDER
@@ -148,7 +148,7 @@ def test_a_walk_round_a_vase_is_as_smooth_as_standing_still() -> None:
     walk = from_spherical(np.full(1, 0.7), angles, np.full(1, 1.2))
     moving = second_difference(vase, field, walk)
     still = max(
-        second_difference(vase, field, np.repeat(place[None], 345, axis=0)) for place in walk[::15]
+        second_difference(vase, field, np.repeat(place[None], 345, axis=0)) for place in walk[::69]
     )
     assert moving <= 1.5 * still
 
@@ -231,16 +231,6 @@ def test_a_model_takes_a_field_for_its_gains() -> None:
     twice = model.scaled(2.0).gains
     assert isinstance(twice, TimbreField)
     assert twice.radius == 2 * RADIUS
-
-
-def test_gains_since_the_impact_turn_into_gains_since_the_arrival() -> None:
-    """A ball that pulsates sends its strength over r, later by r / c."""
-    frequencies, decays = np.array([440.0, 3000.0]), np.array([3.0, 20.0])
-    distances, strength = np.array([0.3, 1.7]), np.array([1.0 - 2j, 0.5j])
-    exponents = -decays + 2j * np.pi * frequencies
-    late = strength * np.exp(-exponents * distances[:, None] / 343.21) / distances[:, None]
-    found = since_arrival(late, frequencies, decays, distances)
-    np.testing.assert_allclose(found * distances[:, None], np.stack([strength] * 2))
 
 
 def small() -> Survey:

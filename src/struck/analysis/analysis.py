@@ -1,24 +1,26 @@
-"""From a body and a material to a model, stage by stage."""
+"""Analysis: from a body and a material to its modal model, by elements or by formula."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.analysis.cached_steps import COARSE_MODES, MODEL, MODES, Stage, Stages
-from struck.analysis.discretisation import Discretised, Elements, FileOptions, discretised
+from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import OptionError, StruckError
 from struck.files.cache import opened
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Mask
 from struck.model.gains import Radiation
 from struck.model.material import Material
 from struck.model.mesh import Mesh, places_of
@@ -26,7 +28,6 @@ from struck.model.model import ModalModel
 from struck.model.modes import Modes
 from struck.model.provenance import Progress, Provenance, silent
 from struck.radiation import by_name
-from struck.shapes.shape import Shape
 from struck.solids.fem.error_estimates import (
     ALONE,
     comparable,
@@ -39,41 +40,14 @@ from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
-# From a closed-form body and a material to a model, without elements.
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
+    from struck.shapes.shape import Shape
 
-def by_formula(
-    shape: Shape, material: Material, radiation: str, band: tuple[float, float], **given: object
-) -> ModalModel:
-    """Return the model of a shape; see `struck.analyze`.
-
-    Raises
-    ------
-    OptionError
-        When no mode lies within the band, or something is `given` that the shape tells itself.
-    """
-    for name, value in given.items():
-        if value is not None:
-            raise OptionError(
-                f"{name}= does not apply to {type(shape).__name__}, which tells it itself: leave "
-                "it out, or take method='fem'"
-            )
-    modes = shape.modes(material, band)
-    versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
-    provenance = modes.provenance.extended(body=repr(shape), versions=versions)
-    return ModalModel.of(
-        replace(modes, provenance=provenance),
-        material,
-        radiation=by_name(radiation),
-        lowest=band[0],
-        places={**places_of(modes.surface), **shape.places},
-    )
-
-
-Source = ElementsSource | Shape
-Fixed = ArrayLike | Callable[[Array], NDArray[np.bool_]]
+Source: TypeAlias = "ElementsSource | Shape"
+Fixed = ArrayLike | Callable[[Array], Mask]
 METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
-_FORMULA, _ELEMENTS = "formula", "fem"
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
@@ -157,23 +131,51 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
     file = FileOptions(units=units, size=size, part=part, up=up)
-    if isinstance(body, Shape):
+    if _is_shape(body):
         file.refuse("a body of struck.shapes has its own")
-        if method in {None, _FORMULA}:
-            return by_formula(body, chosen, radiation, (lowest, highest), wall=wall, fixed=fixed)
+        if method in {None, "formula"}:
+            return _by_formula(body, chosen, radiation, (lowest, highest), wall=wall, fixed=fixed)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
-    method = "quadratic" if method is None or method == _ELEMENTS else method
+    method = "quadratic" if method is None or method == "fem" else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
     solver = _solver(method, backend)
     progress("mesh", 0.0)
-    source = discretised(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
+    source = discretise(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )
     elements, modes = work.resolved(source)
-    told = _merged(elements.provenance, modes, body, method)
-    return work.model(replace(modes, provenance=told), elements.places, radiation, lowest)
+    merged = _merged(elements.provenance, modes, body, method)
+    return work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
+
+
+def _is_shape(body: Source) -> TypeIs[Shape]:
+    """Return whether a body is in closed form, without loading struck.shapes for all others."""
+    shapes = sys.modules.get("struck.shapes.shape")
+    return shapes is not None and isinstance(body, shapes.Shape)
+
+
+def _by_formula(
+    shape: Shape, material: Material, radiation: str, band: tuple[float, float], **given: object
+) -> ModalModel:
+    """Return the model of a shape, which takes none of the options `given`."""
+    for name, value in given.items():
+        if value is not None:
+            raise OptionError(
+                f"{name}= does not apply to {type(shape).__name__}, which tells it itself: leave "
+                "it out, or take method='fem'"
+            )
+    modes = shape.modes(material, band)
+    versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
+    provenance = modes.provenance.extended(body=repr(shape), versions=versions)
+    return ModalModel.of(
+        replace(modes, provenance=provenance),
+        material,
+        radiation=by_name(radiation),
+        lowest=band[0],
+        places={**places_of(modes.surface), **shape.places},
+    )
 
 
 def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
@@ -184,7 +186,7 @@ def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Work:
-    """What is computed of any elements of a body."""
+    """The modes and the model of a body's elements, computed or taken from the cache."""
 
     stages: Stages
     material: Material
@@ -193,9 +195,9 @@ class _Work:
     method: str
     solver: Solver
 
-    def resolved(self, source: Discretised) -> tuple[Elements, Modes]:
-        """Return elements and their modes, with errors told by a coarser resolution too."""
-        coarse, first = self._first(source)
+    def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
+        """Return elements and their modes, with errors estimated by a coarser resolution too."""
+        coarse, first = self._coarse(source)
         nodes = 0
         if coarse and first and source.error and self.method == "quadratic":
             nodes = nodes_needed(first, len(coarse.mesh.nodes), source.error)
@@ -206,8 +208,8 @@ class _Work:
             stated_errors(modes, len(elements.mesh.nodes), first, count), elements.volume_error
         )
         two = comparable(len(elements.mesh.nodes), count)
-        told = f"{count} nodes beside these" if two else "the next degree of polynomials"
-        provenance = modes.provenance.extended(references=("bank1993",), errors_by=told)
+        judge = f"{count} nodes beside these" if two else "the next degree of polynomials"
+        provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)
         return elements, replace(modes, errors=errors, provenance=provenance)
 
     def model(
@@ -228,14 +230,14 @@ class _Work:
             places=places,
         )
 
-    def _first(self, source: Discretised) -> tuple[Elements | None, Modes | None]:
+    def _coarse(self, source: Discretisation) -> tuple[Elements | None, Modes | None]:
         """Return coarse elements and their modes, where they can be had."""
         try:
             coarse = source.coarse(self.stages)
             if coarse is None:
                 return None, None
             return coarse, self._modes(coarse.mesh, COARSE_MODES, _WIDER * self.highest)
-        except StruckError:  # what is wrong with the body itself, the finer elements tell
+        except StruckError:  # the finer elements raise what is wrong with the body itself
             return None, None
 
     def _modes(self, given: VolumeMesh, stage: Stage[Modes], highest: float) -> Modes:
@@ -279,7 +281,7 @@ def _solver(method: str, backend: str) -> Solver:
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 
-def _held(fixed: Fixed | None, mesh: VolumeMesh) -> NDArray[np.bool_] | None:
+def _held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
     if fixed is None:
         return None
     if callable(fixed):
@@ -375,15 +377,32 @@ def model_of_modes(
         When the surface has none or impossible faces.
     """
     surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
-    modes = Modes.given(
-        surface,
-        frequencies,
-        shapes,
-        mass=mass,
-        centre=centre,
-        inertia=inertia,
+    natural, forms = np.asarray(frequencies, float), np.asarray(shapes, float)
+    _require_fitting(natural, forms, len(surface.points))
+    unknown = np.full(len(natural), np.nan)
+    modes = Modes(
+        frequencies=natural,
+        surface=surface,
+        shapes=forms,
+        mass=float(mass),
+        centre=np.asarray(centre, float),
+        inertia=np.asarray(inertia, float),
         complete_to=complete_to,
-        method=method,
+        poisson_slopes=unknown,
+        errors=unknown,
+        provenance=Provenance(method=method),
     )
     radiation = radiation or by_name("power")
     return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)
+
+
+def _require_fitting(frequencies: Array, shapes: Array, vertices: int) -> None:
+    if shapes.shape != (vertices, 3, len(frequencies)):
+        raise OptionError(
+            f"shapes have shape {shapes.shape}, not ({vertices}, 3, {len(frequencies)}): give "
+            "one displacement (3,) at each vertex for each frequency"
+        )
+    if not np.isfinite(shapes).all() or not np.isfinite(frequencies).all():
+        raise OptionError("frequencies or shapes are not finite: leave those modes out")
+    if not len(frequencies) or np.any(np.diff(frequencies) < 0) or frequencies.min() <= 0:
+        raise OptionError("frequencies must ascend from above 0 Hz: leave rigid motions out")

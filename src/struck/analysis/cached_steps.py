@@ -1,14 +1,14 @@
-"""Stages of an analysis that are kept when finished, and taken up again.
+"""Cached steps of an analysis: finished stages are kept on disk, and taken up again.
 
-What a stage makes is kept under a key: the SHA-256 of the content of everything that it depends
-on, of struck's own source, and of the versions of the libraries that compute. Nothing has to be
-told that a method changed, and two versions side by side never share an entry.
+The key of a result is the SHA-256 of the content of everything that it depends on, of struck's own
+source, and of the versions of the libraries that compute: a changed method needs no version number
+of its own, and two versions side by side never share an entry.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache as computed_once
 from functools import partial
@@ -19,7 +19,6 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from struck.errors import StruckError
-from struck.files import model_file
 from struck.files.cache import Cache
 from struck.files.container import from_bytes, to_bytes
 from struck.model.mesh import Mesh
@@ -41,21 +40,11 @@ _LARGEST_FILE = 2**30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage(Generic[T]):
-    """A piece of work whose result can be kept.
+    """A piece of work whose result can be kept."""
 
-    Parameters
-    ----------
-    name : str
-        What it makes.
-    pack : callable
-        Returns a result as bytes; FileFormatError where it cannot.
-    unpack : callable
-        Returns the result that the bytes hold; StruckError where they hold none.
-    """
-
-    name: str
-    pack: Callable[[T], bytes]
-    unpack: Callable[[bytes], T]
+    name: str  # what it makes
+    pack: Callable[[T], bytes]  # FileFormatError for a result that it cannot
+    unpack: Callable[[bytes], T]  # StruckError for bytes that hold no result
 
 
 def holding(name: str, *kinds: type) -> Stage:
@@ -71,41 +60,35 @@ COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMe
 FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
 MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
-MODEL: Stage[ModalModel] = Stage(
-    name="model", pack=model_file.to_bytes, unpack=model_file.from_bytes
-)
+
+
+def _model_to_bytes(model: ModalModel) -> bytes:
+    from struck.files import model_file  # only where models are kept
+
+    return model_file.to_bytes(model)
+
+
+def _model_from_bytes(data: bytes) -> ModalModel:
+    from struck.files import model_file
+
+    return model_file.from_bytes(data)
+
+
+MODEL: Stage[ModalModel] = Stage(name="model", pack=_model_to_bytes, unpack=_model_from_bytes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stages:
-    """Stages of one analysis, with where they are kept.
-
-    Parameters
-    ----------
-    cache : Cache, optional
-        Without one everything is computed, and that is all.
-    progress : callable
-        Told when a result was there already.
-    """
+    """Stages of one analysis, with where they are kept."""
 
     cache: Cache | None = None
-    progress: Progress = silent
+    progress: Progress = silent  # also called for a result that was there already
 
     def kept(self, stage: Stage[T], compute: Callable[[], T], /, **inputs: object) -> T:
-        """Return the result of a stage, from the cache where it is there, else computed and kept.
-
-        With a cache, it has gone through bytes either way: what follows cannot depend on which.
-
-        Parameters
-        ----------
-        stage : Stage
-        compute : callable
-            Makes the result; nothing is kept of what it raises.
-        **inputs
-            Everything the result depends on, and nothing else: numbers, text, arrays, dataclasses
-            of struck, paths of mesh files (their content counts). With an input whose content
-            cannot be known, as a function, the result is computed and not kept.
-        """
+        """Return the result of a stage from the cache, or computed from its `inputs` and kept."""
+        # Inputs are everything the result depends on, and nothing else. With one whose content
+        # cannot be known, as a function, the result is computed and not kept. With a cache, it has
+        # gone through bytes either way: what follows cannot depend on which.
         cache, key = self.cache, None if self.cache is None else _key(stage.name, inputs)
         if cache is None or key is None:
             return compute()
@@ -142,11 +125,8 @@ def _stored(stage: Stage[T], cache: Cache, key: str, value: T) -> T:
     return again
 
 
-# Keys
-
-
 class _UnknownContentError(TypeError):
-    """What an input holds cannot be told."""
+    """An input whose content cannot be known."""
 
 
 def _key(stage: str, inputs: Mapping[str, object]) -> str | None:
@@ -168,18 +148,9 @@ def _method() -> str:
 
 
 def fingerprint(value: object) -> str:
-    """Return a SHA-256 in hexadecimal that equals another's only where the content does.
-
-    Parameters
-    ----------
-    value : object
-        As the inputs of `Stages.kept`, in sequences and mappings.
-
-    Raises
-    ------
-    TypeError
-        When the content of something in it cannot be known.
-    """
+    """Return a SHA-256 in hexadecimal that equals another's only where type and content do."""
+    # Of numbers, text, arrays, dataclasses of struck, paths of mesh files (their content counts),
+    # and sequences and mappings of these; TypeError for anything else.
     digest = hashlib.sha256()
     for piece in _pieces(value):
         digest.update(len(piece).to_bytes(8, "little"))
@@ -195,29 +166,25 @@ def _pieces(value: object) -> Sequence[bytes | memoryview]:
     if value is None or isinstance(value, bool | int | float | str | bytes):
         return kind, repr(value).encode()
     if isinstance(value, np.ndarray):
-        return _array_pieces(value)
+        if value.dtype.hasobject:
+            raise _UnknownContentError(f"an array of {value.dtype}")
+        flat = np.ascontiguousarray(value).reshape(-1).view(np.uint8)
+        return b"array", value.dtype.str.encode(), repr(value.shape).encode(), flat.data
     if isinstance(value, Path):
         return b"file", _file_digest(value)
-    return kind, *_inner(value)
+    return kind, *(fingerprint(part).encode() for part in _parts(value))
 
 
-def _array_pieces(array: np.ndarray) -> Sequence[bytes | memoryview]:
-    if array.dtype.hasobject:
-        raise _UnknownContentError(f"an array of {array.dtype}")
-    flat = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
-    return b"array", array.dtype.str.encode(), repr(array.shape).encode(), flat.data
-
-
-def _inner(value: object) -> list[bytes]:
-    """Return the fingerprints of what a value is made of, in order."""
+def _parts(value: object) -> Iterable[object]:
+    """Return what a value is made of, in order."""
     if isinstance(value, tuple | list):
-        return [fingerprint(each).encode() for each in value]
+        return value
     if isinstance(value, Mapping):
-        return [fingerprint(pair).encode() for pair in value.items()]
-    # Another's dataclass may compute otherwise tomorrow, and nobody would notice.
+        return value.items()
+    # The class of another package may compute otherwise tomorrow, unnoticed.
     if is_dataclass(value) and type(value).__module__.partition(".")[0] == "struck":
         own = {field.name: getattr(value, field.name) for field in fields(value)}
-        return [type(value).__qualname__.encode(), *_inner(own)]
+        return type(value).__qualname__, *own.items()
     raise _UnknownContentError(f"the content of {type(value).__name__} cannot be known")
 
 

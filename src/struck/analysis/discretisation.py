@@ -1,4 +1,4 @@
-"""What is analysed, made ready: from a file, a surface or a solid to elements, coarse and fine."""
+"""Discretisation: from a file, a surface or a solid to its elements, coarse and fine."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ import numpy as np
 
 from struck.analysis.cached_steps import COARSE, ELEMENTS, FILLING, SURFACE, Stages
 from struck.errors import MeshError, OptionError, RepairWarning
-from struck.files.surfaces import load_body, load_mesh
-from struck.files.volumes import SUFFIXES, load_volume
 from struck.model.arrays import Array
 from struck.model.mesh import Mesh
 from struck.model.provenance import Provenance
@@ -51,7 +49,7 @@ Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileOptions:
-    """What only a file needs to be told: see `struck.analyze`."""
+    """Options of `struck.analyze` that apply to files alone."""
 
     units: str | None = None
     size: float | None = None
@@ -67,7 +65,7 @@ class FileOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elements:
-    """Elements of a body with its named places, where they come from and what volume they miss."""
+    """Elements of a body with its named places, origin, and share of the volume that they miss."""
 
     mesh: VolumeMesh
     places: Mapping[str, Array] = field(default_factory=dict)
@@ -75,32 +73,15 @@ class Elements:
     volume_error: float = 0.0
 
 
-class Discretised(Protocol):
-    """A body that can be cut into elements."""
-
-    @property
-    def error(self) -> float | None:
-        """Error of frequencies to aim at, where the elements can be chosen by it."""
-        ...
-
-    def coarse(self, stages: Stages, /) -> Elements | None:
-        """Return elements to tell the error of the others by, or None where there are none."""
-        ...
-
-    def fine(self, stages: Stages, nodes: int, /) -> Elements:
-        """Return the elements to compute with, with more `nodes` than usual if wanted."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Given:
+class GivenElements:
     """Elements of another program."""
 
     mesh: VolumeMesh
-    error: float | None = None
+    error: float | None = None  # of frequencies to aim at: these elements cannot be chosen by it
 
     def coarse(self, _stages: Stages, /) -> Elements | None:
-        """Return nothing: there are no others."""
+        """Return None: there are no others."""
         return None
 
     def fine(self, _stages: Stages, _nodes: int, /) -> Elements:
@@ -109,7 +90,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Structured:
+class StructuredSolid:
     """A solid that makes its own elements."""
 
     solid: Solid
@@ -127,11 +108,9 @@ class Structured:
         return self._at(self.accuracy, stages)
 
     def _at(self, accuracy: str, stages: Stages) -> Elements:
+        solid = self.solid
         mesh = stages.kept(
-            ELEMENTS,
-            lambda: self.solid.volume_mesh(accuracy),
-            body=self.solid,
-            accuracy=accuracy,
+            ELEMENTS, lambda: solid.volume_mesh(accuracy), body=solid, accuracy=accuracy
         )
         details = {"body": repr(self.solid), "accuracy": accuracy}
         return Elements(
@@ -142,7 +121,7 @@ class Structured:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Surfaced:
+class FilledSurface:
     """A surface that is filled with tetrahedra, or given a wall."""
 
     repair: Repair
@@ -220,7 +199,10 @@ def _repair_details(repair: Repair) -> dict[str, object]:
     }
 
 
-def discretised(
+Discretisation = GivenElements | StructuredSolid | FilledSurface
+
+
+def discretise(
     body: Source,
     file: FileOptions,
     stages: Stages,
@@ -228,32 +210,28 @@ def discretised(
     wall: float | None,
     accuracy: str,
     repair: bool,
-) -> Discretised:
-    """Return what was given as something that can be cut into elements.
-
-    Raises
-    ------
-    MeshError, OptionError
-        When it is no body, or options do not fit it.
-    """
+) -> Discretisation:
+    """Return a body as something that can be cut into elements, once its options fit it."""
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
-    source = _loaded(body, file, stages, wall=wall, repair=repair)
+    source = _load(body, file, stages, wall=wall, repair=repair)
     if isinstance(source, Repair):
-        _say(body, source)
-        return Surfaced(repair=source, wall=wall, accuracy=accuracy)
+        _warn_of(body, source)
+        return FilledSurface(repair=source, wall=wall, accuracy=accuracy)
     if wall is not None:
         raise OptionError("wall= applies to surfaces: this body has its elements already")
     if isinstance(source, VolumeMesh):
-        return Given(mesh=source)
-    return Structured(solid=source, accuracy=accuracy)
+        return GivenElements(mesh=source)
+    return StructuredSolid(solid=source, accuracy=accuracy)
 
 
-def _loaded(
+def _load(
     body: Source, file: FileOptions, stages: Stages, *, wall: float | None, repair: bool
 ) -> Repair | VolumeMesh | Solid:
-    """Return the body itself; only files take the options of files."""
+    """Return the body itself, from its file where it is a path."""
     if isinstance(body, str | os.PathLike):
+        from struck.files.volumes import SUFFIXES, load_volume
+
         if Path(body).suffix.lower() in SUFFIXES:
             file.refuse("elements of another program take units= only", "units")
             return load_volume(body, units=file.units)
@@ -267,7 +245,7 @@ def _loaded(
         )
     if isinstance(body, Mesh):
         file.refuse("a Mesh is in metres already")
-        return repaired(body, wall=wall) if repair else _as_it_is(body)
+        return repaired(body, wall=wall) if repair else _unrepaired(body)
     if isinstance(body, VolumeMesh | Solid):
         file.refuse("this body has its own size")
         return body
@@ -277,19 +255,21 @@ def _loaded(
 def _from_file(
     path: str | os.PathLike[str], file: FileOptions, *, wall: float | None, repair: bool
 ) -> Repair:
+    from struck.files.surfaces import load_body, load_mesh
+
     options = {option.name: getattr(file, option.name) for option in fields(file)}
     if repair:
         return load_body(path, **options, wall=wall)
-    return _as_it_is(load_mesh(path, **options, repair=False))
+    return _unrepaired(load_mesh(path, **options, repair=False))
 
 
-def _as_it_is(mesh: Mesh) -> Repair:
+def _unrepaired(mesh: Mesh) -> Repair:
     require_closed(mesh)
     return Repair(mesh=mesh, volume_before=mesh.volume, volume_after=mesh.volume)
 
 
-def _say(body: Source, repair: Repair) -> None:
-    """Tell what was wrong with a surface and what was done about it."""
+def _warn_of(body: Source, repair: Repair) -> None:
+    """Warn of what was wrong with a surface and what was done about it."""
     if repair.found:
         name = f"{body}" if isinstance(body, str | os.PathLike) else "the mesh"
         found, changed = " ".join(repair.found), " ".join(repair.changed)

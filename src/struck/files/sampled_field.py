@@ -19,8 +19,6 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable, combinations
 from struck.model.waves import ORDER
 
-# Where a body was struck and heard, as far as its gains tell: what a file of them holds.
-
 
 def unexpanded(gains: Gains) -> Gains:
     """Return gains as they were recorded or computed, before their products became modes."""
@@ -38,9 +36,9 @@ def recorded_contacts(gains: Gains) -> Array | None:
         return None
     part = whole.contact_part
     places = part.lowest + part.contacts * part.spans
-    if not whole.listener_part.turned:
-        return places
-    return np.column_stack([places, np.zeros(len(places))])
+    # Of a round body struck all around, each height once: the azimuth makes no difference.
+    azimuths = np.zeros((len(places), int(whole.listener_part.turned)))
+    return np.column_stack([places, azimuths])
 
 
 def recorded_listeners(gains: Gains) -> Array | None:
@@ -52,6 +50,8 @@ def recorded_listeners(gains: Gains) -> Array | None:
         return _gridded(whole)
     if not isinstance(whole, TimbreField):
         return None
+    # A field keeps waves, not who heard them outside: 45 directions at the distance of the nearest
+    # listener and at twice that, which tell how they fall. Listeners inside follow as they were.
     nearest, inside = 2 * whole.listener_part.waves.limit, whole.listener_part.inside.places
     return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest), inside])
 
@@ -66,16 +66,16 @@ def _gridded(table: TimbreTable) -> Array:
 
 def _all_around(distance: float) -> Array:
     """Return places (n, 3) that tell all waves up to `ORDER` apart."""
+    # Gauss-Legendre nodes in the cosine of the polar angle, equal steps in azimuth (E. G. Williams,
+    # Fourier Acoustics, Academic Press, 1999, section 6.3).
     heights, _ = np.polynomial.legendre.leggauss(ORDER + 1)
     azimuths = np.arange(2 * ORDER + 1) * (2 * np.pi / (2 * ORDER + 1))
     polar, azimuth = np.meshgrid(np.arccos(heights), azimuths, indexing="ij")
     return from_spherical(distance, azimuth.ravel(), polar.ravel())
 
 
-# What a model tells of its gains, once they are sampled from it and not measured.
-
-RECORDED = "recorded"
-"""What a model of recordings calls the contact that it is struck at unless told."""
+RECORDED = "recorded"  # default contact of a model of recordings
+WAYS = ("field", "table")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,11 +93,11 @@ class Origin:
     def of(cls, model: ModalModel) -> Origin:
         """Take them from a model."""
         place = model.places.get(RECORDED)
-        told = cls(provenance=model.provenance, errors=model.errors, place=place)
+        origin = cls(provenance=model.provenance, errors=model.errors, place=place)
         gains = unexpanded(model.gains)
         if not isinstance(gains, TimbreField):
-            return told
-        return replace(told, unmeasured=gains.unmeasured, notes=gains.notes)
+            return origin
+        return replace(origin, unmeasured=gains.unmeasured, notes=gains.notes)
 
     def chosen(self, modes: Index) -> Origin:
         """Return those of some modes, in their order."""
@@ -107,19 +107,12 @@ class Origin:
             unmeasured=np.flatnonzero(np.isin(modes, self.unmeasured)),
         )
 
-    def told_to(self, gains: Gains) -> Gains:
+    def annotated(self, gains: Gains) -> Gains:
         """Return sampled gains with the doubts of their origin; rank errors become unknown."""
         if not isinstance(gains, TimbreField):
             return gains
-        return replace(
-            gains,
-            rank_errors=np.full_like(gains.rank_errors, np.nan),
-            unmeasured=self.unmeasured,
-            notes=self.notes,
-        )
-
-
-WAYS = ("field", "table")
+        errors = np.full_like(gains.rank_errors, np.nan)
+        return replace(gains, rank_errors=errors, unmeasured=self.unmeasured, notes=self.notes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,8 +141,15 @@ class SampledField:
         listeners: ArrayLike | None = None,
     ) -> SampledField:
         """Take the gains of a model at contacts (P, D) or named places, and listeners (Q, 3)."""
-        places, directions = _touched(model, _given("contacts", contacts, model.gains))
-        heard = np.asarray(_given("listeners", listeners, model.gains), np.float64)
+        whole = unexpanded(model.gains)
+        contacts = recorded_contacts(whole) if contacts is None else contacts
+        listeners = recorded_listeners(whole) if listeners is None else listeners
+        if contacts is None or listeners is None:
+            raise OptionError(
+                "a computed model has gains everywhere: give contacts= and listeners= to sample"
+            )
+        places, directions = _touched(model, contacts)
+        heard = np.asarray(listeners, np.float64)
         if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
             raise OptionError(f"listeners have shape {heard.shape}: give x, y, z of each, m")
         drives = model.gains.at(places, directions)
@@ -163,11 +163,11 @@ class SampledField:
             listeners=heard,
             gains=gains,
             centre=_centre(model),
-            symmetry="axial" if _is_axial(model.gains) else "none",
+            symmetry="axial" if _is_axial(whole) else "none",
             calibrated=model.calibrated,
             coordinates=model.coordinates,
-            way="table" if isinstance(unexpanded(model.gains), TimbreTable) else "field",
-            radius=float(getattr(unexpanded(model.gains), "radius", 0.0)),
+            way="table" if isinstance(whole, TimbreTable) else "field",
+            radius=float(getattr(whole, "radius", 0.0)),
             origin=Origin.of(model),
         )
 
@@ -178,14 +178,9 @@ class SampledField:
                 "its contacts have 3 coordinates, and fields are interpolated over 1 or 2: give "
                 "`contacts` as coordinates on the surface, or use `gains` as they are"
             )
+        measured = self.contacts, self.listeners, self.gains, self.frequencies
         return Survey.full(
-            self.contacts,
-            self.listeners,
-            self.gains,
-            self.frequencies,
-            centre=self.centre,
-            symmetry=self.symmetry,
-            calibrated=self.calibrated,
+            *measured, centre=self.centre, symmetry=self.symmetry, calibrated=self.calibrated
         )
 
     def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
@@ -203,31 +198,31 @@ class SampledField:
         )
         numbered, places = _numbered(ordered)
         origin = Origin() if self.origin is None else self.origin.chosen(order)
+        method = origin.provenance.method
         gains = _interpolated(numbered, chosen, self.radius if radius is None else radius)
         return ModalModel(
             frequencies=ordered.frequencies,
             natural_frequencies=natural[order],
             decays=ordered.decays,
-            gains=gains if self.origin is None else origin.told_to(gains),
+            gains=gains if self.origin is None else origin.annotated(gains),
             centre=self.centre,
             complete_to=0.0,
             errors=origin.errors,
             places=places,
             coordinates=numbered.coordinates or ("u", "v")[: numbered.contacts.shape[1]],
-            provenance=_sampled_from(origin, f"timbre {chosen} of sampled gains"),
+            provenance=Provenance(
+                method=f"timbre {chosen} of sampled gains",
+                references=origin.provenance.references,
+                dropped=origin.provenance.dropped,
+                details={"sampled_from": method} if method else {},
+            ),
         )
-
-
-def _sampled_from(origin: Origin, method: str) -> Provenance:
-    told = origin.provenance
-    details = {"sampled_from": told.method} if told.method else {}
-    return Provenance(
-        method=method, references=told.references, dropped=told.dropped, details=details
-    )
 
 
 def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
     """Return a field with contacts by number where they are points in space, and their names."""
+    # A contact without coordinates is the recorded one; of several it is that which a model called
+    # so, else that of most energy. Between points in space nothing is known.
     count, axes = field.contacts.shape
     if axes in {1, 2}:
         known = None if field.origin is None else field.origin.place
@@ -254,27 +249,12 @@ def _interpolated(field: SampledField, way: str, radius: float) -> Gains:
     return TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
 
 
-def _given(
-    name: str, places: ArrayLike | Sequence[Place] | None, gains: Gains
-) -> ArrayLike | Sequence[Place]:
-    """Return contacts or listeners as given, else those that were recorded."""
-    if places is not None:
-        return places
-    known = recorded_contacts(gains) if name == "contacts" else recorded_listeners(gains)
-    if known is None:
-        raise OptionError(
-            "a computed model has gains everywhere: give contacts= and listeners= to sample"
-        )
-    return known
-
-
 def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
     """Return contacts (P, D) and the directions of pushes there (P, 3)."""
     if isinstance(model.gains, ShapeGains) and model.geometry is not None:
         found = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
-        return np.array([each.point for each in found]), np.array(
-            [each.direction for each in found]
-        )
+        points = np.array([each.point for each in found])
+        return points, np.array([each.direction for each in found])
     places = np.asarray(contacts, np.float64)
     if places.ndim != 2 or not len(places):
         raise OptionError(f"contacts have shape {places.shape}: give the coordinates of each")
@@ -291,9 +271,8 @@ def _centre(model: ModalModel) -> Array:
     return np.zeros(3) if model.centre is None else model.centre
 
 
-def _is_axial(gains: Gains) -> bool:
+def _is_axial(whole: Gains) -> bool:
     """Return whether only the azimuth between contact and listener matters."""
-    whole = unexpanded(gains)
     if isinstance(whole, TimbreTable):
         return whole.mirrored
     return isinstance(whole, TimbreField) and whole.listener_part.mirrored

@@ -56,6 +56,8 @@ class Exponentials:
 
 def samples(poles: AnyComplex, gains: AnyComplex, length: int, sample_rate: float) -> Array:
     """Return the samples (C, length) of the sum of Im[g exp(s n / rate)]."""
+    # A sample's index is row * width + column, and so each exponential the product of two short
+    # ones: all modes add up in a product of two matrices.
     rows = samples_in_rows(poles, gains, length, sample_rate)
     return rows.reshape(len(gains), -1)[:, :length]
 
@@ -105,6 +107,7 @@ def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
 
 def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
     """Return the gains (C, M) of all modes by least squares over all samples."""
+    # Inner products of exponentials are geometric series: only `correlations` touches samples.
     length = samples.shape[1]
     steps = poles / sample_rate
     direct = _series(steps.conj(), steps, length)
@@ -124,6 +127,7 @@ def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComp
 
 
 def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:
+    """Return the sums of exp((x + y) n) for n below the length, one row for each x."""
     last = np.outer(np.exp(left * length), np.exp(right * length))
     first = np.outer(np.exp(left), np.exp(right)) - 1
     # Where much cancels, digit by digit.
@@ -136,6 +140,9 @@ def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:
 class SegmentSpectrum:
     """The discrete Fourier transform of a segment's first N samples."""
 
+    # A mode that rings from the first of N samples on has the transform r / (1 - z / u) at
+    # u = exp(2 pi i k / N), exactly: z = exp(s / rate) and r = g (1 - z^N) / 2i. Its conjugate
+    # belongs to it, for samples are real.
     values: AnyComplex  # (N / 2 + 1, C), from 0 Hz to half the sample rate
     length: int  # N
     sample_rate: float  # Hz

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Complex, Index
 from struck.model.mesh import Mesh, Surface
-
-# Mode shapes as functions of a place: exact everywhere, not only at vertices.
 
 
 class Forms(Protocol):
@@ -83,7 +81,7 @@ class Radiation(Protocol):
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
-    ) -> NDArray[np.complex128]:
+    ) -> Complex:
         """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
         ...
 
@@ -97,9 +95,7 @@ class Gains(ABC):
         """Whether gains are Pa/(N s), not relative."""
 
     @abstractmethod
-    def changed(
-        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
-    ) -> Gains:
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
         """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
 
     @abstractmethod
@@ -107,7 +103,7 @@ class Gains(ABC):
         """Return the drive of unit impulses at `points` (K, 3) along `directions`: (K, R, M)."""
 
     @abstractmethod
-    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+    def toward(self, listeners: Array) -> Complex:
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
 
     @property
@@ -117,7 +113,7 @@ class Gains(ABC):
 
     @property
     def of_surface(self) -> bool:
-        """Whether drives are those of a surface that forces act on, not of recorded blows."""
+        """True when drives take a force in N; False when the recorded blow is part of the gain."""
         return False
 
     @property
@@ -151,9 +147,7 @@ class ExpandedGains(Gains):
         """Whether gains are Pa/(N s), not relative."""
         return self.products.calibrated
 
-    def changed(
-        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
-    ) -> Gains:
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
         """Refuse: a model is changed before it is expanded."""
         del frequencies, modes, size, density
         raise OptionError("expanded gains cannot be changed: change the model, then expand it")
@@ -163,7 +157,7 @@ class ExpandedGains(Gains):
         drives = self.products.at(points, directions)
         return drives.reshape(len(drives), 1, -1)
 
-    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+    def toward(self, listeners: Array) -> Complex:
         """Return the output at listeners (L, 1, R M)."""
         outputs = self.products.toward(listeners)
         return outputs.reshape(len(outputs), 1, -1)
@@ -191,7 +185,7 @@ class ShapeGains(Gains):
 
     surface: Mesh
     shapes: NDArray[np.float32]
-    outputs: NDArray[np.complex128]
+    outputs: Complex
     centre: Array
     radiation: Radiation
     formula: TransverseShapes | None = None
@@ -206,7 +200,7 @@ class ShapeGains(Gains):
         radiation: Radiation,
         formula: TransverseShapes | None = None,
     ) -> ShapeGains:
-        """Make gains whose outputs `radiation` tells."""
+        """Make gains whose outputs `radiation` computes."""
         return cls(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
@@ -216,9 +210,7 @@ class ShapeGains(Gains):
             formula=formula,
         )
 
-    def changed(
-        self, frequencies: Array, modes: NDArray[np.int64], size: float, density: float
-    ) -> ShapeGains:
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
         """Return the gains of chosen `modes` of a body with other frequencies, size or density.
 
         Mass-normalised shapes go with (density size^3)^(-1/2).
@@ -282,7 +274,7 @@ class ShapeGains(Gains):
         corners = self.surface.faces[faces]
         return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
 
-    def toward(self, listeners: Array) -> NDArray[np.complex128]:
+    def toward(self, listeners: Array) -> Complex:
         """Return outputs that fall as 1/r from the centre of mass."""
         distances = np.linalg.norm(np.atleast_2d(listeners) - self.centre, axis=1)
         if distances.min() < self.radius:
@@ -293,8 +285,11 @@ class ShapeGains(Gains):
         return self.outputs / distances[:, None, None]
 
 
-def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
+def quarter_turns(frequencies: Array) -> Complex:
     """Return a phase for each mode (M,): i for every second one of those that share a frequency."""
+    # A round body has its modes in pairs, which a solver may turn about the axis at will. An
+    # estimate the same in all directions must not depend on that turn: a quarter period apart,
+    # the two add to the root of their drives' squares, whichever way they are turned.
     phases = np.ones(len(frequencies), np.complex128)
     for mode in range(1, len(frequencies)):
         close = frequencies[mode] - frequencies[mode - 1] < _SHARED * frequencies[mode]
@@ -305,8 +300,11 @@ def quarter_turns(frequencies: Array) -> NDArray[np.complex128]:
 
 def canonical_signs(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     """Return +1 or -1 for each mode (M,), so that any solver's shapes get the same sign."""
-    low, high = surface.bounds
-    place = (surface.centroids - (low + high) / 2) / surface.extent
+    # The sign is that of the volume displaced, weighted by a function without symmetry; a face
+    # moves as the mean of its corners, so each corner carries a third of its weight.
+    place = (surface.centroids - surface.bounds.mean(axis=0)) / surface.extent
     weights = np.exp(place @ np.array([2.0, 1.3, 0.7]))[:, None] * surface.area_vectors
-    moved = shapes[surface.faces].mean(axis=1)
-    return np.where(np.einsum("fd,fdm->m", weights, moved) < 0, -1.0, 1.0)
+    at_corners = np.zeros_like(surface.points)
+    for corner in surface.faces.T:
+        np.add.at(at_corners, corner, weights / 3)
+    return np.where(np.tensordot(at_corners, shapes, 2) < 0, -1.0, 1.0)

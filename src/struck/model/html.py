@@ -16,6 +16,7 @@ from struck.model.arrays import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# The look of all pages.
 STYLE = """\
 body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 68rem;
   padding: 0 1rem; color: #222; background: #fbfaf8; }
@@ -30,16 +31,15 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 td, th { padding: .15rem .8rem; text-align: right; }
 th { position: sticky; top: 0; background: #fff; border-bottom: 1px solid #bbb; }
 """
-"""The look of all pages."""
 
 
 def document(title: str, body: str, *, style: str = "") -> str:
     """Return an HTML page with a title (text), a body (HTML) and CSS besides `STYLE`."""
-    told = html.escape(title)
+    name = html.escape(title)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{told}</title>\n'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><style>\n'
-        f"{STYLE}{style}</style></head><body><h1>{told}</h1>\n{body}\n</body></html>\n"
+        f"{STYLE}{style}</style></head><body><h1>{name}</h1>\n{body}\n</body></html>\n"
     )
 
 
@@ -59,8 +59,6 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
-
-# Tables of modes for people: frequency, note, decay.
 
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")

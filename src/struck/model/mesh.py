@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index
@@ -32,8 +31,8 @@ class Mesh:
         On points that are not finite, indices out of range, or no faces.
     """
 
-    points: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    points: Array
+    faces: Index
     up: str = "z"
 
     def __post_init__(self) -> None:
@@ -46,28 +45,28 @@ class Mesh:
         object.__setattr__(self, "faces", faces)
 
     @cached_property
-    def area_vectors(self) -> NDArray[np.float64]:
+    def area_vectors(self) -> Array:
         """Outward normals of the faces times their areas, m^2 (F, 3)."""
         corners = self.points[self.faces]
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
     @cached_property
-    def areas(self) -> NDArray[np.float64]:
+    def areas(self) -> Array:
         """Areas of the faces, m^2 (F,)."""
         return np.linalg.norm(self.area_vectors, axis=1)
 
     @cached_property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> Array:
         """Centroids of the faces, m (F, 3)."""
         return self.points[self.faces].mean(axis=1)
 
     @cached_property
-    def face_normals(self) -> NDArray[np.float64]:
+    def face_normals(self) -> Array:
         """Outward unit normals of the faces (F, 3)."""
         return self.area_vectors / np.maximum(self.areas, np.finfo(float).tiny)[:, None]
 
     @cached_property
-    def vertex_normals(self) -> NDArray[np.float64]:
+    def vertex_normals(self) -> Array:
         """Outward unit normals at the vertices, weighted by area (V, 3)."""
         normals = np.zeros_like(self.points)
         for corner in self.faces.T:
@@ -81,7 +80,7 @@ class Mesh:
         return float(np.einsum("ij,ij->", self.centroids, self.area_vectors) / 3)
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Array:
         """Lowest and highest corner of the bounding box, m (2, 3)."""
         used = self.points[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
@@ -96,7 +95,7 @@ class Mesh:
         return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
 
 
-def _validate(points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+def _validate(points: Array, faces: Index) -> None:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"points have shape {points.shape}, not (V, 3): give x, y and z in m")
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
@@ -109,9 +108,6 @@ def _validate(points: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
             f"faces name vertices {faces.min()} to {faces.max()}, but the mesh has "
             f"{len(points)}: export the mesh again"
         )
-
-
-# Closest points on a triangle surface, and where they lie in its faces.
 
 
 class Closest:
@@ -160,9 +156,7 @@ def _dot(left: Array, right: Array) -> Array:
     return np.einsum("kd,kd->k", left, right)
 
 
-# Names for the outermost places of a surface.
-
-_LEVEL = 1e-3
+_LEVEL = 1e-3  # share of the extent within which vertices count as one flat end
 
 
 def places_of(mesh: Mesh) -> Mapping[str, Array]:

@@ -66,6 +66,8 @@ def pieces(mesh: Mesh) -> Index:
 
 def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
     """Return which faces to flip (F,), the fewest of each piece; None on a one-sided surface."""
+    # Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
+    # consistent copies. A two-sided piece falls into two mirrored halves.
     sides, agree = edges.pairs()
     second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
     mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])

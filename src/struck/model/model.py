@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from struck.model.arrays import Array, Index
 from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import Gains, Radiation, ShapeGains, canonical_signs
-from struck.model.html import modes_table
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.modes import Modes, Stiffness, changed
 from struck.model.provenance import Provenance
-from struck.model.residual import Residual
+
+if TYPE_CHECKING:
+    from struck.model.residual import Residual
 
 XYZ = ("x (m)", "y (m)", "z (m)")
 _KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
@@ -220,6 +222,8 @@ class ModalModel:
         return self.provenance.cite()
 
     def _repr_html_(self) -> str:
+        from struck.model.html import modes_table  # for notebooks alone
+
         return modes_table(self.frequencies, self.t60, self.decays, self.errors)
 
     def _stiffness(self, size: float = 1) -> Stiffness:

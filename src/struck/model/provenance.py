@@ -74,11 +74,7 @@ class Provenance:
     details: Mapping[str, object] = field(default_factory=dict)
 
     def extended(
-        self,
-        *,
-        references: tuple[str, ...] = (),
-        dropped: tuple[str, ...] = (),
-        **details: object,
+        self, *, references: tuple[str, ...] = (), dropped: tuple[str, ...] = (), **details: object
     ) -> Provenance:
         """Return a copy with more references (each once), losses and details."""
         fresh = tuple(key for key in references if key not in self.references)

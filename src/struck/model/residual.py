@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.model.arrays import Array
 
-FADE = 0.01
-"""The attack goes over into the noise within this time, s."""
-_GONE = np.log(1000)
-_LONGEST = 10.0
-_FINEST = 48_000
-_RATES = (1_000, 1_000_000)
+FADE = 0.01  # the attack goes over into the noise within this time, s
+_GONE, _LONGEST = np.log(1000), 10.0  # noise lasts until -60 dB, at most s
+_FINEST = 48_000  # largest denominator of a ratio of sample rates
+_RATES = (1_000, 1_000_000)  # lowest and highest sample rate, Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

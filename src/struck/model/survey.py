@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 from struck.model.arrays import Array, Complex, Index
-from struck.model.material import AIR
-
-# Which of several explanations data speak for, when many modes share the same few.
 
 _ROUNDS = 30
 _LEAST = 1e-12  # less than that would only make denormal numbers, which processors are slow at
@@ -20,6 +17,10 @@ _LEAST = 1e-12  # less than that would only make denormal numbers, which process
 
 def shares(evidence: Array) -> Array:
     """Return the weight of each explanation (K, M), of sum 1 for each mode, by its log evidence."""
+    # Modes are taken as draws from one mixture of the explanations. Its weights come from all
+    # modes by expectation maximisation, from equal ones: a mode that tells little by itself goes
+    # with the others (empirical Bayes; C. M. Bishop, Pattern Recognition and Machine Learning,
+    # Springer, 2006, chapter 9).
     count, modes = evidence.shape
     relative = np.exp(evidence - evidence.max(axis=0, initial=-np.inf))
     common = np.full(count, 1 / count)
@@ -46,26 +47,6 @@ def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> A
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-def since_arrival(gains: Complex, frequencies: Array, decays: Array, distances: Array) -> Complex:
-    """Return gains as of the arrival r/c, of gains as of the moment of impact.
-
-    Parameters
-    ----------
-    gains : array (n, M)
-        Of recordings whose time counts from the impact on.
-    frequencies, decays : array (M,)
-        Hz and 1/s.
-    distances : array (n,)
-        From the centre to the listener of each recording, m.
-
-    Returns
-    -------
-    array (n, M)
-    """
-    travels = np.asarray(distances)[:, None] / AIR.sound_speed
-    return gains * np.exp((-decays + 2j * np.pi * frequencies) * travels)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
     """What was recorded of a body: contacts, listeners, and the gains between some of them.
@@ -80,7 +61,8 @@ class Survey:
     pairs : array (n, 2)
         Numbers of contact and listener of each recording.
     gains : array (n, M), complex
-        Relative to the arrival time r/c, with r from the centre; see `since_arrival`.
+        Relative to the arrival time r/c, with r from the centre: gains whose time counts from the
+        impact on, times exp((-d + 2 pi i f) r/c).
     frequencies : array (M,)
         Ringing, Hz.
     errors : array (n, M) or None

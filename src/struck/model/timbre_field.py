@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index
@@ -14,7 +14,8 @@ from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
 from struck.model.waves import ORDER, SphericalWaves
 
-# Recorded gains separated into contact parts times listener parts.
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _SILENT = 1e-3  # drive below which nothing is known of a listener, however small the noise
 _SWEEPS = 200
@@ -28,14 +29,19 @@ class Separation:
     drives: Array  # (P, M); the largest of each mode is 1
     outputs: Complex  # (Q, M)
     weights: Array  # (Q, M): one over the variance of each output, in any unit
+    # (M,): distance of the gains from the products, root mean square over root mean square,
+    # corrected for how much was fitted; NaN where nothing is left to judge by.
     rank_errors: Array
+    # (M,): expected error of a part at half of its places, over its root mean square.
     drive_errors: Array
     output_errors: Array
 
     @classmethod
     def of(cls, survey: Survey) -> Separation:
         """Find both by alternating least squares; OptionError where recordings share no place."""
-        table = _Table.of(survey)
+        # Without errors, noise counts as equally strong in all modes, and as strong as what the
+        # products leave of the gains.
+        table = _Recordings.of(survey)
         table.require_connected()
         drives, outputs = table.separated()
         known = table.listeners @ (table.weights * np.square(drives)[table.contact])
@@ -48,24 +54,24 @@ class Separation:
             outputs=outputs,
             weights=known,
             rank_errors=table.rank_errors(drives, outputs),
-            drive_errors=_error(pushed, variance, drives**2),
-            output_errors=_error(known * loud, variance, energies),
+            drive_errors=_part_errors(pushed, variance, drives**2),
+            output_errors=_part_errors(known * loud, variance, energies),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Table:
+class _Recordings:
     """Recorded gains (n, M) with matrices that sum over the recordings of a contact or listener."""
 
     gains: Complex
     weights: Array
     contact: Index
     listener: Index
-    contacts: sparse.csr_array
-    listeners: sparse.csr_array
+    contacts: csr_array
+    listeners: csr_array
 
     @classmethod
-    def of(cls, survey: Survey) -> _Table:
+    def of(cls, survey: Survey) -> _Recordings:
         contact, listener = survey.pairs.T
         errors = np.ones(survey.gains.shape) if survey.errors is None else survey.errors
         return cls(
@@ -73,8 +79,8 @@ class _Table:
             weights=1 / np.square(errors),
             contact=contact,
             listener=listener,
-            contacts=_sums(contact, len(survey.contacts)),
-            listeners=_sums(listener, len(survey.listeners)),
+            contacts=_summing_matrix(contact, len(survey.contacts)),
+            listeners=_summing_matrix(listener, len(survey.listeners)),
         )
 
     @property
@@ -98,6 +104,7 @@ class _Table:
 
     def separated(self) -> tuple[Array, Complex]:
         """Return drives (P, M), the largest of each mode 1, and outputs (Q, M)."""
+        # Each mode starts from the contact of which most was recorded, and spreads from there.
         energies = self.contacts @ (self.weights * np.square(np.abs(self.gains)))
         drives = (np.arange(len(energies))[:, None] == energies.argmax(axis=0)).astype(float)
         for _ in range(_SWEEPS):
@@ -105,7 +112,8 @@ class _Table:
             agreement = self.contacts @ (self.weights * (heard.conj() * self.gains).real)
             powers = self.contacts @ (self.weights * np.square(np.abs(heard)))
             drives = agreement * _inverse(powers)
-            drives = drives * _inverse(_leading(drives))
+            leading = np.abs(drives).argmax(axis=0)[None]
+            drives = drives * _inverse(np.take_along_axis(drives, leading, axis=0))
             if np.abs(drives - last).max() < _SETTLED:
                 break
         return drives, self._outputs(drives)
@@ -131,10 +139,12 @@ class _Table:
         return np.asarray(self.listeners @ (pushes * self.gains), np.complex128) * _inverse(known)
 
 
-def _sums(owner: Index, count: int) -> sparse.csr_array:
+def _summing_matrix(owner: Index, count: int) -> csr_array:
     """Return the matrix (count, n) that sums the recordings of each owner (n,)."""
+    from scipy.sparse import csr_array  # not loaded with every model file
+
     ones, numbers = np.ones(len(owner)), np.arange(len(owner))
-    return sparse.csr_array((ones, (owner, numbers)), shape=(count, len(owner)))
+    return csr_array((ones, (owner, numbers)), shape=(count, len(owner)))
 
 
 def _inverse(values: Array) -> Array:
@@ -142,7 +152,7 @@ def _inverse(values: Array) -> Array:
     return np.where(values == 0, 0.0, 1 / np.where(values == 0, 1.0, values))
 
 
-def _error(weights: Array, variance: float, powers: Array) -> Array:
+def _part_errors(weights: Array, variance: float, powers: Array) -> Array:
     """Return the error at half of the places of a part (P, M) over its root mean square (M,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.where(weights > 0, variance / weights, np.inf)
@@ -150,18 +160,10 @@ def _error(weights: Array, variance: float, powers: Array) -> Array:
     return np.sqrt(np.where(powers.any(axis=0), shares, np.inf))
 
 
-def _leading(drives: Array) -> Array:
-    """Return the drive of the largest absolute value of each mode (1, M)."""
-    return np.take_along_axis(drives, np.abs(drives).argmax(axis=0)[None], axis=0)
-
-
-# Contact parts between the places that were struck: Gaussian processes over u, or u and v.
-
+# Distances over which shapes may stay alike, as shares of the range of a coordinate.
 LENGTHS = (0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5)
-"""Distances over which shapes may stay alike, as shares of the range of a coordinate."""
 _NOISES = (1e-8, 1.0)  # the least keeps what is known twice over solvable
-SNAP = 0.02
-"""Share of its range by which a coordinate may lie outside of it."""
+SNAP = 0.02  # share of its range by which a coordinate may lie outside of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -176,12 +178,15 @@ class ContactPart:
     @classmethod
     def of(cls, contacts: Array, drives: Array, errors: Array) -> ContactPart:
         """Fit drives (P, M) at contacts (P, D), with errors (M,) over their root mean squares."""
+        # The kernel is squared-exponential, of unknown scale, averaged over its lengths by their
+        # evidence (Rasmussen & Williams, Gaussian Processes for Machine Learning, MIT Press, 2006,
+        # chapters 2 and 5).
         lowest = contacts.min(axis=0)
         spans = np.ptp(contacts, axis=0)
         places = (contacts - lowest) / np.where(spans > 0, spans, 1.0)
         kernels = _likenesses(places, places).transpose(1, 0, 2)
         noises = np.clip(np.square(errors), *_NOISES)
-        fits = [_fit(kernel, drives, noises) for kernel in kernels]
+        fits = [_fit_process(kernel, drives, noises) for kernel in kernels]
         believed = shares(np.stack([evidence for evidence, _ in fits]))
         return cls(
             lowest=lowest,
@@ -218,7 +223,7 @@ def _likenesses(some: Array, others: Array) -> Array:
     return np.exp(-squares[:, None] / (2 * np.square(LENGTHS)[:, None]))
 
 
-def _fit(kernel: Array, drives: Array, noises: Array) -> tuple[Array, Array]:
+def _fit_process(kernel: Array, drives: Array, noises: Array) -> tuple[Array, Array]:
     """Return evidence (M,) and factors (P, M) for noises (M,), the scale left free."""
     powers, vectors = np.linalg.eigh(kernel)
     seen = vectors.T @ drives
@@ -226,9 +231,6 @@ def _fit(kernel: Array, drives: Array, noises: Array) -> tuple[Array, Array]:
     quadratic = np.maximum((np.square(seen) / variances).sum(axis=0), np.finfo(np.float64).tiny)
     evidence = -0.5 * (len(drives) * np.log(quadratic) + np.log(variances).sum(axis=0))
     return evidence, vectors @ (seen / variances)
-
-
-# Listener parts between the places that were listened at, outside of a body and inside.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -245,7 +247,11 @@ class Inside:
         gaps = np.linalg.norm(places[:, None] - outside, axis=2)
         reach = float(gaps.min()) if gaps.size else 1.0
         matrix = _closeness(places, places, reach)
-        return cls(places=places, corrections=_solved(matrix, missing), reach=reach)
+        return cls(
+            places=places,
+            corrections=np.asarray(np.linalg.solve(matrix, missing), complex),
+            reach=reach,
+        )
 
     def at(self, places: Array) -> Complex:
         """Return the correction at places (L, 3): (L, M)."""
@@ -290,16 +296,9 @@ class ListenerPart:
                 f"least radius={radius:g} m from it: one must be, and one on the centre needs a "
                 "radius= above 0"
             )
-        waves = SphericalWaves.of(
-            places[outside],
-            outputs[outside],
-            weights[outside],
-            wave_numbers,
-            radius=radius,
-            mirrored=mirrored,
-        )
+        heard = places[outside], outputs[outside], weights[outside]
         part = cls(
-            waves=waves,
+            waves=SphericalWaves.of(*heard, wave_numbers, radius=radius, mirrored=mirrored),
             inside=Inside.of(np.zeros((0, 3)), np.zeros((0, len(wave_numbers)), complex), places),
             mirrored=mirrored,
             turned=turned,
@@ -313,21 +312,14 @@ class ListenerPart:
 
     def at(self, places: Array) -> Complex:
         """Return outputs at places (L, 3) from the centre: (L, R, M)."""
-        if not self.turned:
-            heard = self.waves.at(places) + self.inside.at(self._folded(places))
-            return heard[:, None]
-        heard = self.waves.turned(places)
+        heard = self.waves.turned(places) if self.turned else self.waves.at(places)[:, None]
         heard[:, 0] += self.inside.at(self._folded(places))
         return heard
 
     def chosen(self, modes: Index, size: float, factor: float) -> ListenerPart:
         """Return some modes of a body `size` times as large, times a factor."""
-        return ListenerPart(
-            waves=self.waves.chosen(modes, size, factor),
-            inside=self.inside.chosen(modes, size, factor),
-            mirrored=self.mirrored,
-            turned=self.turned,
-        )
+        waves, inside = (part.chosen(modes, size, factor) for part in (self.waves, self.inside))
+        return replace(self, waves=waves, inside=inside)
 
     def _with_inside(self, places: Array, outputs: Complex, outside: Array) -> ListenerPart:
         if not len(places):
@@ -336,21 +328,15 @@ class ListenerPart:
         folded, number = distinct(self._folded(places))
         share = np.eye(len(folded))[number]
         missing = share.T @ missing / share.sum(axis=0)[:, None]
-        inside = Inside.of(folded, missing, self._folded(outside))
-        return ListenerPart(
-            waves=self.waves, inside=inside, mirrored=self.mirrored, turned=self.turned
-        )
+        return replace(self, inside=Inside.of(folded, missing, self._folded(outside)))
 
     def _folded(self, places: Array) -> Array:
         """Return places with those that sound alike inside as one."""
+        # A contact may lie at any azimuth: then only the distance from the axis counts.
         x, y, z = places.T
         if self.turned:
             return np.stack([np.hypot(x, y), np.zeros_like(x), z], axis=1)
         return np.stack([x, np.abs(y) if self.mirrored else y, z], axis=1)
-
-
-def _solved(matrix: Array, sides: Complex) -> Complex:
-    return np.asarray(np.linalg.solve(matrix, sides), np.complex128)
 
 
 def _closeness(some: Array, others: Array, reach: float) -> Array:
@@ -359,10 +345,9 @@ def _closeness(some: Array, others: Array, reach: float) -> Array:
     return np.maximum(1 - distances, 0.0) ** 4 * (4 * distances + 1)
 
 
-WORST = 0.1
-"""Error of a part, over its root mean square, from which a mode counts as not measured."""
-LOST = 0.5
-"""The same from which nothing of a listener part is used but its size."""
+# Errors of a part, over its root mean square, from which a mode counts as not measured, and from
+# which nothing of its listener part is used but the size.
+WORST, LOST = 0.1, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -502,15 +487,14 @@ class TimbreField(Gains):
         """
         del frequencies
         factor = (density * size**3) ** -0.5
-        return TimbreField(
+        return replace(
+            self,
             contact_part=self.contact_part.chosen(modes, factor),
             listener_part=self.listener_part.chosen(modes, size, factor),
             centre=self.centre * size,
             radius=self.radius * size,
             rank_errors=self.rank_errors[modes],
             unmeasured=np.flatnonzero(np.isin(modes, self.unmeasured)),
-            notes=self.notes,
-            is_calibrated=self.is_calibrated,
         )
 
 

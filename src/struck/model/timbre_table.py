@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.gains import Gains
 from struck.model.survey import Survey, from_spherical
 
-# Linear interpolation over grids, one axis after the other: how 2007 reads its table.
-
-_GRIDS_SAME = 1e-9  # share of an axis within which two values are the same
+_CLOSE = 1e-9  # share of an axis within which two values are the same: exactly that node
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +25,7 @@ class GridAxis:
     def through(cls, values: Array, period: float = 0.0) -> GridAxis:
         """Make the axis of all different values."""
         nodes = np.sort(values % period if period else values)
-        least = _GRIDS_SAME * max(period, float(np.ptp(nodes)), float(np.abs(nodes).max()))
+        least = _CLOSE * max(period, float(np.ptp(nodes)), float(np.abs(nodes).max()))
         kept = np.concatenate([[True], np.diff(nodes) > least])
         if period and nodes[-1] > nodes[0] + period - least:
             kept &= nodes < nodes[0] + period - least
@@ -44,9 +41,7 @@ class GridAxis:
         above = np.minimum(below + 1, len(nodes) - 1)
         gaps = nodes[above] - nodes[below]
         shares = np.clip((values - nodes[below]) / np.where(gaps > 0, gaps, 1.0), 0.0, 1.0)
-        shares = np.where(
-            shares < _GRIDS_SAME, 0.0, np.where(shares > 1 - _GRIDS_SAME, 1.0, shares)
-        )
+        shares = np.where(shares < _CLOSE, 0.0, np.where(shares > 1 - _CLOSE, 1.0, shares))
         weights = np.zeros((len(values), count))
         rows = np.arange(len(values))
         np.add.at(weights, (rows, below), 1 - shares)
@@ -77,9 +72,6 @@ def combinations(axes: tuple[GridAxis, ...]) -> Array:
     """Return the coordinates of all combinations of nodes, the last axis fastest (nodes, axes)."""
     every = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
     return np.stack([each.ravel() for each in every], axis=1)
-
-
-# Gains of one recorded place: for takes of which nobody told where.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,10 +191,14 @@ class TimbreTable(Gains):
             raise OptionError(f"system is {system!r}: give one of {', '.join(SYSTEMS)}")
         folded = survey.folded()
         mirrored = survey.symmetry == "axial"
-        gridded = _spherical if system == "spherical" else _cartesian
+        if system == "spherical":
+            listeners = _spherical_grid(folded.places, mirrored=mirrored)
+        else:
+            places = _coordinates(folded.places, system, mirrored=mirrored)
+            listeners = _plain_grid(places, "listeners")
         return cls(
             contacts=_plain_grid(folded.contacts, "contacts"),
-            listeners=gridded(folded.places, mirrored=mirrored),
+            listeners=listeners,
             gains=_means(folded),
             system=system,
             mirrored=mirrored,
@@ -274,7 +270,7 @@ def _coordinates(places: Array, system: str, *, mirrored: bool) -> Array:
     return np.stack([distance, np.abs(azimuth) if mirrored else azimuth, polar], axis=1)
 
 
-def _spherical(places: Array, *, mirrored: bool) -> Grid:
+def _spherical_grid(places: Array, *, mirrored: bool) -> Grid:
     """Return the grid of listeners over distance, azimuth and polar angle."""
     distance, azimuth, polar = _coordinates(places, "spherical", mirrored=mirrored).T
     beside = np.sin(polar) > _SAME
@@ -296,10 +292,6 @@ def _spherical(places: Array, *, mirrored: bool) -> Grid:
     return Grid(axes=axes, sources=sources, count=len(places))
 
 
-def _cartesian(places: Array, *, mirrored: bool) -> Grid:
-    return _plain_grid(_coordinates(places, "cartesian", mirrored=mirrored), "listeners")
-
-
 def _plain_grid(places: Array, what: str) -> Grid:
     """Return the grid whose nodes are places (n, axes), each of them one."""
     axes = tuple(GridAxis.through(values) for values in places.T)
@@ -310,7 +302,7 @@ def _plain_grid(places: Array, what: str) -> Grid:
     return Grid(axes=axes, sources=gaps.argmin(axis=1), count=len(places))
 
 
-def _require_complete(nodes: Array, missing: NDArray[np.bool_], what: str) -> None:
+def _require_complete(nodes: Array, missing: Mask, what: str) -> None:
     if missing.any():
         raise OptionError(
             f"{np.count_nonzero(missing)} of {len(nodes)} places of the grid were not recorded, "

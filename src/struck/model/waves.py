@@ -8,16 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import sph_harm_y
 
 from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.survey import shares
 
-# Waves that leave a body, sorted by direction: what listener parts are made of.
-
-ORDER = 4
-"""The highest degree of waves fitted to recordings."""
+ORDER = 4  # the highest degree of waves fitted to recordings
 
 
 def degrees(order: int) -> tuple[Index, Index]:
@@ -29,6 +24,8 @@ def degrees(order: int) -> tuple[Index, Index]:
 
 def real_harmonics(places: Array, order: int) -> Array:
     """Return real harmonics r^l Y_lm at places (n, 3), of mean square 1 on a unit sphere."""
+    from scipy.special import sph_harm_y  # not loaded with every model file
+
     degree, angular = degrees(order)
     x, y, z = places.T[:, :, None]
     flat = np.hypot(x, y)
@@ -40,6 +37,7 @@ def real_harmonics(places: Array, order: int) -> Array:
 
 def near_field(order: int) -> Complex:
     """Return the coefficient of x^-k in h_l(x) / h_0(x) i^-l at [k, l]: 1 far away."""
+    # Time goes as exp(+i omega t), and h_l / h_0 is a polynomial in 1/x (Williams 1999, sec. 6.4).
     coefficients = np.zeros((order + 1, order + 1), np.complex128)
     for degree in range(order + 1):
         for power in range(degree + 1):
@@ -48,14 +46,14 @@ def near_field(order: int) -> Complex:
     return coefficients
 
 
-# How strong each outgoing wave is, from what listeners heard: Bayesian regression by mode.
-
+# Bayesian regression of the waves' amplitudes, mode by mode: shares that the variance of the noise
+# may have of the scale of the amplitudes, whose own variance falls with the degree.
 NOISES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-"""What the variance of the noise may be of the scale of the amplitudes."""
-_DEGREES, _WAVE_FIT_ANGULAR = degrees(ORDER)
+_DEGREES, _ANGULAR = degrees(ORDER)
 _FREE = 100.0  # for the monopole: what a single listener heard must not shrink
 _VARIANCES = np.where(_DEGREES == 0, _FREE, 1 / (1.0 + _DEGREES * (_DEGREES + 1)))
 _POWERS = np.arange(1.0, ORDER + 2)
+_EXPLAINED = 0.75  # share of the energy that waves must explain for their phases to be believed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,9 +86,12 @@ def fit_waves(
     laws: Sequence[DistanceLaw], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
 ) -> Complex:
     """Return parts (ORDER + 1, B, M) of r^-(k+1) Y_lm, fitted to outputs at places."""
+    # Law, highest degree and noise are averaged over by their evidence (Rasmussen & Williams,
+    # Gaussian Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5). There are never
+    # more harmonics than listeners; outputs that are `mirrored` are even in y.
     distances = np.linalg.norm(places, axis=1)
     harmonics = real_harmonics(places / distances[:, None], ORDER)
-    usable = (_WAVE_FIT_ANGULAR >= 0) | (not mirrored)
+    usable = (_ANGULAR >= 0) | (not mirrored)
     choices = [usable & (order >= _DEGREES) for order in range(ORDER + 1)]
     choices = [each for each in choices if np.count_nonzero(each) <= len(places)]
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
@@ -138,11 +139,6 @@ class _Problem:
         return evidence, np.asarray(found, np.complex128)
 
 
-_ANGULAR = degrees(ORDER)[1]
-# Share of the energy that waves must explain for their phases to be believed.
-_EXPLAINED = 0.75
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SphericalWaves:
     """Sound around a body, relative to the arrival: p = sum_k r^-(k+1) sum_lm parts_klm Y_lm."""
@@ -150,7 +146,7 @@ class SphericalWaves:
     parts: Complex  # (ORDER + 1, (ORDER + 1)^2, M)
     limit: float  # distance down to which the law is trusted, m; nearer, Y_lm goes as r^l Y_lm
     # (M,), modes with more lobes than listeners: levels alone, of one phase
-    levelled: NDArray[np.bool_]
+    levelled: Mask
 
     @classmethod
     def of(
@@ -164,6 +160,9 @@ class SphericalWaves:
         mirrored: bool = False,
     ) -> SphericalWaves:
         """Fit outputs (Q, M) with weights (Q, M) at places (Q, 3) around a body of `radius` m."""
+        # Waves, and sound with the same directions at all distances, are tried, trusted down to
+        # `radius` or half the distance of the nearest listener. Where both explain less than 3/4
+        # of the energy, what they make of phases would only cancel out: there levels are fitted.
         distances = np.linalg.norm(places, axis=1)
         reference = float(np.exp(np.log(distances).mean()))
         same, levels = DistanceLaw.same(reference), np.abs(outputs)
@@ -184,6 +183,7 @@ class SphericalWaves:
 
     def turned(self, places: Array) -> Complex:
         """Return the pressure by angular order: (L, 2 ORDER + 1, M)."""
+        # A contact at azimuth a is heard as the sum with the factors 1, cos a, sin a, cos 2 a ...
         seen = self._seen(places)
         sides = [0, *(side for order in range(1, ORDER + 1) for side in (order, -order))]
         heard = [
@@ -196,7 +196,7 @@ class SphericalWaves:
 
     def chosen(self, modes: Index, size: float, factor: float) -> SphericalWaves:
         """Return some modes of a body `size` times as large, which rings as much lower."""
-        powers = size ** np.arange(1.0, ORDER + 2)[:, None, None]
+        powers = size ** _POWERS[:, None, None]
         return SphericalWaves(
             parts=np.ascontiguousarray(self.parts[:, :, modes] * powers * factor),
             limit=self.limit * size,
@@ -207,4 +207,4 @@ class SphericalWaves:
         """Return r^-(k+1) Y_lm at places (L, ORDER + 1, B)."""
         distances = np.maximum(np.linalg.norm(places, axis=1), self.limit)[:, None]
         harmonics = real_harmonics(places / distances, ORDER)
-        return distances[:, :, None] ** -np.arange(1.0, ORDER + 2)[:, None] * harmonics[:, None]
+        return distances[:, :, None] ** -_POWERS[:, None] * harmonics[:, None]
