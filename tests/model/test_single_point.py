@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.errors import ContactError
-from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.model.model import ModalModel
 from struck.model.timbre_table import SinglePoint
@@ -70,38 +68,12 @@ def test_a_strike_rings_as_recorded_at_one_metre() -> None:
     np.testing.assert_allclose(farther.samples[0], expected(0.25), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("listener", "channels"),
-    [
-        (None, 1),
-        (Mono(position=(0, 1, 0)), 1),
-        (Stereo(position=(0, 1.5, 0)), 2),
-        (Binaural(position=(0, 1.5, 0)), 2),
-    ],
-)
-def test_every_listener_hears_it(listener: Listener | None, channels: int) -> None:
-    sound = render(model(), Strike(), seconds=1, listener=listener)
-    assert sound.samples.shape == (channels, RATE)
-    assert np.isfinite(sound.samples).all()
-    for channel in sound.samples:
-        spectrum = np.abs(np.fft.rfft(channel))
-        assert spectrum.argmax() == 440
-
-
 def test_the_recorded_place_has_a_name_and_others_have_none() -> None:
     assert model().contact("recorded").point.shape == (0,)
     with pytest.raises(ContactError, match="no place is called 'rim': give one of recorded"):
         model().contact("rim")
     with pytest.raises(ContactError, match=r"recorded at one place.*strike 'recorded'"):
         model().contact((0.0, 0.0, 0.1))
-
-
-def test_recorded_bodies_know_no_way_to_scrape_or_roll() -> None:
-    scrape = Scrape(path=["recorded", "recorded"], speed=0.1, load=1.0)
-    roll = Roll(path=[(0.1,), (0.2,)], speed=0.1, radius=0.01, mass=0.02)
-    for touch in (scrape, roll):
-        with pytest.raises(ContactError, match="knows places that were struck and no way between"):
-            render(model(), touch, seconds=0.1)
 
 
 @pytest.mark.parametrize(("size", "density"), [(2.0, 1.0), (1.0, 3.0), (0.5, 0.7)])

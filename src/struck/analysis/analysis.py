@@ -215,7 +215,7 @@ class _Work:
     def model(
         self, modes: Modes, own: Mapping[str, Array], radiation: str, lowest: float
     ) -> ModalModel:
-        """Return the model of the modes, with the body's `own` places beside those of any."""
+        """Return the model of the modes, with its outermost and the body's `own` places."""
         places = {**places_of(modes.surface), **own}
         self.stages.progress("radiation", 0.0)
         return self.stages.kept(

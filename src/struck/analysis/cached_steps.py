@@ -32,9 +32,9 @@ from struck.solids.volume_mesh import VolumeMesh
 T = TypeVar("T")
 
 _LIBRARIES = ("struck", "numpy", "scipy", "rslab", "libigl")
-# Formats whose files hold all that they say; the others may refer to further files.
+# Formats whose files are complete; other formats may refer to further files.
 _WHOLE = {".obj", ".stl", ".ply", ".off", ".glb"}
-# Larger files are read once only, by whoever knows how much of them to take.
+# Larger files are read once only, by a reader that knows how much of them to take.
 _LARGEST_FILE = 2**30
 
 

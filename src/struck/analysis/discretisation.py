@@ -81,7 +81,7 @@ class GivenElements:
     error: float | None = None  # of frequencies to aim at: these elements cannot be chosen by it
 
     def coarse(self, _stages: Stages, /) -> Elements | None:
-        """Return None: there are no others."""
+        """Return None: there is no second set."""
         return None
 
     def fine(self, _stages: Stages, _nodes: int, /) -> Elements:

@@ -51,7 +51,7 @@ def recorded_listeners(gains: Gains) -> Array | None:
     if not isinstance(whole, TimbreField):
         return None
     # A field keeps waves, not who heard them outside: 45 directions at the distance of the nearest
-    # listener and at twice that, which tell how they fall. Listeners inside follow as they were.
+    # listener and at twice that, for how they fall. Listeners inside follow as they were.
     nearest, inside = 2 * whole.listener_part.waves.limit, whole.listener_part.inside.places
     return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest), inside])
 
@@ -65,7 +65,7 @@ def _gridded(table: TimbreTable) -> Array:
 
 
 def _all_around(distance: float) -> Array:
-    """Return places (n, 3) that tell all waves up to `ORDER` apart."""
+    """Return places (n, 3) that distinguish all waves up to `ORDER`."""
     # Gauss-Legendre nodes in the cosine of the polar angle, equal steps in azimuth (E. G. Williams,
     # Fourier Acoustics, Academic Press, 1999, section 6.3).
     heights, _ = np.polynomial.legendre.leggauss(ORDER + 1)
@@ -100,7 +100,7 @@ class Origin:
         return replace(origin, unmeasured=gains.unmeasured, notes=gains.notes)
 
     def chosen(self, modes: Index) -> Origin:
-        """Return those of some modes, in their order."""
+        """Return the origin of some modes, in their order."""
         return replace(
             self,
             errors=None if self.errors is None else self.errors[modes],

@@ -18,9 +18,9 @@ _LEAST = 1e-12  # less than that would only make denormal numbers, which process
 def shares(evidence: Array) -> Array:
     """Return the weight of each explanation (K, M), of sum 1 for each mode, by its log evidence."""
     # Modes are taken as draws from one mixture of the explanations. Its weights come from all
-    # modes by expectation maximisation, from equal ones: a mode that tells little by itself goes
-    # with the others (empirical Bayes; C. M. Bishop, Pattern Recognition and Machine Learning,
-    # Springer, 2006, chapter 9).
+    # modes by expectation maximisation, from equal ones: a mode with little evidence of its own
+    # goes with the others (empirical Bayes; C. M. Bishop, Pattern Recognition and Machine
+    # Learning, Springer, 2006, chapter 9).
     count, modes = evidence.shape
     relative = np.exp(evidence - evidence.max(axis=0, initial=-np.inf))
     common = np.full(count, 1 / count)
