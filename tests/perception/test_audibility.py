@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import OptionError
+from struck.model.contact import Place
 from struck.model.model import ModalModel
-from struck.perception.audibility import audible, audible_modes
+from struck.perception import audibility
+from struck.perception.audibility import audible
 from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance, sonic_distance
 from tests.perception.bodies import LEFT, RIGHT, chord, clamped_plate, hinged_bar, random_contacts
+
+
+def audible_modes(
+    model: ModalModel,
+    contacts: Sequence[Place],
+    listener: ArrayLike | None = None,
+    level: float | None = None,
+) -> NDArray[np.bool_]:
+    """Return which modes are heard, for each contact and listener by itself (K, L, M)."""
+    heard = HeardModel.at(model, listener, level)
+    intensities = audibility._intensities(model, contacts, heard)
+    cases = intensities.reshape(-1, 1, intensities.shape[2])
+    missed = [audibility._left_out(model.frequencies, case) for case in cases]
+    return ~np.stack(missed).reshape(intensities.shape)
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +129,7 @@ def test_bad_arguments_are_refused() -> None:
     with pytest.raises(OptionError, match="at least one place"):
         audible(model, [])
     with pytest.raises(OptionError, match="at least one place"):
-        audible_modes(model, "top")
+        audible(model, "top")
     with pytest.raises(OptionError, match="none of 3 modes"):
         audible(model, level=-60)
     rings = ("frequencies", "natural_frequencies", "decays")

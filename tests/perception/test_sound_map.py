@@ -10,7 +10,6 @@ import pytest
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.model.mesh import Surface
 from struck.model.model import ModalModel
-from struck.perception import covering
 from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance
 from struck.perception.sound_map import SoundMap, sound_map
 from tests.perception.bodies import chord, clamped_plate, hinged_bar, random_contacts
@@ -160,7 +159,7 @@ def test_bad_arguments_are_refused(
         sound_map(bar, listener=[(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
     with pytest.raises(ContactError, match="off the body"):
         bar_map.at((0.1, 0.2, 0.3))
-    monkeypatch.setattr(covering, "MOST_TRIANGLES", 600)
+    monkeypatch.setattr("struck.perception.sound_map.MOST_TRIANGLES", 600)
     with pytest.raises(OptionError, match="a larger one"):
         sound_map(bar, 0.5)
 

@@ -1,4 +1,4 @@
-"""Which modes are heard, by the threshold in quiet and by masking, and a model of those alone."""
+"""Audible modes, by the threshold in quiet and by masking, and a model of those alone."""
 
 from __future__ import annotations
 
@@ -26,18 +26,22 @@ _STAYING = 0.05
 _REFERENCES = ("glasberg1990", "terhardt1979", "fastl2007")
 
 
-def audible_modes(
+def audible(
     model: ModalModel,
     contacts: Sequence[Place] | None = None,
     *,
     listener: ArrayLike | None = None,
     level: float | None = None,
-) -> NDArray[np.bool_]:
-    """Return which modes are heard, for each contact and listener by itself.
+) -> ModalModel:
+    """Return a model of the modes that are heard anywhere, their gains solved for anew.
 
-    Modes are left out, those that add least first, as long as behind no filter of the ear all
-    those left out together exceed the threshold that the others leave: the threshold in quiet and
-    a just noticeable share (1 dB) of the others' excitation.
+    Modes are left out, those that add least first, as long as behind no filter of the ear, at no
+    contact and listener, all those left out together exceed the threshold that the others leave:
+    the threshold in quiet and a just noticeable share (1 dB) of the others' excitation. What is
+    left out sounds, together, though each mode of it does not; so each mode that stays gets a
+    factor, the same for all contacts, such that what passes the ear's filters at all contacts
+    comes nearest to what did, in relative least squares with a weak pull toward 1. (The nearest
+    waveform would leave the gains as they are: modes of different frequencies are orthogonal.)
 
     Parameters
     ----------
@@ -49,44 +53,6 @@ def audible_modes(
         m; beside the model unless given.
     level : float, optional
         Of the loudest contact, dB re 20 micropascal; 85 unless given.
-
-    Returns
-    -------
-    array (K, L, M) of bool
-
-    Raises
-    ------
-    ContactError
-        On a place off the body, or a listener inside it.
-    OptionError
-        On a level that is not finite, or no contacts.
-    """
-    intensities = _intensities(model, contacts, HeardModel.at(model, listener, level))
-    cases = intensities.reshape(-1, 1, intensities.shape[2])
-    heard = [~_left_out(model.frequencies, case) for case in cases]
-    return np.stack(heard).reshape(intensities.shape)
-
-
-def audible(
-    model: ModalModel,
-    contacts: Sequence[Place] | None = None,
-    *,
-    listener: ArrayLike | None = None,
-    level: float | None = None,
-) -> ModalModel:
-    """Return a model of the modes that are heard anywhere, their gains solved for anew.
-
-    A mode is left out when nobody misses it at any contact and listener, in the sense of
-    `audible_modes`. What is left out sounds, together, though each mode of it does not; so each
-    mode that stays gets a factor, the same for all contacts, such that what passes the ear's
-    filters at all contacts comes nearest to what did, in relative least squares with a weak pull
-    toward 1. (The nearest waveform would leave the gains as they are: modes of different
-    frequencies are orthogonal.)
-
-    Parameters
-    ----------
-    model, contacts, listener, level
-        As for `audible_modes`.
 
     Returns
     -------
@@ -127,7 +93,7 @@ def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: H
 
 
 def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
-    """Return which modes nobody misses in any of several cases (C, M)."""
+    """Return which modes are missed in none of several cases of intensities (C, M)."""
     centres = filter_centres(_FINE)
     passing = spreading(frequencies, centres)
     quiet = 10 ** (threshold_in_quiet(centres) / 10)
@@ -145,7 +111,7 @@ def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
 
 
 def _solved(frequencies: Array, intensities: Array, kept: Index) -> Array:
-    """Return factors for the intensities of the modes that stay."""
+    """Return factors for the intensities of the modes that stay, given all intensities (C, M)."""
     from scipy.optimize import nnls
 
     centres = filter_centres()
@@ -188,13 +154,11 @@ def _of_modes(model: ModalModel, kept: Index, factors: Array, level: float) -> M
 
 
 def _weighted(gains: Gains, kept: Index, factors: Array) -> ShapeGains:
-    """Return the gains of some modes, their squares times `factors`.
-
-    Half of it goes to the contact side and half to the listener's: as for a mode of less mass,
-    whose shape, and what it radiates, grow alike.
-    """
+    """Return the gains of some modes, their squares multiplied by `factors`."""
     if not isinstance(gains, ShapeGains):
         raise OptionError("this model has no mode shapes: leave modes out where it was made")
+    # Half goes to the contact side and half to the listener's: as for a mode of less mass, whose
+    # shape, and what it radiates, grow alike.
     half = factors**0.25
     formula = gains.formula
     return replace(

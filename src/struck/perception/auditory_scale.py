@@ -1,4 +1,4 @@
-"""Hearing: bands of the ear, thresholds, equal loudness, spread of excitation and masking.
+"""Hearing: bands of the ear, threshold in quiet, equal loudness and spread of excitation.
 
 Arrays in, arrays out. Levels are dB re 20 micropascal; intensities are mean-square pressures over
 the square of that, so that a level is 10 log10 of an intensity.
@@ -12,14 +12,10 @@ from numpy.typing import ArrayLike
 from struck.errors import OptionError
 from struck.model.arrays import Array
 
-REFERENCE_PRESSURE = 2e-5
-"""0 dB of sound pressure level, Pa."""
-INTEGRATION = 0.2
-"""For how long the ear adds up energy, s (Fastl & Zwicker 2007, section 4.4)."""
+REFERENCE_PRESSURE = 2e-5  # 0 dB of sound pressure level, Pa
+INTEGRATION = 0.2  # For how long the ear adds up energy, s (Fastl & Zwicker 2007, section 4.4)
+# The share by which an excitation must grow to be heard growing: 1 dB (Fastl & Zwicker 2007)
 JUST_NOTICED = 10**0.1 - 1
-"""The share by which an excitation must grow to be heard growing: 1 dB (Fastl & Zwicker 2007)."""
-
-THRESHOLDS = ("terhardt1979", "iso226")
 
 # ISO 226:2003, table 1: frequency (Hz), exponent of loudness, its level of transfer (dB, relative
 # to 1 kHz) and the threshold of hearing (dB).
@@ -64,15 +60,14 @@ def decibels(intensities: ArrayLike) -> Array:
 
 
 def erb(frequencies: ArrayLike) -> Array:
-    """Return the equivalent rectangular bandwidth of the ear's filters, Hz.
-
-    Glasberg & Moore 1990, eq. 3: 24.7 (4.37 f + 1) with f in kHz.
-    """
+    """Return the equivalent rectangular bandwidth of the ear's filters, Hz."""
+    # Glasberg & Moore 1990, eq. 3: 24.7 (4.37 f + 1) with f in kHz.
     return 24.7 * (4.37e-3 * np.asarray(frequencies, float) + 1)
 
 
 def erb_number(frequencies: ArrayLike) -> Array:
-    """Return how many of these bandwidths lie below frequencies (Glasberg & Moore 1990, eq. 4)."""
+    """Return how many equivalent rectangular bandwidths lie below frequencies in Hz."""
+    # Glasberg & Moore 1990, eq. 4.
     return 21.4 * np.log10(4.37e-3 * np.asarray(frequencies, float) + 1)
 
 
@@ -87,43 +82,15 @@ def bark(frequencies: ArrayLike) -> Array:
     return 13 * np.arctan(0.76 * kilohertz) + 3.5 * np.arctan(np.square(kilohertz / 7.5))
 
 
-def threshold_in_quiet(frequencies: ArrayLike, formula: str = "terhardt1979") -> Array:
-    """Return the level of the softest audible tones, dB.
-
-    Parameters
-    ----------
-    frequencies : array-like
-        Hz.
-    formula : str
-        "terhardt1979" (his eq. 1, for all frequencies), or "iso226": the table of ISO 226:2003,
-        straight between its rows over the logarithm of frequency; beyond 20 Hz and 12.5 kHz it
-        goes on in parallel to the formula.
-
-    Raises
-    ------
-    OptionError
-        On an unknown formula or a frequency that does not exceed 0.
-    """
-    tones = _positive(frequencies)
-    if formula == "terhardt1979":
-        return _terhardt(tones)
-    if formula == "iso226":
-        return _between_rows(tones, _ISO_226[:, 3])
-    raise OptionError(f"threshold is {formula!r}: give one of {', '.join(THRESHOLDS)}")
+def threshold_in_quiet(frequencies: ArrayLike) -> Array:
+    """Return the level of the softest audible tones, dB (Terhardt 1979, eq. 1)."""
+    kilohertz = _positive(frequencies) / 1000
+    dip = 6.5 * np.exp(-0.6 * np.square(kilohertz - 3.3))
+    return 3.64 * kilohertz**-0.8 - dip + 1e-3 * kilohertz**4
 
 
 def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
-    """Return the levels of tones that sound as loud as one of `phon` dB at 1 kHz, dB.
-
-    ISO 226:2003, eq. 1 at the frequencies of its table; between and beyond as in
-    `threshold_in_quiet`.
-
-    Raises
-    ------
-    OptionError
-        When `phon` is outside 20 to 80, for which the standard holds, or a frequency does not
-        exceed 0.
-    """
+    """Return the levels of tones as loud as one of `phon` dB at 1 kHz, dB (ISO 226:2003, eq. 1)."""
     if not 20 <= phon <= 80:
         raise OptionError(f"phon is {phon}: ISO 226 holds for 20 to 80")
     tones = _positive(frequencies)
@@ -134,54 +101,26 @@ def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
 
 
 def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
-    """Return the weight S(f) of 1998, section 5: 1 where the ear is best, toward 0 elsewhere.
-
-    The pressure of the softest among the tones of one loudness, as a share of the tone's own.
-    """
+    """Return the weight S(f) of 1998, section 5: 1 where the ear is best, toward 0 elsewhere."""
+    # The pressure of the softest among the tones of one loudness, as a share of the tone's own.
     contour = equal_loudness(frequencies, phon)
     best = equal_loudness(_ISO_226[:, 0], phon).min()
     return np.minimum(10 ** ((best - contour) / 20), 1.0)
 
 
 def integrated(decays: ArrayLike) -> Array:
-    """Return the mean of exp(-2 d t) over the ear's integration time: what a decay leaves."""
+    """Return the mean of exp(-2 d t) over the ear's integration time, for decay rates d, 1/s."""
     exponents = 2 * np.asarray(decays, float) * INTEGRATION
     return np.where(exponents > 1e-9, -np.expm1(-exponents) / np.maximum(exponents, 1e-9), 1.0)
 
 
 def spreading(frequencies: ArrayLike, centres: ArrayLike) -> Array:
-    """Return how much of the intensity of tones (M,) passes the ear's filters (B, M).
-
-    Rounded exponentials, (1 + p g) exp(-p g) with g = |f - centre| / centre and p = 4 centre / ERB:
-    Patterson et al. 1982; Glasberg & Moore 1990, at moderate levels, where they are symmetric.
-    """
+    """Return the share of the intensity of tones (M,) that passes the ear's filters (B, M)."""
+    # Rounded exponentials (1 + p g) exp(-p g), g = |f - centre| / centre, p = 4 centre / ERB:
+    # Patterson et al. 1982; Glasberg & Moore 1990, at moderate levels, where they are symmetric.
     middles = _positive(centres)[:, None]
     steps = 4 * np.abs(_positive(frequencies)[None] - middles) / erb(middles)
     return (1 + steps) * np.exp(-steps)
-
-
-def masked_thresholds(frequencies: ArrayLike, intensities: ArrayLike) -> Array:
-    """Return the intensity that each of several tones needs to be heard among the others.
-
-    Its excitation must exceed the threshold in quiet by a just noticeable share of the excitation
-    of all others, at the filter on its own frequency.
-
-    Parameters
-    ----------
-    frequencies : array-like (M,)
-        Hz.
-    intensities : array-like (..., M)
-        Over that of 20 micropascal.
-
-    Returns
-    -------
-    array (..., M)
-        Over that of 20 micropascal.
-    """
-    others = spreading(frequencies, frequencies)
-    np.fill_diagonal(others, 0.0)
-    quiet = 10 ** (threshold_in_quiet(frequencies) / 10)
-    return quiet + JUST_NOTICED * (np.asarray(intensities, float) @ others.T)
 
 
 def _positive(frequencies: ArrayLike) -> Array:
@@ -191,15 +130,10 @@ def _positive(frequencies: ArrayLike) -> Array:
     return tones
 
 
-def _terhardt(frequencies: Array) -> Array:
-    kilohertz = frequencies / 1000
-    dip = 6.5 * np.exp(-0.6 * np.square(kilohertz - 3.3))
-    return 3.64 * kilohertz**-0.8 - dip + 1e-3 * kilohertz**4
-
-
 def _between_rows(frequencies: Array, levels: Array) -> Array:
-    """Return levels at any frequencies, of levels in the rows of ISO 226."""
+    """Return levels at any frequencies, Hz, from levels at the rows of the ISO 226 table."""
     rows = _ISO_226[:, 0]
     within = np.clip(frequencies, rows[0], rows[-1])
-    beyond = _terhardt(frequencies) - _terhardt(within)
+    # Beyond 20 Hz and 12.5 kHz it goes on in parallel to the threshold in quiet.
+    beyond = threshold_in_quiet(frequencies) - threshold_in_quiet(within)
     return np.interp(np.log(within), np.log(rows), levels) + beyond

@@ -23,10 +23,7 @@ from struck.perception.auditory_scale import (
     threshold_in_quiet,
 )
 
-# What of a struck body's modes arrives at an ear, at a calibrated level.
-
-LEVEL = 85.0
-"""What the loudest contact of a body reaches unless somebody says otherwise, dB."""
+LEVEL = 85.0  # What the loudest contact of a body reaches unless somebody says otherwise, dB
 
 _SAMPLES = 1000
 # Steps of the most even sequence in a square: powers of the inverse of the plastic number.
@@ -35,51 +32,21 @@ _EVEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeardModel:
-    """A model as ears hear it.
-
-    Parameters
-    ----------
-    model : ModalModel
-    listeners : array (L, 3)
-        m.
-    outputs : array (L, R, M), complex
-        Of its gains, toward the listeners.
-    level : float
-        Of the loudest contact at the loudest listener, dB re 20 micropascal.
-    weights : array (M,)
-        What the square of a gain counts for: the mean square of its ringing over the ear's
-        integration time, at the calibrated level, over that of 20 micropascal.
-    """
+    """A struck model as ears hear it, at a calibrated level."""
 
     model: ModalModel
-    listeners: Array
-    outputs: Complex
-    level: float
+    listeners: Array  # (L, 3), m
+    outputs: Complex  # (L, R, M): of its gains, toward the listeners
+    level: float  # of the loudest contact at the loudest listener, dB re 20 micropascal
+    # (M,): what the square of a gain counts for, the mean square of its ringing over the ear's
+    # integration time at the calibrated level, over that of 20 micropascal
     weights: Array
 
     @classmethod
     def at(
         cls, model: ModalModel, listener: ArrayLike | None = None, level: float | None = None
     ) -> HeardModel:
-        """Put ears somewhere and turn the volume so that the loudest contact reaches `level`.
-
-        Parameters
-        ----------
-        model : ModalModel
-            With a surface.
-        listener : array-like (3,) or (L, 3), optional
-            In the model's coordinates, m; beside it, at 1 m or two of its radii, unless given.
-        level : float, optional
-            Of the loudest contact at the loudest listener, dB re 20 micropascal over the first
-            0.2 s; 85 unless given.
-
-        Raises
-        ------
-        ContactError
-            When the model has no surface, or a listener is inside it.
-        OptionError
-            When the level or a place is not finite, the model has no modes, or it is silent.
-        """
+        """Put ears somewhere and turn the volume so that the loudest contact reaches `level`."""
         listeners = _places(model, listener)
         wanted = LEVEL if level is None else float(level)
         if not np.isfinite(wanted):
@@ -97,13 +64,7 @@ class HeardModel:
         return replace(heard, weights=heard.weights * 10 ** (more / 10))
 
     def loudest(self, points: Array, directions: Array) -> float:
-        """Return the level of the loudest of some contacts at the loudest listener, dB.
-
-        Raises
-        ------
-        OptionError
-            When all are silent, or gains are not finite.
-        """
+        """Return the level of the loudest of some contacts at the loudest listener, dB."""
         most = self.intensities(points, directions).sum(axis=2).max(initial=0)
         if not (np.isfinite(most) and most > 0):
             raise OptionError(
@@ -121,11 +82,8 @@ class HeardModel:
         return np.square(np.abs(self.gains(points, directions))) * self.weights
 
     def amplitudes(self, points: Array, directions: Array) -> Array:
-        """Return real parts (K, P) whose squares add up to the intensities at the first listener.
-
-        They are linear in the gains: P = M where a mode's phase is the same for all contacts,
-        else 2 M, real parts before imaginary ones.
-        """
+        """Return real parts (K, P) whose squares add up to the first listener's intensities."""
+        # Linear in the gains: P = M where a mode's phase is the same for all contacts, else 2 M.
         loud = np.sqrt(self.weights)
         drives = self.model.gains.at(points, directions)
         if self.outputs.shape[1] == 1:
@@ -134,19 +92,13 @@ class HeardModel:
         return np.concatenate([gains.real, gains.imag], axis=1)
 
     def passing(self, centres: Array) -> Array:
-        """Return what of the squares of `amplitudes` passes the ear's filters (B, P)."""
+        """Return the share of the squares of `amplitudes` that passes the ear's filters (B, P)."""
         share = spreading(self.model.frequencies, centres)
         return share if self.outputs.shape[1] == 1 else np.tile(share, 2)
 
 
 def surface_of(model: ModalModel) -> Mesh:
-    """Return where a model can be touched.
-
-    Raises
-    ------
-    ContactError
-        When that is unknown.
-    """
+    """Return the surface of a model, or raise a ContactError where it has none."""
     if model.geometry is None:
         raise ContactError("this model has no surface to touch: analyze a body")
     return model.geometry
@@ -253,16 +205,8 @@ def filter_centres(step: float = _STEP) -> Array:
     return frequency_of(np.arange(np.ceil(low), np.floor(high) + 1) * step)
 
 
-def band_excess(frequencies: Array, intensities: Array) -> Array:
-    """Return by how much modes exceed the threshold in quiet behind each filter, dB (..., B).
-
-    Parameters
-    ----------
-    frequencies : array (M,)
-        Hz.
-    intensities : array (..., M)
-        Over that of 20 micropascal.
-    """
+def band_excess(frequencies: Array, intensities: Array) -> Array:  # (M,), Hz, and (..., M)
+    """Return levels behind the ear's filters above the threshold in quiet, dB (..., B)."""
     centres = filter_centres()
     excitation = decibels(intensities @ spreading(frequencies, centres).T)
     return np.maximum(excitation - threshold_in_quiet(centres), 0.0)
@@ -284,7 +228,7 @@ def doel_distance(frequencies: Array, first: Array, second: Array, *, mean: bool
 
 
 def _struck(hearing: HeardModel, at: Place) -> Array:
-    """Return the intensities of the modes of a body struck somewhere (M,)."""
+    """Return the intensities of the modes of a body struck at a place (M,)."""
     contact = hearing.model.contact(at)
     return hearing.intensities(contact.point[None], contact.direction[None])[0, 0]
 

@@ -12,9 +12,8 @@ import trimesh
 from struck.analysis.analysis import model_of_modes
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
-from struck.perception.covering import Ear, Facets
 from struck.perception.sonic_distance import HeardModel, erb_distance
-from struck.perception.sound_map import sound_map
+from struck.perception.sound_map import Ear, Facets, sound_map
 from struck.shapes.skins import rectangle, slab
 from tests.perception.bodies import STEEL, Plain, clamped_plate, given, random_contacts
 
