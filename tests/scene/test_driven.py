@@ -16,7 +16,7 @@ from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.model.gains import Gains
 from struck.scene.body import Action
-from struck.scene.render import render
+from struck.scene.render import DrivenBody, render
 from tests.scene.test_render import BLOCK, FREQUENCIES, TOP, block
 
 SCRAPE = Scrape(path=[TOP, (-0.05, 0.01, 0.05)], speed=0.2, load=1.0, radius=1e-3)
@@ -101,7 +101,7 @@ def test_sounds_of_unsaid_length_end_when_all_has_died_away() -> None:
 
 
 def test_pushes_without_end_need_a_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("struck.scene.one_body.LONGEST_UNSAID", 2.0)
+    monkeypatch.setattr("struck.scene.render.LONGEST_UNSAID", 2.0)
     endless = replace(SCRAPE, repeat="back")
     with pytest.raises(OptionError, match=r"not ended after 2 s.*seconds="):
         render(BLOCK, endless)
@@ -126,8 +126,6 @@ class Products(Gains):
 
 
 def test_expanded_gains_sound_the_same() -> None:
-    from struck.scene.one_body import Driven
-
     model = replace(BLOCK, gains=Products()).expanded()
     assert len(model.frequencies) == 3 * len(FREQUENCIES)
     assert BLOCK.expanded() is BLOCK
@@ -138,9 +136,7 @@ def test_expanded_gains_sound_the_same() -> None:
     for each in (BLOCK, model):
         track = Given(force, each.gains.at(contact.point[None], contact.direction[None])[0, 0])
         outputs = each.gains.toward(np.array([[1.0, 0, 0]]))[:, 0]
-        driven = Driven(
-            model=each, outputs=outputs, excitations=[track], holds=[], sample_rate=48000
-        )
+        driven = DrivenBody(model=each, outputs=outputs, actions=[track], sample_rate=48000)
         sounds.append(driven.samples(0.2, at_least=0.0)[0])
     assert decibels(sounds[0] - sounds[1], sounds[0]) <= -200
 

@@ -17,8 +17,7 @@ from struck.files.sound import Sound
 from struck.model.damping import Rayleigh
 from struck.model.material import Material
 from struck.model.model import ModalModel
-from struck.scene.one_body import LONGEST_RING, SHORTEST_RING
-from struck.scene.render import render
+from struck.scene.render import LONGEST_RING, SHORTEST_RING, render
 
 GLASS = Material(
     name="test glass",

@@ -16,8 +16,7 @@ from struck.excitation.hold import Hold
 from struck.model.arrays import Array
 from struck.model.model import ModalModel
 
-Action = Excitation | Hold
-"""What may happen to a body."""
+Action = Excitation | Hold  # what may happen to a body
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,12 +70,12 @@ class Body:
 
 
 def centre_of(model: ModalModel) -> Array:
-    """Return where its sound seems to come from, in its own coordinates, m (3,)."""
+    """Return where a model's sound seems to come from, in its own coordinates, m (3,)."""
     return np.zeros(3) if model.centre is None else np.asarray(model.centre)
 
 
 def radius_of(model: ModalModel) -> float:
-    """Return that of the ball about its centre that holds it, m; 0 where its shape is unknown."""
+    """Return the radius of the ball about a model's centre that holds it, m; 0 where unknown."""
     if model.geometry is None:
         return 0.0
     return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
@@ -88,7 +87,7 @@ def emitter_at(model: ModalModel, centre: Trajectory) -> Emitter:
 
 
 def place_beside(model: ModalModel) -> Array:
-    """Return where it is heard unless somebody says where, from its centre, m (3,)."""
+    """Return the default listener of a model, seen from its centre, m (3,)."""
     return aside(radius_of(model))
 
 

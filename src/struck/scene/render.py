@@ -1,184 +1,47 @@
-"""Offline sound of bodies in space, as a listener hears them."""
+"""Offline sound: bodies and what happens to them, in; samples at a listener, out.
+
+What a body sends to a place is the sum of three parts: plain strikes in closed form, whatever else
+pushes or holds it block by block through resonators, and the attack and noise of a recorded model.
+A bare position hears that as it is. For listeners it is sent, from 1 m or toward each ear, through
+`struck.ears` with its delays, heads and room.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from struck.ears.hearing import Hearing
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.ears.room import Room
 from struck.errors import OptionError
+from struck.excitation.excitation import Excitation, Pushing
 from struck.excitation.hold import Hold
+from struck.excitation.pulses import LEAD, sampled
+from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex
 from struck.model.material import AIR
+from struck.model.contact import Contact
 from struck.model.model import ModalModel
+from struck.model.residual import Residual
 from struck.scene.body import Action, Body, centre_of, place_beside
-from struck.scene.one_body import (
-    Driven,
-    dry_sound,
-    finite,
-    left_out,
-    residual_sound,
-    set_back,
-)
-from struck.synth.ring_down import below_nyquist
+from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
-_BLOCK = 4096
-
-
-def mixed(
-    bodies: Sequence[Body],
-    listener: Listener,
-    *,
-    seconds: float | None,
-    sample_rate: int,
-    room: Room | None = None,
-) -> Sound:
-    """Return what a listener hears; see `struck.scene.render.render`."""
-    emitters = [body.emitter for body in bodies]
-    pose = Pose.of(listener, emitters)
-    sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]
-    hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
-    length = None if seconds is None else max(1, round(seconds * sample_rate))
-    samples = _heard(hearing, _of_one_length([rows for rows, _ in sent]), length)
-    if room is not None and room.reverberation is not None:
-        near = [_at_a_metre(body, pose, rows) for body, (rows, _) in zip(bodies, sent, strict=True)]
-        late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
-        samples = _of_one_duration(samples, late, length)
-    calibrated = [body.model.calibrated for body in bodies]
-    return Sound(
-        samples=samples.astype(np.float32),
-        sample_rate=sample_rate,
-        calibrated=all(calibrated),
-        notes=_notes([notes for _, notes in sent], calibrated),
-    )
-
-
-def _sent(
-    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
-) -> tuple[Array, tuple[str, ...]]:
-    """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
-    if body.model.gains.directional:
-        return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
-    far = place_beside(body.model)
-    place = centre_of(body.model) + far
-    arrived = dry_sound(body.model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
-    return far[0] * arrived.samples[None], arrived.notes
-
-
-def _sent_to_ears(
-    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
-) -> tuple[Array, tuple[str, ...]]:
-    model = body.model.expanded()
-    actions = set_back(body.model, body.actions)
-    outputs = _toward_ears(body, pose)
-    driven = Driven(
-        model=model,
-        outputs=outputs(0.0),
-        excitations=[each for each in actions if not isinstance(each, Hold)],
-        holds=[each for each in actions if isinstance(each, Hold)],
-        sample_rate=sample_rate,
-        moving=outputs if pose.moves or body.emitter.centre.moves else None,
-    )
-    kept = below_nyquist(model.frequencies, sample_rate)
-    samples = driven.samples(seconds, at_least=0.0)
-    samples += residual_sound(
-        body.model,
-        body.actions,
-        lambda time: np.linalg.norm(_ears_from(body, pose, time), axis=1),
-        sample_rate=sample_rate,
-        length=samples.shape[1],
-    )
-    return samples, left_out(kept, sample_rate)
-
-
-def _ears_from(body: Body, pose: Pose, time: float) -> Array:
-    """Return the ears as seen from a body when they hear what it sends at a time, m (ears, 3)."""
-    place = body.emitter.centre.at(np.array([time]))
-    way = float(np.linalg.norm(pose.at(np.array([time]))[0][0, 0] - place))
-    return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
-
-
-def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
-    """Return a function of the time of sending: gains toward the ears when that arrives."""
-    gains, back = body.model.gains.expanded(), np.asarray(body.rotation).T
-
-    def outputs(time: float) -> Complex:
-        ears = _ears_from(body, pose, time) @ back.T + centre_of(body.model)
-        return finite(gains.toward(ears)[:, 0])
-
-    return outputs
-
-
-def _of_one_length(rows: Sequence[Array]) -> Array:
-    longest = max(each.shape[1] for each in rows)
-    return np.concatenate([np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in rows])
-
-
-def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
-    """Return what the ears hear (ears, n); of unsaid length, until all has arrived."""
-    blocks, done = [], 0
-    while length is None or done < length + hearing.lead:
-        part = rows[:, done : done + _BLOCK]
-        blocks.append(hearing.next_block(np.pad(part, ((0, 0), (0, _BLOCK - part.shape[1])))))
-        done += _BLOCK
-        if length is None and done >= rows.shape[1]:
-            length = rows.shape[1] + hearing.propagation.longest
-    return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
-
-
-def _at_a_metre(body: Body, pose: Pose, rows: Array) -> Array:
-    """Return what a body sounds like at 1 m (1, n); of a timbre field what the ears get there."""
-    if not body.model.gains.directional:
-        return rows
-    start = np.zeros(1)
-    apart = body.emitter.centre.at(start)[0] - pose.at(start)[0][0, 1:]
-    return (rows * np.linalg.norm(apart, axis=1)[:, None]).mean(axis=0)[None]
-
-
-def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array:
-    """Return the late sound of a room, after that of its images (ears, n)."""
-    from scipy.signal import oaconvolve
-
-    start = round(room.mixing_time() * sample_rate)
-    late = room.reverberation
-    tail = late.tail(sample_rate, ears, start=start / sample_rate) if late else np.zeros((ears, 0))
-    if not tail.size:
-        return np.zeros((ears, 0))
-    return np.pad(oaconvolve(sent[None], tail, axes=1), ((0, 0), (start, 0)))
-
-
-def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
-    """Return both together; of unsaid length, until the later one ends."""
-    longest = max(heard.shape[1], late.shape[1])
-    both = [np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in (heard, late)]
-    return (both[0] + both[1])[:, :length]
-
-
-def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:
-    many = len(notes) > 1
-    told = [
-        f"body {number}: {note}" if many else note
-        for number, some in enumerate(notes)
-        for note in some
-    ]
-    if any(calibrated) and not all(calibrated):
-        told.append(
-            f"{calibrated.count(False)} of {len(calibrated)} bodies have relative gains, the "
-            "others Pa: their levels cannot be compared"
-        )
-    return tuple(told)
-
-
-# Offline sound: bodies and what happens to them, in; samples, out.
-
-LONGEST_SOUND = 3600.0
-"""The largest `seconds`."""
+LONGEST_SOUND = 3600.0  # the largest `seconds`
+LONGEST_UNSAID = 60.0  # how long a sound of unsaid length waits for what pushes to end, s
+LONGEST_RING = 10.0  # how long it goes on after that at most, s
+SHORTEST_RING = 0.1  # and at least, s
+_QUIETEST = 10 ** (-40 / 20)  # softer modes than this share of the loudest do not prolong a sound
+_SILENT = np.log(1000)
+_MOVED = 1e-3  # contacts moved by less than this share of the body are not worth a note
+_BLOCK = 128  # short, since drives go straight from block to block where a contact moves
+_HEARING_BLOCK = 4096
 
 
 def render(
@@ -236,19 +99,17 @@ def render(
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
         )
-        arrived = dry_sound(model, body.actions, place, seconds=seconds, sample_rate=sample_rate)
-        return Sound(
-            samples=arrived.samples.astype(np.float32),
-            sample_rate=sample_rate,
-            calibrated=model.calibrated,
-            notes=arrived.notes,
-        )
-    return mixed(
-        _bodies(model, excitations),
-        _someone(listener),
-        seconds=seconds,
+        samples, notes = _arriving(body, place, seconds=seconds, sample_rate=sample_rate)
+        calibrated = model.calibrated
+    else:
+        bodies, ears = _bodies(model, excitations), _someone(listener)
+        samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
+        calibrated = all(body.model.calibrated for body in bodies)
+    return Sound(
+        samples=np.atleast_2d(samples).astype(np.float32),
         sample_rate=sample_rate,
-        room=room,
+        calibrated=calibrated,
+        notes=notes,
     )
 
 
@@ -276,3 +137,411 @@ def _require_bounds(seconds: float | None, sample_rate: int) -> None:
         raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at 3600")
     if not (sample_rate >= 1 and float(sample_rate).is_integer()):
         raise OptionError(f"sample_rate is {sample_rate}: give a whole number of Hz, such as 48000")
+
+
+def _arriving(
+    body: Body, listener: Array, *, seconds: float | None, sample_rate: int
+) -> tuple[Array, tuple[str, ...]]:
+    """Return what arrives at a place (3,) in body coordinates, without travel time (n,)."""
+    model, actions = body.model, _after_attack(body)
+    holds = [each for each in actions if isinstance(each, Hold)]
+    strikes = [each for each in actions if _is_plain(each) and not holds]
+    others = [each for each in actions if each not in strikes]
+    pulses, notes = _pulses(model, strikes, listener)
+    kept = below_nyquist(model.frequencies, sample_rate)
+    frequencies, decays = model.frequencies[kept], model.decays[kept]
+    heard = [replace(pulse, gains=pulse.gains[kept]) for pulse in pulses]
+    natural, cut = _length(frequencies, decays, heard)
+    driven = np.zeros(0)
+    if others:
+        outputs = _finite(model.gains.toward(listener[None]))[:, 0]
+        pushed = DrivenBody(model=model, outputs=outputs, actions=others, sample_rate=sample_rate)
+        driven = pushed.samples(seconds, at_least=natural)[0]
+        length = len(driven)
+    else:
+        length = max(1, round((natural if seconds is None else seconds) * sample_rate))
+    samples = ring_down(frequencies, decays, heard, sample_rate=sample_rate, length=length)
+    samples[: len(driven)] += driven
+    away = np.array([np.linalg.norm(listener - centre_of(model))], np.float64)
+    samples += _residual_sound(body, lambda _time: away, sample_rate=sample_rate, length=length)[0]
+    return samples, _left_out(kept, sample_rate) + notes + (cut if seconds is None else ())
+
+
+# Plain strikes: closed form.
+
+
+def _is_plain(action: Action) -> TypeGuard[Strike]:
+    """Return whether an action is a half-sine at a point, which has a closed form."""
+    return (
+        isinstance(action, Strike)
+        and action.shape == "half-sine"
+        and not action.patch
+        and not action.transient
+    )
+
+
+def _pulses(
+    model: ModalModel, strikes: Sequence[Strike], listener: Array
+) -> tuple[list[Pulse], tuple[str, ...]]:
+    """Return the pulses of strikes, and a note of how far contacts were moved to the surface."""
+    if not strikes:
+        return [], ()
+    contacts = [model.contact(strike.at, strike.direction) for strike in strikes]
+    pushes = [
+        strike.resolved(model, contact) for strike, contact in zip(strikes, contacts, strict=True)
+    ]
+    gains = _gains(model, contacts, listener)
+    pulses = [
+        Pulse(gains=push.impulse * gain, onset=strike.time, duration=push.duration)
+        for strike, push, gain in zip(strikes, pushes, gains, strict=True)
+    ]
+    moved = max(contact.distance for contact in contacts)
+    extent = 0.0 if model.geometry is None else model.geometry.extent
+    notable = moved > _MOVED * extent
+    return pulses, (f"a contact was moved {moved:.2g} m to the surface",) if notable else ()
+
+
+def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> Complex:
+    """Return the gain of each mode for each contact, Pa/(N s) or relative (K, M)."""
+    drives = model.gains.at(
+        np.stack([contact.point for contact in contacts]),
+        np.stack([contact.direction for contact in contacts]),
+    )
+    return _finite((drives * model.gains.toward(listener[None])).sum(axis=1))
+
+
+def _finite(gains: Complex) -> Complex:
+    """Return gains, or raise an OptionError unless all are finite."""
+    wrong = np.count_nonzero(~np.isfinite(gains).reshape(-1, gains.shape[-1]).all(axis=0))
+    if wrong:
+        raise OptionError(
+            f"{wrong} of {gains.shape[-1]} modes have gains that are not finite: analyze the body "
+            "again, or look at its model file"
+        )
+    return gains
+
+
+def _length(
+    frequencies: Array, decays: Array, pulses: Sequence[Pulse]
+) -> tuple[float, tuple[str, ...]]:
+    """Return for how long strikes are to be heard, s, and a note when that was cut short."""
+    if not pulses:
+        return 0.0, ()
+    last = max(pulse.release for pulse in pulses)
+    poles = -decays + 2j * np.pi * frequencies
+    strengths = np.max(
+        [np.abs(pulse.gains * released(poles, pulse.duration)) for pulse in pulses], axis=0
+    )
+    more = _ringing_time(decays, strengths)
+    return last + more, () if more < LONGEST_RING else (
+        f"the sound ends {LONGEST_RING:g} s after the last strike, before it has fallen by 60 dB",
+    )
+
+
+def _ringing_time(decays: Array, strengths: Array) -> float:
+    """Return how long modes ring until the slowest of the loud ones has fallen by 60 dB, s."""
+    loud = decays[strengths >= _QUIETEST * strengths.max(initial=0.0)]
+    slowest = loud.min(initial=np.inf)
+    if slowest * LONGEST_RING < _SILENT:
+        return LONGEST_RING
+    return max(_SILENT / slowest, SHORTEST_RING)
+
+
+def _left_out(kept: NDArray[np.bool_], sample_rate: int) -> tuple[str, ...]:
+    """Return a note of how many modes are not heard, where any is not."""
+    lost = np.count_nonzero(~kept)
+    if not lost:
+        return ()
+    return (
+        f"{lost} of {len(kept)} modes lie at or above {sample_rate / 2:g} Hz and were left out",
+    )
+
+
+# All other pushes, and holds: block after block through resonators.
+
+
+@dataclass(kw_only=True)
+class DrivenBody:
+    """A body that is pushed, and perhaps held, block after block."""
+
+    model: ModalModel
+    outputs: Complex  # (points, M): what is heard
+    actions: Sequence[Action]
+    sample_rate: int  # Hz
+    moving: Callable[[float], Complex] | None = None  # outputs at a time, s, where they change
+    _pushings: list[Pushing] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._holds = [each for each in self.actions if isinstance(each, Hold)]
+        excitations: list[Excitation] = [e for e in self.actions if not isinstance(e, Hold)]
+        self._resonators = _resonators(
+            self.model,
+            # A hand may damp modes more than the block transform bears.
+            engine="stepped" if self._holds else "auto",
+            points=len(self.outputs),
+            voices=max(1, len(excitations)),
+            sample_rate=self.sample_rate,
+            block=_BLOCK,
+        )
+        # Band-limited pulses begin some samples before their time.
+        self._now = -LEAD
+        self._pushings = [
+            each.begin(self.model, self.sample_rate, start=self._now) for each in excitations
+        ]
+        self._raised = [hold.raised(self.model) for hold in self._holds]
+        self._held: tuple[bool, ...] = (False,) * len(self._holds)
+        self._decays = self.model.decays
+
+    def samples(self, seconds: float | None, *, at_least: float) -> Array:
+        """Return what is heard (points, n); of unsaid length, until all has died away."""
+        blocks: list[Array] = []
+        length = None if seconds is None else max(1, round(seconds * self.sample_rate))
+        while length is None or self._now < length:
+            blocks.append(self._next(first=not blocks))
+            if length is None:
+                length = self._length(at_least)
+        return np.concatenate(blocks, axis=1)[:, LEAD : LEAD + length]
+
+    def _next(self, *, first: bool) -> Array:
+        self._take_holds()
+        pushes = [
+            replace(push, voice=voice)
+            for voice, push in enumerate(each.advance(_BLOCK) for each in self._pushings)
+            if push is not None
+        ]
+        self._now += _BLOCK
+        if self.moving is not None:
+            self.outputs = self.moving(self._now / self.sample_rate)
+        given = first or self.moving is not None
+        samples = self._resonators.process(pushes, [self.outputs] if given else ())
+        return samples[0].copy()
+
+    def _take_holds(self) -> None:
+        held = tuple(hold.holds_at(self._now / self.sample_rate) for hold in self._holds)
+        if held != self._held:
+            raised = [more for more, now in zip(self._raised, held, strict=True) if now]
+            decays = np.sum([self.model.decays, *raised], axis=0)
+            self._decays = np.asarray(decays, np.float64)
+            self._resonators.change(0, replace(self.model, decays=self._decays))
+            self._held = held
+
+    def _length(self, at_least: float) -> int | None:
+        """Return how many samples the sound has, None as long as something still pushes."""
+        now = self._now / self.sample_rate
+        if all(each.finished for each in self._pushings):
+            strengths = np.abs(self._resonators.states(0) * self.outputs).max(axis=0)
+            passing = any(hold.seconds is not None for hold in self._holds)
+            more = _ringing_time(self.model.decays if passing else self._decays, strengths)
+            return round(max(at_least, now + more) * self.sample_rate)
+        if now > LONGEST_UNSAID:
+            raise OptionError(
+                f"what pushes has not ended after {LONGEST_UNSAID:g} s: say how long the sound "
+                "shall be with seconds="
+            )
+        return None
+
+
+def _resonators(model: ModalModel, *, engine: str, **options: Any) -> Any:  # noqa: ANN401 - either kind
+    """Return compiled resonators for a body, or plain NumPy's where numba is missing."""
+    try:
+        from struck.synth.resonators import Resonators
+    except ImportError:  # numba comes late to new versions of Python
+        from struck.synth.reference import ReferenceResonators
+
+        return ReferenceResonators((model,), **options)
+    return Resonators((model,), engine=engine, **options)
+
+
+# Attack and noise of recorded models.
+
+
+def _after_attack(body: Body) -> list[Action]:
+    """Return actions in which modes set in when the attack has led up to them."""
+    residual = body.model.residual
+    lead = 0.0 if residual is None else residual.lead
+    return [
+        replace(each, time=each.time + lead) if isinstance(each, Strike) else each
+        for each in body.actions
+    ]
+
+
+def _residual_sound(
+    body: Body,
+    distances: Callable[[float], Array],  # of each row from the body at a time, s (rows,), m
+    *,
+    sample_rate: int,
+    length: int,
+) -> Array:
+    """Return attacks and noise of all strikes, as strong as at some distances (rows, length)."""
+    model = body.model
+    heard = np.zeros((len(distances(0.0)), length))
+    if model.residual is None:
+        return heard
+    for strike in (each for each in body.actions if isinstance(each, Strike)):
+        first, part = _residual_of(model, model.residual, strike, sample_rate)
+        begin, end = max(first, 0), min(first + len(part), length)
+        if begin < end:
+            heard[:, begin:end] += np.outer(
+                1 / distances(strike.time), part[begin - first : end - first]
+            )
+    return heard
+
+
+def _residual_of(
+    model: ModalModel, residual: Residual, strike: Strike, sample_rate: int
+) -> tuple[int, Array]:
+    """Return the sample at which a strike's attack begins, and its sound at 1 m from there on."""
+    blow = strike.resolved(model, model.contact(strike.at, strike.direction))
+    samples = residual.samples(sample_rate, strike.seed)
+    if not blow.duration:
+        return round(strike.time * sample_rate), blow.impulse * samples
+    # A longer push than the recorded one takes its treble off, as it does with the modes.
+    pulse = sampled(
+        strike.shape,
+        impulse=blow.impulse,
+        onset=strike.time,
+        duration=blow.duration,
+        sample_rate=sample_rate,
+    )
+    from scipy.signal import oaconvolve
+
+    return pulse.first, np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
+
+
+# Bodies in space, heard by a listener.
+
+
+def _mixed(
+    bodies: Sequence[Body],
+    listener: Listener,
+    room: Room | None,
+    *,
+    seconds: float | None,
+    sample_rate: int,
+) -> tuple[Array, tuple[str, ...]]:
+    """Return what a listener hears of bodies (ears, n)."""
+    emitters = [body.emitter for body in bodies]
+    pose = Pose.of(listener, emitters)
+    sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]
+    hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
+    length = None if seconds is None else max(1, round(seconds * sample_rate))
+    samples = _heard(hearing, _of_one_length([rows for rows, _ in sent]), length)
+    if room is not None and room.reverberation is not None:
+        near = [_at_a_metre(body, pose, rows) for body, (rows, _) in zip(bodies, sent, strict=True)]
+        late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
+        samples = _of_one_duration(samples, late, length)
+    return samples, _notes([notes for _, notes in sent], [e.model.calibrated for e in bodies])
+
+
+def _sent(
+    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+) -> tuple[Array, tuple[str, ...]]:
+    """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
+    if body.model.gains.directional:
+        return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
+    far = place_beside(body.model)
+    place = centre_of(body.model) + far
+    samples, notes = _arriving(body, place, seconds=seconds, sample_rate=sample_rate)
+    return far[0] * samples[None], notes
+
+
+def _sent_to_ears(
+    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+) -> tuple[Array, tuple[str, ...]]:
+    """Return what a timbre field sends to each ear but for the travel time (ears, n)."""
+    model, outputs = body.model.expanded(), _toward_ears(body, pose)
+    driven = DrivenBody(
+        model=model,
+        outputs=outputs(0.0),
+        actions=_after_attack(body),
+        sample_rate=sample_rate,
+        moving=outputs if pose.moves or body.emitter.centre.moves else None,
+    )
+    samples = driven.samples(seconds, at_least=0.0)
+    samples += _residual_sound(
+        body,
+        lambda time: np.linalg.norm(_ears_from(body, pose, time), axis=1),
+        sample_rate=sample_rate,
+        length=samples.shape[1],
+    )
+    return samples, _left_out(below_nyquist(model.frequencies, sample_rate), sample_rate)
+
+
+def _ears_from(body: Body, pose: Pose, time: float) -> Array:
+    """Return the ears as seen from a body when they hear what it sends at a time, m (ears, 3)."""
+    place = body.emitter.centre.at(np.array([time]))
+    way = float(np.linalg.norm(pose.at(np.array([time]))[0][0, 0] - place))
+    return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
+
+
+def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
+    """Return a function of the time of sending: gains toward the ears when that arrives."""
+    gains, back = body.model.gains.expanded(), np.asarray(body.rotation).T
+
+    def outputs(time: float) -> Complex:
+        ears = _ears_from(body, pose, time) @ back.T + centre_of(body.model)
+        return _finite(gains.toward(ears)[:, 0])
+
+    return outputs
+
+
+def _of_one_length(rows: Sequence[Array]) -> Array:
+    longest = max(each.shape[1] for each in rows)
+    return np.concatenate([np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in rows])
+
+
+def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
+    """Return what the ears hear (ears, n); of unsaid length, until all has arrived."""
+    blocks, done = [], 0
+    while length is None or done < length + hearing.lead:
+        part = rows[:, done : done + _HEARING_BLOCK]
+        blocks.append(
+            hearing.next_block(np.pad(part, ((0, 0), (0, _HEARING_BLOCK - part.shape[1]))))
+        )
+        done += _HEARING_BLOCK
+        if length is None and done >= rows.shape[1]:
+            length = rows.shape[1] + hearing.propagation.longest
+    return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
+
+
+def _at_a_metre(body: Body, pose: Pose, rows: Array) -> Array:
+    """Return what a body sounds like at 1 m (1, n); of a timbre field what the ears get there."""
+    if not body.model.gains.directional:
+        return rows
+    start = np.zeros(1)
+    apart = body.emitter.centre.at(start)[0] - pose.at(start)[0][0, 1:]
+    return (rows * np.linalg.norm(apart, axis=1)[:, None]).mean(axis=0)[None]
+
+
+def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array:
+    """Return the late sound of a room, after that of its images (ears, n)."""
+    from scipy.signal import oaconvolve
+
+    start = round(room.mixing_time() * sample_rate)
+    late = room.reverberation
+    tail = late.tail(sample_rate, ears, start=start / sample_rate) if late else np.zeros((ears, 0))
+    if not tail.size:
+        return np.zeros((ears, 0))
+    return np.pad(oaconvolve(sent[None], tail, axes=1), ((0, 0), (start, 0)))
+
+
+def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
+    """Return both together; of unsaid length, until the later one ends."""
+    longest = max(heard.shape[1], late.shape[1])
+    both = [np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in (heard, late)]
+    return (both[0] + both[1])[:, :length]
+
+
+def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:
+    many = len(notes) > 1
+    told = [
+        f"body {number}: {note}" if many else note
+        for number, some in enumerate(notes)
+        for note in some
+    ]
+    if any(calibrated) and not all(calibrated):
+        told.append(
+            f"{calibrated.count(False)} of {len(calibrated)} bodies have relative gains, the "
+            "others Pa: their levels cannot be compared"
+        )
+    return tuple(told)
