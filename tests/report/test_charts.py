@@ -71,6 +71,20 @@ STRETCH = BOX.vertices * [1.0, 0.0, 0.0]
 BODY = model(BOX, UPWARD, STRETCH)
 
 
+def spectrum(sound: Sound) -> Figure:
+    figure = charts.chart(8.0, 4.0)
+    charts._draw_spectrum(figure.subplots(), sound)
+    return figure
+
+
+def mode_shapes(body: ModalModel) -> Figure:
+    """Draw all modes of a body as an overview does."""
+    figure = charts.chart(8.0, 4.0)
+    painter = Painter.of(body.gains.surface)
+    charts._draw_modes(figure, painter, body, body.gains, len(body.frequencies))
+    return figure
+
+
 def pixels(figure: Figure) -> np.ndarray:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=60)
@@ -87,7 +101,7 @@ def faces(figure: Figure, panel: int = 0) -> TriMesh:
 
 
 def test_spectrum_has_its_peaks_where_the_sound_has_them() -> None:
-    figure = charts.spectrum(CHORD)
+    figure = spectrum(CHORD)
     axes = figure.axes[0]
     frequencies, levels = axes.lines[0].get_data()
     for tone, level in ((440.0, 0.0), (1000.0, -20.0), (3000.0, -40.0)):
@@ -119,14 +133,14 @@ def test_spectrogram_shows_when_and_where() -> None:
     assert texts(figure).count("relative level") == 1
 
 
-@pytest.mark.parametrize("draw", [charts.spectrum, charts.spectrogram])
+@pytest.mark.parametrize("draw", [spectrum, charts.spectrogram])
 def test_silence_and_single_samples_can_be_drawn(draw: object) -> None:
     for samples in (np.zeros(1000), np.zeros(1), np.ones((2, 1))):
         assert pixels(draw(Sound(samples=samples, sample_rate=8000))).size
 
 
 def test_a_mode_is_coloured_by_its_displacement_along_the_normal() -> None:
-    figure = charts.mode_shapes(BODY)
+    figure = mode_shapes(BODY)
     figure.canvas.draw()
     up, along = (faces(figure, panel).get_facecolors() for panel in (0, 1))
     warmth = [colours[:, 0] - colours[:, 2] for colours in (up, along)]
@@ -140,20 +154,12 @@ def test_a_mode_is_coloured_by_its_displacement_along_the_normal() -> None:
 
 def test_titles_give_frequencies_and_ringing_times() -> None:
     damped = BODY.damped(Measured(frequencies=(100.0,), rates=(np.log(1000) / 2.5,)))
-    written = texts(charts.mode_shapes(damped))
+    written = texts(mode_shapes(damped))
     assert "1:  440.0 Hz" in written
     assert "2:  880.0 Hz" in written
     assert written.count("T60 2.5 s") == 2
     undamped = BODY.damped(InternalFriction(loss_tangent=0.0))
-    assert "undamped" in texts(charts.mode_shapes(undamped))
-
-
-def test_chosen_modes_are_drawn() -> None:
-    assert "1: " not in texts(charts.mode_shapes(BODY, which=[1]))
-    assert "2: " not in texts(charts.mode_shapes(BODY, which=1))
-    for which in ([2], [-1], 0, []):
-        with pytest.raises(OptionError, match="give modes of 0 to 1, or how many"):
-            charts.mode_shapes(BODY, which=which)
+    assert "undamped" in texts(mode_shapes(undamped))
 
 
 def test_only_triangles_that_face_the_eye_are_drawn_the_farthest_first() -> None:
@@ -188,9 +194,9 @@ def test_fine_surfaces_are_drawn_with_fewer_faces_and_say_so() -> None:
     assert len(painter.surface.faces) <= surface_picture.MOST_FACES < len(ball.faces)
     heights = painter.sources @ ball.vertices
     np.testing.assert_allclose(heights, painter.surface.points, atol=1e-3)
-    figure = charts.mode_shapes(fine, 1)
+    figure = mode_shapes(fine)
     assert f"{len(painter.surface.faces):,} of {len(ball.faces):,} faces" in texts(figure)
-    assert "faces" not in texts(charts.mode_shapes(BODY, 1))
+    assert "faces" not in texts(mode_shapes(BODY))
 
 
 def test_overview_tells_body_modes_and_sound() -> None:
@@ -214,12 +220,12 @@ def test_pictures_have_ink_in_them() -> None:
     ("name", "start"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")]
 )
 def test_figures_are_saved_by_their_ending(tmp_path: Path, name: str, start: bytes) -> None:
-    charts.save(charts.spectrum(CHORD), tmp_path / name)
+    charts.save(spectrum(CHORD), tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(start)
 
 
 def test_figures_that_cannot_be_saved_say_why(tmp_path: Path) -> None:
-    figure = charts.spectrum(CHORD)
+    figure = spectrum(CHORD)
     with pytest.raises(FileFormatError, match=r"'\.bmp': pictures end in \.png, \.pdf, \.svg"):
         charts.save(figure, tmp_path / "a.bmp")
     with pytest.raises(FileFormatError, match="does not exist"):
@@ -254,9 +260,7 @@ def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
         charts.overview(recorded())
 
 
-def test_models_without_shapes_or_modes_are_refused() -> None:
-    with pytest.raises(OptionError, match="no mode shapes on a surface"):
-        charts.mode_shapes(replace(BODY, gains=object()))
+def test_models_without_modes_are_refused() -> None:
     none = np.zeros(0)
     empty = replace(BODY, frequencies=none, natural_frequencies=none, decays=none)
     with pytest.raises(OptionError, match="0 modes"):

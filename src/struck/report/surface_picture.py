@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
-from struck.model.arrays import Array
-from struck.model.gains import Gains
-from struck.model.material import Material
+from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+MOST_FACES = 20_000  # surfaces of more faces are drawn with about this number
 _COLOURS = "RdBu_r"  # diverges from white, and the colour-blind can read it
-MOST_FACES = 20_000
-"""Surfaces of more faces are drawn with about so many."""
-
 _FEWEST_FACES = 3_000
 _EXAGGERATION = 0.06
 _ELEVATION = np.deg2rad(24)
@@ -31,55 +28,14 @@ _LIGHT = np.array([-0.42, 0.58, 0.70])
 _OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
 
 
-class Drawable(Protocol):
-    """What a picture needs of a model."""
-
-    @property
-    def frequencies(self) -> Array:
-        """Hz (M,)."""
-        ...
-
-    @property
-    def decays(self) -> Array:
-        """1/s (M,)."""
-        ...
-
-    @property
-    def material(self) -> Material | None:
-        """What it is made of, where known."""
-        ...
-
-    @property
-    def mass(self) -> float | None:
-        """kg, where known."""
-        ...
-
-    @property
-    def gains(self) -> Gains:
-        """Of which those with mode shapes on a surface can be drawn."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Painter:
-    """A surface with a point of view.
+    """A surface with a point of view."""
 
-    Parameters
-    ----------
-    surface : Mesh
-        What is drawn.
-    sources : sparse matrix (V, all vertices of the body)
-        Weights that make values at its vertices of values at the body's.
-    view : array (3, 3)
-        Unit vectors to the right, upward and toward the eye.
-    remark : str
-        What was done to draw it faster, if anything.
-    """
-
-    surface: Mesh
-    sources: sparse.csr_array
-    view: Array
-    remark: str = ""
+    surface: Mesh  # what is drawn
+    sources: sparse.csr_array  # weights of the body's vertices at those drawn
+    view: Array  # (3, 3): as `view_of`
+    remark: str = ""  # what was done to draw it faster, if anything
 
     @classmethod
     def of(cls, surface: Mesh) -> Painter:
@@ -89,7 +45,7 @@ class Painter:
         if len(drawn.faces) < len(surface.faces):
             remark = f"\ndrawn with {len(drawn.faces):,} of {len(surface.faces):,} faces"
             sources = _interpolation(surface, drawn.points)
-        return cls(surface=drawn, sources=sources, view=_view(surface), remark=remark)
+        return cls(surface=drawn, sources=sources, view=view_of(surface), remark=remark)
 
     @property
     def aspect(self) -> float:
@@ -98,15 +54,7 @@ class Painter:
         return float(width / height)
 
     def paint(self, axes: Axes, shape: Array | None = None) -> None:
-        """Draw the body at rest, or as a mode displaces it.
-
-        Parameters
-        ----------
-        axes : Axes
-            Emptied of all else.
-        shape : array (V, 3), optional
-            Of the mode, at the vertices of the whole body.
-        """
+        """Draw the body at rest, or as a mode of some shape (V, 3) at its vertices displaces it."""
         if shape is None:
             self._draw(axes, self.surface, None)
             return
@@ -118,31 +66,21 @@ class Painter:
         points = self.surface.points + sign * _EXAGGERATION * self.surface.extent * moves
         self._draw(axes, Mesh(points=points, faces=self.surface.faces), sign * outward)
 
-    @property
-    def panel(self) -> tuple[float, float]:
-        """Width and height of a picture with its titles, inches: alike in area for all bodies."""
-        width = float(np.clip(2.3 * np.sqrt(self.aspect), 1.5, 5.0))
-        return width, float(np.clip(width / self.aspect, 1.0, 4.5)) + 0.5
-
-    def paint_panels(
+    def paint_modes(
         self,
         figure: Figure | SubFigure,
         shapes: Sequence[Array],
         titles: Sequence[str],
         captions: Sequence[str],
-        *,
-        columns: int,
     ) -> None:
-        """Draw modes side by side, a title above and a caption below each, and the scale."""
-        panels = figure.subplots(-(-len(shapes) // columns), columns, squeeze=False)
-        for axes, shape, title, caption in zip(panels.flat, shapes, titles, captions, strict=False):
+        """Draw modes in a row, a title above and a caption below each, and the scale."""
+        panels = list(figure.subplots(1, len(shapes), squeeze=False)[0])
+        for axes, shape, title, caption in zip(panels, shapes, titles, captions, strict=True):
             self.paint(axes, shape)
             axes.set_title(title, fontsize=10)
             place = {"transform": axes.transAxes, "ha": "center", "va": "top"}
             axes.text(0.5, 0.0, caption, fontsize=8, color=_FAINT, **place)
-        for axes in panels.flat[len(shapes) :]:
-            axes.set_axis_off()
-        _explain_colours(figure, list(panels.flat), self.remark)
+        _explain_colours(figure, panels, self.remark)
 
     def _frame(self) -> Array:
         """Return the corners (2, 2) of what must be seen, m."""
@@ -151,28 +89,54 @@ class Painter:
         return np.stack([flat.min(axis=0) - margin, flat.max(axis=0) + margin])
 
     def _draw(self, axes: Axes, surface: Mesh, values: Array | None) -> None:
-        from matplotlib.collections import PolyCollection, TriMesh
-        from matplotlib.tri import Triangulation
+        from matplotlib.collections import PolyCollection
 
         corners = _corners(surface, np.zeros(surface.faces.shape) if values is None else values)
         places, colours = _seen(corners, self.view, coloured=values is not None)
         outline = PolyCollection(list(places), facecolors=_OUTLINE, edgecolors=_OUTLINE)
         outline.set(linewidth=1.6, rasterized=True, joinstyle="round")
-        numbers = np.arange(3 * len(places)).reshape(-1, 3)
-        across, upward = places.reshape(-1, 2).T
-        shades = TriMesh(Triangulation(across, upward, numbers))
-        shades.set(facecolor=colours.reshape(-1, 3), rasterized=True)
-        for collection in (outline, shades):
-            axes.add_collection(collection, autolim=False)
-        (left, bottom), (right, top) = self._frame()
-        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-        axes.set_axis_off()
+        axes.add_collection(outline, autolim=False)
+        shade(axes, places, colours.reshape(-1, 3))
+        frame(axes, *self._frame())
 
 
-def columns_for(count: int, width: float) -> int:
-    """Return how many panels of a width go into a row of at most 12 inches, the rows alike."""
-    most = max(1, min(count, int(12 / width), 6 if count > 4 else 4))
-    return -(-count // -(-count // most))
+def view_of(surface: Mesh) -> Array:
+    """Return unit vectors to the right, upward and toward the eye, above the longer side (3, 3)."""
+    up = "xyz".index(surface.up)
+    first, second = (up + 1) % 3, (up + 2) % 3
+    size = np.ptp(surface.bounds, axis=0)
+    around = np.deg2rad(-62 if size[first] >= size[second] else -28)
+    toward = np.zeros(3)
+    toward[[first, second]] = np.cos(_ELEVATION) * np.array([np.cos(around), np.sin(around)])
+    toward[up] = np.sin(_ELEVATION)
+    right = np.cross(np.eye(3)[up], toward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def facing(places: Array) -> Index:
+    """Return which triangles (F, 3, 3), seen along z, face the eye, farthest first."""
+    first, second = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+    front = np.flatnonzero(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0)
+    return front[np.argsort(places[front, :, 2].mean(axis=1))]
+
+
+def shade(axes: Axes, places: Array, colours: NDArray[np.floating]) -> None:
+    """Draw triangles (F, 3, 2) in order, in the colours of their corners (3 F, 3 or 4)."""
+    from matplotlib.collections import TriMesh
+    from matplotlib.tri import Triangulation
+
+    across, upward = places.reshape(-1, 2).T
+    numbers = np.arange(len(across)).reshape(-1, 3)
+    shades = TriMesh(Triangulation(across, upward, numbers))
+    shades.set(facecolor=colours, rasterized=True)
+    axes.add_collection(shades, autolim=False)
+
+
+def frame(axes: Axes, low: Array, high: Array) -> None:
+    """Show a rectangle from its low to its high corner (2,), m, alike in both directions."""
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set_axis_off()
 
 
 def _explain_colours(figure: Figure | SubFigure, panels: list[Axes], remark: str) -> None:
@@ -186,20 +150,7 @@ def _explain_colours(figure: Figure | SubFigure, panels: list[Axes], remark: str
         f"displacement along the normal, share of the largest (exaggerated in the shapes){remark}",
         fontsize=8,
     )
-    bar.outline.set_visible(False)  # type: ignore[operator]
-
-
-def _view(surface: Mesh) -> Array:
-    up = "xyz".index(surface.up)
-    first, second = (up + 1) % 3, (up + 2) % 3
-    size = np.ptp(surface.bounds, axis=0)
-    around = np.deg2rad(-62 if size[first] >= size[second] else -28)
-    toward = np.zeros(3)
-    toward[[first, second]] = np.cos(_ELEVATION) * np.array([np.cos(around), np.sin(around)])
-    toward[up] = np.sin(_ELEVATION)
-    right = np.cross(np.eye(3)[up], toward)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(toward, right), toward])
+    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
 
 
 def _thinned(surface: Mesh) -> Mesh:
@@ -232,10 +183,8 @@ def _corners(surface: Mesh, values: Array) -> Array:
 
 
 def _corner_normals(surface: Mesh) -> Array:
-    """Return unit normals at the corners of all faces (F, 3, 3), smooth but for sharp edges.
-
-    A corner takes the mean of the faces around its vertex that turn little from its own.
-    """
+    """Return unit normals at the corners of all faces (F, 3, 3), smooth but for sharp edges."""
+    # A corner takes the mean of the faces around its vertex that turn little from its own.
     corners, normals = surface.faces.ravel(), surface.face_normals
     owners = np.repeat(np.arange(len(surface.faces)), 3)
     shape = (len(surface.points), len(surface.faces))
@@ -257,15 +206,9 @@ def _quartered(corners: Array) -> Array:
 
 
 def _seen(corners: Array, view: Array, *, coloured: bool) -> tuple[Array, Array]:
-    """Return the triangles that face the eye, farthest first, and the colours of their corners.
-
-    Shapes are (F, 3, 2) and (F, 3, 3).
-    """
+    """Return visible triangles (F, 3, 2), farthest first, and their corners' colours (F, 3, 3)."""
     places = corners[:, :, :3] @ view.T
-    first, second = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
-    facing = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0
-    places, corners = places[facing], corners[facing]
-    order = np.argsort(places[:, :, 2].mean(axis=1))
+    order = facing(places)
     values, normals = corners[order, :, 6], corners[order, :, 3:6] @ view.T
     base = _coloured(values) if coloured else np.broadcast_to(_CLAY, normals.shape)
     return places[order, :, :2], _lit(base, normals)
