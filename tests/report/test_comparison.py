@@ -17,8 +17,7 @@ from struck.errors import ContactError, FileFormatError, OptionError, RecordingE
 from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
 from struck.recordings.segments import Segment
-from struck.report.comparison import Comparison, compare
-from struck.report.comparison_page import HEADINGS
+from struck.report.comparison import HEADINGS, Comparison, compare
 from struck.shapes import Bar
 
 Array = NDArray[np.float64]

@@ -1,73 +1,76 @@
-"""How a computed body differs from the real one, or from another: mode by mode."""
+"""Comparison of a computed body with a recording, or with another model, mode by mode."""
 
 from __future__ import annotations
 
+import html
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.ears.listeners import position_of
+from struck.errors import ContactError, OptionError, RecordingError
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Index
+from struck.model.exponentials import samples
+from struck.model.html import document, picture, table
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
-from struck.recordings.calibration.agreement import FittedModes
+from struck.recordings.calibration.agreement import FittedModes, Partials
 from struck.recordings.calibration.pairing import Pairing, explains, paired
-from struck.recordings.takes import Take
-from struck.report.charts import spectrogram
-from struck.report.comparison_page import differences, page, spectra
-from struck.report.comparison_sides import RecordedHit, Side
+from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.segments import Row
+from struck.recordings.takes import Take, without_force
+from struck.report.charts import (
+    BLUE,
+    INK,
+    ORANGE,
+    RANGE,
+    chart,
+    decibels,
+    frequency_axis,
+    spectrogram,
+    strongest,
+)
+from struck.scene.body import centre_of, place_beside
+from struck.scene.render import render
+from struck.synth.ring_down import released
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # What a model is compared with: another model, a recording, or modes that somebody fitted.
-
 Other = ModalModel | FittedModes | Sound | Take | str | os.PathLike[str]
 
-
-def other_side(
-    other: Other,
-    against: Strike | None,
-    strike: Strike,
-    listener: ArrayLike | None,
-    recording: Sound | None,
-    *,
-    modes: int,
-    progress: Progress,
-) -> Side:
-    """Return the side that a model is compared with; parameters are those of `compare`.
-
-    Raises
-    ------
-    OptionError
-        On `against` or `recording` without what they belong to.
-    ContactError, RecordingError, FileFormatError, MissingDependencyError
-        As `compare`.
-    """
-    if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
-        other = model_file.load_model(other)
-    if isinstance(other, ModalModel):
-        if recording is not None:
-            raise OptionError("recording= belongs to fitted modes: another model is rendered")
-        return Side.of_model("other model", other, against or strike, listener)
-    if against is not None:
-        raise OptionError("against= tells how another model is struck: a recording was struck once")
-    if not isinstance(other, Sound | Take | str | os.PathLike):
-        return Side.of_recording(other, recording)
-    if recording is not None:
-        raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
-    heard = RecordedHit.of(other, modes=modes, progress=progress)
-    side = Side.of_recording(heard.fitted, heard.sound)
-    return replace(side, begins=heard.begins, notes=heard.notes)
-
-
-_DOUBT = 0.1
-"""Nobody strikes a node so well, or tells where, that its modes cannot be heard: a share."""
+FEWEST = 64  # modes that are fitted at least, where that many stand out
+HEADINGS = (
+    "mode",
+    "model (Hz)",
+    "other (Hz)",
+    "cents",
+    "T60 model (s)",
+    "T60 other (s)",
+    "decay (%)",
+    "level (dB)",
+    "sure (%)",
+)  # of the table of paired modes
+_COLOURS = (BLUE, ORANGE)  # of the first side and of the second
+_DOUBT = 0.1  # audibility of a mode at least: nobody strikes a node so well, or tells where
+_BEFORE = 0.02  # of a recording before its hit, s
+_EARS = 2
+_SILENT = 1e-6
+_QUIETEST = -60.0  # modes that far below the loudest one's energy, dB, are as often heard as not
+_SECONDS, _LONGEST = 3.0, 10.0
+_SAMPLE_RATE = 48000  # of fitted modes without a recording, Hz
+_BAND = 0.45  # share of its sample rate up to which a recording is complete
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +149,7 @@ class Comparison:
         return not (self.model.calibrated and self.other.calibrated)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return a row of text for each pair, under `struck.report.comparison_page.HEADINGS`."""
+        """Return a row of text for each pair, under `struck.report.comparison.HEADINGS`."""
         mine, theirs = self.model.partials, self.other.partials
         columns = (
             [f"{mode + 1}" for mode in self.pairing.computed],
@@ -163,26 +166,7 @@ class Comparison:
 
     def page(self) -> str:
         """Return an HTML page of its own: sounds, spectra, differences and the table of modes."""
-        sides, alone = (self.model, self.other), (self.missing, self.extra)
-        sounds = [side.sound(self.other.seconds) for side in sides]
-        lowest = min(float(side.partials.frequencies[side.audible >= 0.5].min()) for side in sides)
-        pictures = [("Both spectra", spectra(sides, sounds, alone))]
-        if len(self.cents):
-            places = self.model.partials.frequencies[self.pairing.computed]
-            values = (self.cents, 100 * (self.decay_ratios - 1), self.level_differences)
-            picture = differences(sides, places, values, self.pairing.confidence)
-            pictures.append(("Differences of paired modes", picture))
-        return page(
-            names=[side.name for side in sides],
-            lines=self.summary(),
-            sounds=sounds,
-            spectrograms=[spectrogram(sound, max(20.0, lowest / 2)) for sound in sounds],
-            pictures=pictures,
-            rows=self.rows(),
-            alone=[
-                side.partials.frequencies[modes] for side, modes in zip(sides, alone, strict=True)
-            ],
-        )
+        return _page(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> None:
         """Write the page, whole or not at all.
@@ -249,7 +233,7 @@ def compare(
     """
     blow = strike or Strike()
     modes = len(model.frequencies)
-    theirs = other_side(other, against, blow, listener, recording, modes=modes, progress=progress)
+    theirs = _other_side(other, against, blow, listener, recording, modes=modes, progress=progress)
     mine = Side.of_model("model", model, blow, listener, begins=theirs.begins)
     audible = None if theirs.computed else np.maximum(mine.audible, _DOUBT)
     pairing = paired(theirs.partials, model, widest=widest, audible=audible)
@@ -293,3 +277,319 @@ def _t60(decays: Array) -> Array:
 
 def _told(values: Array, form: str) -> Sequence[str]:
     return [f"{value:{form}}" if np.isfinite(value) else "-" for value in values]
+
+
+# The two sides: a model that is struck, or a recording with its modes.
+
+
+def _other_side(
+    other: Other,
+    against: Strike | None,
+    strike: Strike,
+    listener: ArrayLike | None,
+    recording: Sound | None,
+    *,
+    modes: int,
+    progress: Progress,
+) -> Side:
+    """Return the side that a model is compared with; parameters are those of `compare`."""
+    if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
+        other = model_file.load_model(other)
+    if isinstance(other, ModalModel):
+        if recording is not None:
+            raise OptionError("recording= belongs to fitted modes: another model is rendered")
+        return Side.of_model("other model", other, against or strike, listener)
+    if against is not None:
+        raise OptionError("against= tells how another model is struck: a recording was struck once")
+    if not isinstance(other, Sound | Take | str | os.PathLike):
+        return Side.of_recording(other, recording)
+    if recording is not None:
+        raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
+    return Side.of_take(_take(other), modes, progress)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Side:
+    """One of two bodies that are compared, as it sounds."""
+
+    name: str
+    partials: Partials  # its modes as heard
+    complete_to: float  # no mode below it is missing, Hz
+    computed: bool  # whether modes that are not heard are known too
+    calibrated: bool  # whether amplitudes are Pa
+    seconds: float  # for how long it is worth hearing
+    sound: Callable[[float], Sound]  # makes its sound, of a length in s at most
+    begins: float = 0.0  # when amplitudes count, s after the strike began; 0: when it is over
+    notes: tuple[str, ...] = ()  # what a person should know of it
+
+    @classmethod
+    def of_model(
+        cls,
+        name: str,
+        model: ModalModel,
+        strike: Strike,
+        listener: ArrayLike | None,
+        *,
+        begins: float = 0.0,
+    ) -> Side:
+        """Take a struck model, heard from beside it unless a listener (3,) is given."""
+        # A model of recordings is as complete as a recording, no more.
+        beside = centre_of(model) + place_beside(model)
+        place = beside if listener is None else position_of(listener)
+        recorded = model.geometry is None
+        return cls(
+            name=name,
+            partials=Partials(
+                frequencies=model.frequencies,
+                decays=model.decays,
+                amplitudes=_amplitudes(model, strike, place, begins),
+                frequency_errors=_errors(model) if recorded else np.zeros_like(model.frequencies),
+                decay_errors=np.zeros_like(model.frequencies),
+            ),
+            complete_to=np.inf if recorded else model.complete_to,
+            computed=not recorded,
+            calibrated=model.calibrated,
+            seconds=_SECONDS,
+            sound=lambda seconds: render(model, strike, seconds=seconds, listener=place),
+            begins=begins,
+        )
+
+    @classmethod
+    def of_recording(cls, fitted: FittedModes, recording: Sound | None = None) -> Side:
+        """Take fitted modes, with the recording or what they sound like themselves."""
+        if recording is None:
+            return cls._heard(fitted, lambda seconds: _resynthesised(fitted, seconds))
+        return replace(
+            cls._heard(fitted, lambda seconds: _shortened(recording, seconds)),
+            complete_to=_BAND * recording.sample_rate,
+            seconds=min(recording.duration, _LONGEST),
+        )
+
+    @classmethod
+    def of_take(cls, take: Take, modes: int = FEWEST, progress: Progress = silent) -> Side:
+        """Fit at most some modes to a recording of one body, and take its loudest hit."""
+        # Modes under a budget must not be spent on the blow itself.
+        fitted = fit_poles(take, budget=max(FEWEST, modes), attack=False, progress=progress)
+        if not len(fitted.frequencies):
+            reason = fitted.verdict.reason or "all that it holds are tones of the surroundings"
+            raise RecordingError(f"{take.name}: {reason}: there is nothing to compare with")
+        chosen = _loudest(fitted)
+        rows = tuple(fitted.rows[row] for row in chosen)
+        gains, errors = fitted.gains[chosen], fitted.gain_errors[chosen]
+        hit = replace(fitted, gains=gains, gain_errors=errors, rows=rows)
+        sound = _cut(without_force(take), rows[0].onset, fitted.rows)
+        return replace(
+            cls.of_recording(hit, sound),
+            begins=rows[0].time - rows[0].onset,
+            notes=_notes(take, fitted),
+        )
+
+    @classmethod
+    def _heard(cls, fitted: FittedModes, sound: Callable[[float], Sound]) -> Side:
+        return cls(
+            name="recording",
+            partials=Partials.of(fitted),
+            complete_to=np.inf,
+            computed=False,
+            calibrated=False,
+            seconds=_SECONDS,
+            sound=sound,
+        )
+
+    @property
+    def audible(self) -> Array:
+        """How far each mode can be expected to be heard beside the loudest, 0 to 1 (M,)."""
+        slowest = np.maximum(self.partials.decays, 1e-3 * self.partials.frequencies)
+        energies = np.square(self.partials.amplitudes) / slowest
+        quietest = 10 ** (_QUIETEST / 10) * energies.max()
+        return energies / (energies + quietest)
+
+    @property
+    def levels(self) -> Array:
+        """Amplitudes in dB; NaN for modes that are silent beside the loudest (M,)."""
+        amplitudes = self.partials.amplitudes
+        loud = amplitudes > _SILENT * amplitudes.max()
+        return 20 * np.log10(np.where(loud, amplitudes, np.nan))
+
+    # `factor`: by which frequencies of `beside` exceed those here.
+    def lonely(self, modes: Index, beside: Side, factor: float) -> Index:
+        """Return the unpaired modes that `beside` should have: those within its complete band."""
+        known = self.partials.frequencies[modes] <= beside.complete_to / factor
+        heard = beside.computed or self.audible[modes] >= 0.5
+        return modes[known & heard]
+
+
+def _amplitudes(model: ModalModel, strike: Strike, listener: Array, begins: float) -> Array:
+    """Return amplitudes of modes `begins` s after the strike began, Pa or relative (M,)."""
+    contact = model.contact(strike.at, strike.direction)
+    blow = strike.resolved(model, contact)
+    drives = model.gains.at(contact.point[None], contact.direction[None])[0]
+    gains = (drives * model.gains.toward(listener[None])[0]).sum(axis=0)
+    poles = -model.decays + 2j * np.pi * model.frequencies
+    left = np.exp(-model.decays * max(begins - blow.duration, 0.0))
+    amplitudes = blow.impulse * np.abs(gains * released(poles, blow.duration)) * left
+    if not amplitudes.any():
+        place = np.round(contact.point, 4).tolist()
+        raise ContactError(
+            f"a strike at {place} m wakes none of {len(poles)} modes: strike another place"
+        )
+    return amplitudes
+
+
+def _errors(model: ModalModel) -> Array:
+    """Return standard errors of frequencies that were fitted, Hz (M,); 0 where unknown."""
+    shares = np.zeros_like(model.frequencies) if model.errors is None else model.errors
+    return np.nan_to_num(shares) * model.frequencies
+
+
+def _shortened(sound: Sound, seconds: float) -> Sound:
+    length = max(1, round(seconds * sound.sample_rate))
+    return replace(sound, samples=sound.samples[:, :length])
+
+
+def _resynthesised(fitted: FittedModes, seconds: float) -> Sound:
+    """Return what fitted modes sound like in the first channel or two."""
+    poles = -np.asarray(fitted.decays) + 2j * np.pi * np.asarray(fitted.frequencies)
+    gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))[:2]
+    heard = np.flatnonzero(poles.imag < np.pi * _SAMPLE_RATE)
+    length = round(seconds * _SAMPLE_RATE)
+    sound = samples(poles[heard], gains[:, heard], length, _SAMPLE_RATE)
+    return Sound(samples=sound.astype(np.float32), sample_rate=_SAMPLE_RATE)
+
+
+def _take(recording: Sound | Take | str | os.PathLike[str]) -> Take:
+    if isinstance(recording, Take):
+        return recording
+    return Take.of(recording) if isinstance(recording, Sound) else Take.load(recording)
+
+
+def _loudest(fitted: Fitted) -> list[int]:
+    """Return the rows of gains of the hit that holds most energy."""
+    lasting = 1 / np.maximum(fitted.decays, 1e-3 * fitted.frequencies)
+    energies = (np.square(np.abs(fitted.gains)) * lasting).sum(axis=1)
+    hits = np.array([row.hit for row in fitted.rows])
+    best = int(np.argmax(np.bincount(hits, weights=energies)))
+    return np.flatnonzero(hits == best).tolist()
+
+
+def _cut(take: Take, onset: float, rows: Sequence[Row]) -> Sound:
+    """Return the sound of one hit, up to the next."""
+    begin = max(0, round((onset - _BEFORE) * take.sample_rate))
+    later = [row.onset for row in rows if row.onset > onset]
+    end = round((min(later) - _BEFORE) * take.sample_rate) if later else take.samples.shape[1]
+    samples = take.samples[:_EARS, begin : max(end, begin + 1)]
+    return Sound(samples=samples.astype(np.float32), sample_rate=take.sample_rate)
+
+
+def _notes(take: Take, fitted: Fitted) -> tuple[str, ...]:
+    verdict = () if fitted.verdict.modal else (f"{take.name}: {fitted.verdict.reason}",)
+    hits = len({row.hit for row in fitted.rows})
+    several = (f"{take.name} holds {hits} hits: levels are those of the loudest",) * (hits > 1)
+    return (*verdict, *several, *fitted.notes)
+
+
+# The page: both sides heard, their spectra, and how paired modes differ.
+
+
+def _page(found: Comparison) -> str:
+    """Return a page that needs no other file."""
+    sides, alone = (found.model, found.other), (found.missing, found.extra)
+    names = [side.name for side in sides]
+    sounds = [side.sound(found.other.seconds) for side in sides]
+    lowest = min(float(side.partials.frequencies[side.audible >= 0.5].min()) for side in sides)
+    figures = [spectrogram(sound, max(20.0, lowest / 2)) for sound in sounds]
+    pictures = picture("Both spectra", _spectra(sides, sounds, alone))
+    if len(found.cents):
+        pictures += picture("Differences of paired modes", _differences(found))
+    body = _BODY.format(
+        lines="".join(f"<li>{html.escape(line)}</li>" for line in found.summary()),
+        sounds="".join(map(_heard, names, sounds, figures, _COLOURS)),
+        pictures=pictures,
+        table=table(HEADINGS, found.rows()),
+        alone="".join(map(_alone, sides, alone)),
+    )
+    return document(f"struck: {' and '.join(names)}", body, style=_STYLE)
+
+
+def _heard(name: str, sound: Sound, figure: Figure, colour: str) -> str:
+    return (
+        f'<figure><figcaption><b style="color:{colour}">{html.escape(name)}</b></figcaption>'
+        f"{sound._repr_html_()}{picture(f'Spectrogram of the {name}', figure)}</figure>"
+    )
+
+
+def _alone(side: Side, modes: Index) -> str:
+    listed = ", ".join(f"{each:.1f}" for each in side.partials.frequencies[modes]) or "none"
+    return f"<p><b>In the {html.escape(side.name)} alone</b> (Hz): {listed}</p>"
+
+
+def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Index]) -> Figure:
+    """Draw both spectra in one, with ticks at the modes that only one side has."""
+    figure = chart(11.0, 4.6)
+    axes = figure.subplots()
+    for side, sound, colour in zip(sides, sounds, _COLOURS, strict=True):
+        frequencies, powers = strongest(sound)
+        axes.plot(
+            frequencies, decibels(powers), color=colour, linewidth=0.9, alpha=0.75, label=side.name
+        )
+    for side, modes, colour, height in zip(sides, alone, _COLOURS, (5.0, 10.0), strict=True):
+        if len(modes):
+            lonely = side.partials.frequencies[modes]
+            label = f"in the {side.name} alone"
+            axes.plot(lonely, np.full(len(lonely), height), "|", color=colour, label=label)
+    axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 14))
+    _frequency_axis(axes, sides)
+    axes.legend(loc="lower left", fontsize=8, framealpha=0.85, edgecolor="none")
+    return figure
+
+
+def _differences(found: Comparison) -> Figure:
+    """Draw how the other's modes differ from the model's, the fainter the less sure the pair."""
+    sides, sure = (found.model, found.other), np.clip(found.pairing.confidence, 0.2, 1.0)
+    frequencies = found.model.partials.frequencies[found.pairing.computed]
+    values = {
+        "frequency (cents)": found.cents,
+        "decay rate (%)": 100 * (found.decay_ratios - 1),
+        "level (dB)": found.level_differences,
+    }
+    figure = chart(11.0, 6.4)
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, (label, each) in zip(panels, values.items(), strict=True):
+        axes.axhline(0, color=INK, linewidth=0.7)
+        axes.vlines(frequencies, 0, each, color=ORANGE, alpha=0.35, linewidth=1)
+        axes.scatter(frequencies, each, s=16, color=ORANGE, alpha=sure)
+        axes.set_ylabel(label)
+        _frequency_axis(axes, sides)
+    figure.supxlabel("frequency (Hz)", fontsize=10)
+    figure.suptitle(f"{sides[1].name} less {sides[0].name}", fontsize=11)
+    return figure
+
+
+def _frequency_axis(axes: Axes, sides: Sequence[Side]) -> None:
+    every = np.concatenate([side.partials.frequencies for side in sides])
+    frequency_axis(axes, 0.7 * float(every.min()), 1.2 * float(every.max()))
+
+
+_STYLE = """\
+button { font: inherit; padding: .3rem 1rem; margin-bottom: 1rem; }
+.modes { max-height: 32rem; overflow: auto; }
+"""
+_BODY = """\
+<section><ul>{lines}</ul></section>
+<section><h2>Sounds</h2><button id="switch">play, then switch between the two</button>
+<div class="sounds">{sounds}</div></section>
+<section><h2>Modes</h2>{pictures}<div class="modes">{table}</div>{alone}</section>
+<script>
+const [a, b] = document.querySelectorAll(".sounds audio");
+for (const [one, other] of [[a, b], [b, a]])
+  one.addEventListener("play", () => other.pause());
+document.getElementById("switch").addEventListener("click", () => {{
+  const [now, next] = b.paused ? [a, b] : [b, a];
+  const playing = !now.paused && !now.ended;
+  const chosen = playing ? next : a;
+  chosen.currentTime = playing ? now.currentTime : 0;
+  now.pause();
+  chosen.play();
+}});
+</script>
+"""
