@@ -18,8 +18,7 @@ from struck.model.survey import Survey
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.poles.verdict import ModalVerdict
 from struck.recordings.takes import Take
-from struck.report import fit_page, fit_pictures, players
-from struck.report import fit_page as page_module
+from struck.report import fit_page, fit_pictures
 from struck.report.fit_page import report
 from struck.report.fit_pictures import (
     Energies,
@@ -208,8 +207,8 @@ def test_six_hits_are_played_the_loudest_first(reader: Reader, fitting: Fitting)
 
 
 def test_errors_that_the_method_does_not_tell_are_dashes(fitting: Fitting) -> None:
-    known = page_module._known(fitting.model)
-    unknown = page_module._known(replace(fitting.model, errors=np.full(4, np.nan)))
+    known = fit_page._known(fitting.model)
+    unknown = fit_page._known(replace(fitting.model, errors=np.full(4, np.nan)))
     assert known.all()
     assert not unknown.any()
     rows = fit_page.mode_table(fitting.fitted, unknown)
@@ -263,8 +262,8 @@ def test_the_model_with_residual_comes_nearer() -> None:
 
 def test_long_sounds_are_shortened_to_their_share(fitting: Fitting) -> None:
     hit = loudest_of(fitting)
-    assert "its first" not in players.player("hit", hit, 1e7)
-    told = players.player("hit", hit, 30_000)
+    assert "its first" not in fit_page.player("hit", hit, 1e7)
+    told = fit_page.player("hit", hit, 30_000)
     assert f"its first {10_000 * 3 / 4 / 2 / RATE:.1f} s" in told  # three sounds of 16 bits
     assert len(told) < 32_000
     assert np.abs(Reader(told).sounds()[0][-1]).max() <= STEP

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import os
 from collections.abc import Iterator, Sequence
@@ -9,17 +10,19 @@ from pathlib import PurePath
 
 import numpy as np
 
+from struck.files import wav
 from struck.files.atomic import write_bytes
+from struck.files.sound import PEAK
 from struck.model.arrays import Array, Mask
 from struck.model.html import document, note, picture, table
 from struck.model.model import ModalModel
-from struck.model.survey import Survey
 from struck.recordings.fit import Fitting
 from struck.recordings.gain_table import Recorded
 from struck.recordings.poles.search import Fitted
 from struck.recordings.poles.verdict import LEAST, ModalVerdict
 from struck.recordings.residual_sound import loudest
-from struck.report import fit_pictures, players
+from struck.report import fit_pictures
+from struck.report.charts import counted
 from struck.report.fit_pictures import (
     Energies,
     RenderedHit,
@@ -30,184 +33,20 @@ from struck.report.fit_pictures import (
     with_residual,
 )
 
-# Words and tables of a report: what was found, how sure it is, and in which takes.
-
+# Headings of the table of modes
 MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (dB)")
-"""Headings of the table of modes."""
-PLACES = ("rank error (%)", "measured")
-"""Further ones, of gains over contacts and listeners."""
-ROOM = ("of the room",)
-"""One more, where the room's reverberation was told."""
+PLACES = ("rank error (%)", "measured")  # Further ones, of gains over contacts and listeners
+ROOM = ("of the room",)  # One more, where the room's reverberation was told
+# Headings of the table of takes
 TAKES = ("take", "hits", "channels", "peak (dB FS)", "lead-in (dB FS)", "signal to residual (dB)")
-"""Headings of the table of takes."""
 _LITTLE = 20.0
 _HARDLY_ANY = 30.0
 _OF_NOISE = 3.0
-
-
-def verdict_lines(verdict: ModalVerdict, count: int) -> list[str]:
-    """Return what to think of a fit of so many modes, in plain words."""
-    if not verdict.modal:
-        return [f"Not modal: {verdict.reason}.", *([_ratio(verdict)] if count else [])]
-    return ["Modal: decaying modes explain what was recorded.", _ratio(verdict)]
-
-
-def _ratio(verdict: ModalVerdict) -> str:
-    ratio = verdict.signal_to_residual
-    if not np.isfinite(ratio):
-        return "The modes leave nothing."
-    share = 100 * 10 ** (-ratio / 10)
-    return (
-        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {share:.2g} % of the "
-        f"energy; {_meaning(verdict)}."
-    )
-
-
-def _meaning(verdict: ModalVerdict) -> str:
-    ratio = verdict.signal_to_residual
-    if verdict.signal_to_misfit > ratio + _OF_NOISE:
-        return "most of that is the noise of the recording"
-    if ratio >= _HARDLY_ANY:
-        return "hardly anything is missing"
-    if ratio >= _LITTLE:
-        return "little is missing: as a rule the attack, and the room"
-    if ratio >= LEAST:
-        return "part of the sound is missing: attack, room, noise; listen to the residual"
-    return "the modes are not what one hears"
-
-
-def modes_line(frequencies: Array, decays: Array) -> str:
-    """Return how many modes there are, how high, and how long they ring."""
-    count = len(frequencies)
-    if not count:
-        return "No modes were found."
-    times = np.log(1000) / np.maximum(decays, np.finfo(float).tiny)
-    low, high = frequencies.min(), frequencies.max()
-    return (
-        f"{counted(count, 'mode')} from {low:.1f} to {high:.1f} Hz, which fall by 60 dB in "
-        f"{times.min():.2g} to {times.max():.2g} s."
-    )
-
-
-def mode_table(fitted: Fitted, known: Mask) -> list[list[str]]:
-    """Return a row for each mode, under `MODES`.
-
-    Parameters
-    ----------
-    fitted : Fitted
-    known : array (M,)
-        Of which modes the errors are known.
-    """
-    columns = (
-        fitted.frequencies,
-        np.where(known, fitted.frequency_errors, np.nan),
-        np.maximum(fitted.decays, 1e-300),
-        np.where(known, fitted.decay_errors, np.nan),
-        _levels(fitted),
-    )
-    return [
-        [str(number), *_mode_row(*values)]
-        for number, values in enumerate(zip(*columns, strict=True), start=1)
-    ]
-
-
-def _mode_row(
-    frequency: float, frequency_error: float, decay: float, decay_error: float, level: float
-) -> list[str]:
-    quality = np.pi * frequency / decay
-    return [
-        f"{frequency:.3f}",
-        note(frequency),
-        figure(frequency_error),
-        figure(np.log(1000) / decay, 3),
-        figure(100 * decay_error / decay),
-        figure(quality, 3) if quality < 100 else f"{quality:.0f}",
-        f"{level:.1f}" if np.isfinite(level) else "-",
-    ]
-
-
-def place_columns(rank_errors: Array, unmeasured: Mask) -> list[list[str]]:
-    """Return what there is to tell of each mode's gains, under `PLACES`."""
-    return [
-        [figure(100 * error), "not measured" if lost else "yes"]
-        for error, lost in zip(rank_errors, unmeasured, strict=True)
-    ]
-
-
-def take_table(fitted: Fitted, recorded: Recorded, energies: Energies) -> list[list[str]]:
-    """Return a row for each take, under `TAKES`."""
-    names = short_names(recorded)
-    return [
-        _take_row(names[number], number, fitted, recorded, energies)
-        for number in range(len(recorded.takes))
-    ]
-
-
-def short_names(recorded: Recorded) -> list[str]:
-    """Return the names of takes without folders, where that tells them apart."""
-    names = [take.name for take in recorded.takes]
-    short = [PurePath(name).name or name for name in names]
-    return short if len(set(short)) == len(set(names)) else names
-
-
-def counted(count: int, thing: str) -> str:
-    """Return so many of a thing."""
-    return f"{count} {thing}{'s' * (count != 1)}"
-
-
-def figure(value: float, digits: int = 2) -> str:
-    """Return a number of so many digits, without an exponent; a dash where it is unknown."""
-    if not np.isfinite(value):
-        return "-"
-    return np.format_float_positional(value, digits, fractional=False, trim="-")
-
-
-def _levels(fitted: Fitted) -> Array:
-    """Return how loud modes are where they are loudest, dB below the loudest of all (M,)."""
-    sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(20 * np.log10(sizes / sizes.max(initial=1e-300)), np.float64)
-
-
-def _take_row(
-    name: str, number: int, fitted: Fitted, recorded: Recorded, energies: Energies
-) -> list[str]:
-    take = recorded.takes[number]
-    hits = [rows for rows in hits_of(fitted) if fitted.rows[rows[0]].take == number]
-    rows = [row for hit in hits for row in hit]
-    return [
-        name,
-        str(len(hits)),
-        str(take.channels),
-        f"{_decibels(float(np.abs(take.samples).max())):.1f}",
-        _lead_in(fitted, rows),
-        f"{energies.ratio(rows):.1f}" if rows else "-",
-    ]
-
-
-def _lead_in(fitted: Fitted, rows: Sequence[int]) -> str:
-    """Return the level of the sound before the first hit."""
-    before = [_before(fitted, row) for row in rows]
-    heard = [samples for samples in before if samples.size]
-    if not heard:
-        return "-"
-    level = _decibels(float(np.sqrt(np.mean([np.mean(samples**2) for samples in heard]))))
-    return f"{level:.1f}" if np.isfinite(level) else "silent"
-
-
-def _before(fitted: Fitted, row: int) -> Array:
-    place = int(fitted.order[row])
-    segment = next(each for each in fitted.segments if place < each.rows.stop)
-    return segment.before[place - segment.rows.start]
-
-
-def _decibels(size: float) -> float:
-    return float(20 * np.log10(size)) if size > 0 else -np.inf
-
-
+# What the sounds of the loudest hit, and of all others, may take in the page, bytes
 _FIRST, _OTHERS = 3e6, 3e6
-"""What the sounds of the loudest hit, and of all others, may take in the page, bytes."""
 _NOTES = 6
+_BYTES = 2 * 4 / 3  # of one sample of 16 bits, as text
+_SHORTER = 0.1  # a sound may lack this much of its end without a word, s
 
 
 def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
@@ -244,9 +83,9 @@ def report(fitting: Fitting) -> str:
         _section("References", _references(fitting.model)),
     )
     others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    script = f"<script>\n{players.SCRIPT}{_SORTING}</script>"
+    script = f"<script>\n{_SWITCHING}{_SORTING}</script>"
     body = "\n".join((*filter(None, sections), script))
-    return document(f"Fit of {names[0]}{others}", body, style=players.STYLE + _STYLE)
+    return document(f"Fit of {names[0]}{others}", body, style=_STYLE)
 
 
 def _section(title: str, body: str) -> str:
@@ -303,9 +142,9 @@ def _noted(notes: Sequence[str]) -> str:
 
 def _players(fitting: Fitting, hits: Sequence[RenderedHit], names: Sequence[str]) -> str:
     first, *others = hits
-    one = players.player(f"{_named(first, names)}, the loudest hit", first, _FIRST)
+    one = player(f"{_named(first, names)}, the loudest hit", first, _FIRST)
     share = _OTHERS / max(len(others), 1)
-    more = [players.player(_named(hit, names), hit.in_one_channel(), share) for hit in others]
+    more = [player(_named(hit, names), hit.in_one_channel(), share) for hit in others]
     hidden = len(hits_of(fitting.fitted)) - len(hits)
     return f"<p>{_how(fitting, first)}</p>{one}{_folded(more, hidden)}"
 
@@ -314,6 +153,28 @@ def _how(fitting: Fitting, first: RenderedHit) -> str:
     beside = "" if first.beside is None else _BESIDE
     lost = _LOST if beside and fitting.model.residual is None else ""
     return " ".join(filter(None, (_HOW, beside, lost, _SWITCH)))
+
+
+def player(told: str, hit: RenderedHit, size: float) -> str:
+    """Return a player of one hit on one scale, shortened where it takes more than `size` bytes."""
+    count = sum(1 for _ in hit.sounds()) * len(hit.original)
+    heard = hit.shortened(size / (_BYTES * count * hit.sample_rate))
+    if hit.duration - heard.duration > _SHORTER:
+        told = f"{told}; its first {heard.duration:.1f} s of {hit.duration:.1f}"
+    peak = max(float(np.abs(samples).max()) for _, samples in heard.sounds())
+    factor = PEAK / peak if peak else 1.0
+    sounds = "".join(
+        f'<figure><figcaption><button type="button">{caption}</button>'
+        f"</figcaption>{_audio(factor * samples, heard.sample_rate)}</figure>"
+        for caption, samples in heard.sounds()
+    )
+    return f'<div class="hit"><p>{html.escape(told)}</p><div class="sounds">{sounds}</div></div>'
+
+
+def _audio(samples: Array, sample_rate: int) -> str:
+    recording = wav.Recording(samples=samples.astype(np.float32), sample_rate=sample_rate)
+    data = base64.b64encode(wav.encode(recording, "int16")).decode("ascii")
+    return f'<audio controls src="data:audio/wav;base64,{data}"></audio>'
 
 
 def _folded(players: Sequence[str], hidden: int) -> str:
@@ -359,7 +220,7 @@ def _modes(fitting: Fitting, first: RenderedHit) -> str:
 
 
 def _known(model: ModalModel) -> Mask:
-    """Return of which modes the method tells errors (M,)."""
+    """Return which modes have errors (M,)."""
     if model.errors is None:
         return np.zeros(len(model.frequencies), bool)
     return np.isfinite(model.errors)
@@ -382,7 +243,8 @@ def _places(fitting: Fitting) -> Iterator[str]:
         drawn = fit_pictures.rank_errors(survey.frequencies, errors, lost)
         yield f"<p>{_RANK}</p>{_wide(picture('Rank error of each mode', drawn))}"
     names = f"contact: {', '.join(fitting.model.coordinates)}", "listener: x, y, z (m)"
-    for side, (what, places) in enumerate(zip(names, _sides(survey), strict=True)):
+    sides = survey.contacts, survey.listeners
+    for side, (what, places) in enumerate(zip(names, sides, strict=True)):
         if len(places) > 1:
             levels = fit_pictures.levels_at(survey, side)
             named = fit_pictures.named(places)
@@ -390,13 +252,8 @@ def _places(fitting: Fitting) -> Iterator[str]:
             yield _wide(picture(f"How loud each mode is at each {what}", drawn))
 
 
-def _sides(survey: Survey) -> tuple[Array, Array]:
-    return survey.contacts, survey.listeners
-
-
 def _takes(fitted: Fitted, recorded: Recorded, energies: Energies) -> str:
-    rows = take_table(fitted, recorded, energies)
-    return _scrolling("takes", table(TAKES, rows))
+    return _scrolling("takes", table(TAKES, take_table(fitted, recorded, energies)))
 
 
 def _references(model: ModalModel) -> str:
@@ -410,6 +267,157 @@ def _wide(image: str) -> str:
 
 def _scrolling(name: str, rows: str) -> str:
     return f'<div class="{name} sortable">{rows}</div>'
+
+
+# Words and tables: what was found, how sure it is, and in which takes.
+
+
+def verdict_lines(verdict: ModalVerdict, count: int) -> list[str]:
+    """Return a verdict on a fit of a number of modes, in plain words."""
+    if not verdict.modal:
+        return [f"Not modal: {verdict.reason}.", *([_ratio(verdict)] if count else [])]
+    return ["Modal: decaying modes explain what was recorded.", _ratio(verdict)]
+
+
+def _ratio(verdict: ModalVerdict) -> str:
+    ratio = verdict.signal_to_residual
+    if not np.isfinite(ratio):
+        return "The modes leave nothing."
+    share = 100 * 10 ** (-ratio / 10)
+    return (
+        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {share:.2g} % of the "
+        f"energy; {_meaning(verdict)}."
+    )
+
+
+def _meaning(verdict: ModalVerdict) -> str:
+    ratio = verdict.signal_to_residual
+    if verdict.signal_to_misfit > ratio + _OF_NOISE:
+        return "most of that is the noise of the recording"
+    if ratio >= _HARDLY_ANY:
+        return "hardly anything is missing"
+    if ratio >= _LITTLE:
+        return "little is missing: as a rule the attack, and the room"
+    if ratio >= LEAST:
+        return "part of the sound is missing: attack, room, noise; listen to the residual"
+    return "the modes are not what one hears"
+
+
+def modes_line(frequencies: Array, decays: Array) -> str:
+    """Return how many modes there are, how high, and how long they ring, in words."""
+    count = len(frequencies)
+    if not count:
+        return "No modes were found."
+    times = np.log(1000) / np.maximum(decays, np.finfo(float).tiny)
+    low, high = frequencies.min(), frequencies.max()
+    return (
+        f"{counted(count, 'mode')} from {low:.1f} to {high:.1f} Hz, which fall by 60 dB in "
+        f"{times.min():.2g} to {times.max():.2g} s."
+    )
+
+
+def mode_table(fitted: Fitted, known: Mask) -> list[list[str]]:
+    """Return a row for each mode, under `MODES`, with errors of the `known` modes (M,)."""
+    columns = (
+        fitted.frequencies,
+        np.where(known, fitted.frequency_errors, np.nan),
+        np.maximum(fitted.decays, 1e-300),
+        np.where(known, fitted.decay_errors, np.nan),
+        _levels(fitted),
+    )
+    return [
+        [str(number), *_mode_row(*values)]
+        for number, values in enumerate(zip(*columns, strict=True), start=1)
+    ]
+
+
+def _mode_row(
+    frequency: float, frequency_error: float, decay: float, decay_error: float, level: float
+) -> list[str]:
+    quality = np.pi * frequency / decay
+    return [
+        f"{frequency:.3f}",
+        note(frequency),
+        figure(frequency_error),
+        figure(np.log(1000) / decay, 3),
+        figure(100 * decay_error / decay),
+        figure(quality, 3) if quality < 100 else f"{quality:.0f}",
+        f"{level:.1f}" if np.isfinite(level) else "-",
+    ]
+
+
+def place_columns(rank_errors: Array, unmeasured: Mask) -> list[list[str]]:
+    """Return rank error and measuredness of each mode's gains, under `PLACES`."""
+    return [
+        [figure(100 * error), "not measured" if lost else "yes"]
+        for error, lost in zip(rank_errors, unmeasured, strict=True)
+    ]
+
+
+def take_table(fitted: Fitted, recorded: Recorded, energies: Energies) -> list[list[str]]:
+    """Return a row for each take, under `TAKES`."""
+    names = short_names(recorded)
+    return [
+        _take_row(names[number], number, fitted, recorded, energies)
+        for number in range(len(recorded.takes))
+    ]
+
+
+def short_names(recorded: Recorded) -> list[str]:
+    """Return the names of takes without folders, where that tells them apart."""
+    names = [take.name for take in recorded.takes]
+    short = [PurePath(name).name or name for name in names]
+    return short if len(set(short)) == len(set(names)) else names
+
+
+def figure(value: float, digits: int = 2) -> str:
+    """Return a number of some digits, without an exponent; a dash where it is unknown."""
+    if not np.isfinite(value):
+        return "-"
+    return np.format_float_positional(value, digits, fractional=False, trim="-")
+
+
+def _levels(fitted: Fitted) -> Array:
+    """Return levels of modes where they are loudest, dB below the loudest of all (M,)."""
+    sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(20 * np.log10(sizes / sizes.max(initial=1e-300)), np.float64)
+
+
+def _take_row(
+    name: str, number: int, fitted: Fitted, recorded: Recorded, energies: Energies
+) -> list[str]:
+    take = recorded.takes[number]
+    hits = [rows for rows in hits_of(fitted) if fitted.rows[rows[0]].take == number]
+    rows = [row for hit in hits for row in hit]
+    return [
+        name,
+        str(len(hits)),
+        str(take.channels),
+        f"{_decibels(float(np.abs(take.samples).max())):.1f}",
+        _lead_in(fitted, rows),
+        f"{energies.ratio(rows):.1f}" if rows else "-",
+    ]
+
+
+def _lead_in(fitted: Fitted, rows: Sequence[int]) -> str:
+    """Return the level of the sound before the first hit, dB of full scale."""
+    before = [_before(fitted, row) for row in rows]
+    heard = [samples for samples in before if samples.size]
+    if not heard:
+        return "-"
+    level = _decibels(float(np.sqrt(np.mean([np.mean(samples**2) for samples in heard]))))
+    return f"{level:.1f}" if np.isfinite(level) else "silent"
+
+
+def _before(fitted: Fitted, row: int) -> Array:
+    place = int(fitted.order[row])
+    segment = next(each for each in fitted.segments if place < each.rows.stop)
+    return segment.before[place - segment.rows.start]
+
+
+def _decibels(size: float) -> float:
+    return float(20 * np.log10(size)) if size > 0 else -np.inf
 
 
 _HOW = (
@@ -429,6 +437,15 @@ _RANK = (
     "modes were taken for one."
 )
 _STYLE = """\
+.hit + .hit, .hit + details { margin-top: 1.5rem; }
+.hit + .hit { border-top: 1px solid #ddd; padding-top: 1rem; }
+summary { cursor: pointer; margin-bottom: 1rem; }
+.hit p { margin: 0 0 .5rem; overflow-wrap: anywhere; }
+.hit figure { flex: 1 1 13rem; }
+.hit button { font: inherit; font-weight: 600; padding: .2rem .8rem; border-radius: 6px;
+  border: 1px solid #20558a; background: #fff; color: #20558a; cursor: pointer; }
+.hit .playing button { background: #20558a; color: #fff; }
+.hit audio { width: 100%; margin-top: .4rem; }
 .modal, .caution { font-size: 1.15rem; font-weight: 600; padding-left: .8rem;
   border-left: 6px solid #2e8b57; }
 .caution { border-color: #d1611c; }
@@ -442,6 +459,28 @@ _STYLE = """\
 @media (max-width: 40rem) { body { margin: 1rem auto; padding: 0 .5rem; }
   section { padding: 1rem; } }
 """
+# A button goes on where the sound that plays is; one that plays silences all others
+_SWITCHING = """\
+for (const hit of document.querySelectorAll(".hit")) {
+  const sounds = [...hit.querySelectorAll("audio")];
+  hit.querySelectorAll("button").forEach((button, which) => button.addEventListener("click", () => {
+    const now = sounds.find((each) => !each.paused && !each.ended);
+    const next = sounds[which];
+    if (now === next) return next.pause();
+    next.currentTime = now ? now.currentTime : 0;
+    if (now) now.pause();
+    next.play();
+  }));
+}
+for (const kind of ["play", "pause", "ended"])
+  document.addEventListener(kind, (event) => {
+    event.target.closest("figure").classList.toggle("playing", kind === "play");
+    if (kind === "play")
+      for (const each of document.querySelectorAll("audio"))
+        if (each !== event.target) each.pause();
+  }, true);
+"""
+# A heading sorts, and turns the order round; what is no number comes last
 _SORTING = """\
 for (const table of document.querySelectorAll(".sortable table")) {
   const [headings] = table.tHead.rows;
@@ -461,4 +500,3 @@ for (const table of document.querySelectorAll(".sortable table")) {
   }));
 }
 """
-"""A heading sorts, and turns the order round; what is no number comes last."""

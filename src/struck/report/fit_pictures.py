@@ -1,4 +1,4 @@
-"""What a report plays and shows of hits: as recorded, their modes, and what these leave."""
+"""Pictures of a fit, and the hits it plays: as recorded, as fitted, and what the modes leave."""
 
 from __future__ import annotations
 
@@ -21,9 +21,13 @@ from struck.report.charts import (
     ORANGE,
     RANGE,
     chart,
+    colour_bar,
     decibels,
+    draw_spectrogram,
+    frequency_axis,
     label_frequencies,
     lighten,
+    powers_in_time,
     strongest,
 )
 
@@ -31,10 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST = 6
-"""Hits that are played."""
-LEAD = 0.1
-"""Of a recording before its hit, s."""
+MOST = 6  # Hits that are played
+LEAD = 0.1  # Of a recording before its hit, s
+WIDE = 11.0  # of figures, inches
 _EARS = 2
 _BACKWARDS = 0.003
 _FADE_IN, _FADE_OUT = 0.01, 0.05
@@ -42,35 +45,19 @@ _FADE_IN, _FADE_OUT = 0.01, 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RenderedHit:
-    """One hit, from shortly before it on.
+    """One hit from shortly before it on: as recorded, its modes, and its attack and noise."""
 
-    Parameters
-    ----------
-    take : int
-        Which, counted from 0.
-    onset : float
-        When the hit began in its take, s.
-    lead : float
-        From the beginning of the samples to the hit, s.
-    original, modes : array (channels, n)
-        As recorded, and what was fitted, both faded alike at the ends.
-    beside : array (channels, n) or None
-        Attack and noise as the model has them.
-    sample_rate : int
-        Hz.
-    """
-
-    take: int
-    onset: float
-    lead: float
-    original: Array
-    modes: Array
-    beside: Array | None
-    sample_rate: int
+    take: int  # which, counted from 0
+    onset: float  # when the hit began in its take, s
+    lead: float  # from the beginning of the samples to the hit, s
+    original: Array  # (channels, n): as recorded
+    modes: Array  # (channels, n): what was fitted, faded at the ends as the original
+    beside: Array | None  # (channels, n): attack and noise as the model has them
+    sample_rate: int  # Hz
 
     @property
     def rest(self) -> Array:
-        """Return what the modes leave (channels, n)."""
+        """What the modes leave (channels, n)."""
         return self.original - self.modes
 
     @property
@@ -87,7 +74,7 @@ class RenderedHit:
         yield "residual", self.rest
 
     def shortened(self, seconds: float) -> RenderedHit:
-        """Return its beginning, faded out."""
+        """Return the beginning of the hit, faded out."""
         length = round(seconds * self.sample_rate)
         if length >= self.original.shape[1]:
             return self
@@ -100,7 +87,7 @@ class RenderedHit:
         return replace(self, **parts)
 
     def in_one_channel(self) -> RenderedHit:
-        """Return the loudest channel."""
+        """Return the hit in its loudest channel alone."""
         best = int((self.original**2).sum(axis=1).argmax())
         return replace(
             self,
@@ -112,16 +99,10 @@ class RenderedHit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Energies:
-    """How much was recorded, and how much of it is left.
+    """Energy of each row of a fit, and of what its modes leave of it."""
 
-    Parameters
-    ----------
-    signal, left : array (rows,)
-        Sums of squares over the stretch that was fitted.
-    """
-
-    signal: Array
-    left: Array
+    signal: Array  # (rows,): sums of squares over the stretch that was fitted
+    left: Array  # (rows,): of what the modes leave
 
     @classmethod
     def of(cls, fitted: Fitted) -> Energies:
@@ -139,7 +120,7 @@ class Energies:
 
 
 def hits_of(fitted: Fitted) -> list[list[int]]:
-    """Return the rows of each hit."""
+    """Return the rows of a fit hit by hit."""
     found: dict[tuple[int, int], list[int]] = {}
     for row, what in enumerate(fitted.rows):
         found.setdefault((what.take, what.hit), []).append(row)
@@ -163,17 +144,15 @@ def chosen_hits(fitted: Fitted, energies: Energies, most: int = MOST) -> list[li
 
 
 def setting_in(fitted: Fitted, recorded: Recorded, lead: float) -> Array:
-    """Return when the modes of each row set in (rows,), s in its take.
-
-    So long after the sound arrived as the model has it, but hardly before what was fitted: run
-    backwards, fast modes grow beyond all bounds.
-    """
+    """Return when the modes of each row set in (rows,), s in its take."""
+    # As long after the sound arrived as the model has it, but hardly before what was fitted: run
+    # backwards, fast modes grow beyond all bounds.
     times = np.array([row.time for row in fitted.rows])
     return np.maximum(arrivals(fitted, recorded) + lead, times - _BACKWARDS)
 
 
 def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array) -> RenderedHit:
-    """Return one hit, its modes from the times (all rows,) on; of many channels the loudest."""
+    """Return one hit of some rows, in the loudest channel where there are more than two."""
     heard = [fitted.heard_in(row)[0] for row in rows]
     if len(rows) > _EARS:
         best = int(np.argmax([(each**2).sum() for each in heard]))
@@ -201,11 +180,8 @@ def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array
 
 
 def with_residual(hit: RenderedHit, residual: Residual, distance: float) -> RenderedHit:
-    """Return the loudest hit with attack and noise as well, recorded from so many m away.
-
-    They are those of the channel that holds most; in another they are as loud as what is left
-    there.
-    """
+    """Return the loudest hit with attack and noise as well, recorded from `distance` m away."""
+    # They are those of the channel that holds most; in another they are as loud as what is left.
     found = residual.samples(hit.sample_rate) / distance
     first = round(hit.lead * hit.sample_rate)
     heard = np.zeros(hit.original.shape[1])
@@ -227,39 +203,31 @@ def _fades(length: int, rising: int, falling: int) -> Array:
     return factors
 
 
-# Pictures of a report: how a hit sounds and what its modes leave, and how long these ring.
-
-_LINES = 300
-_COLUMNS = 500
-_WIDE = 11.0
+# Spectra of a hit and of what its modes leave, and how long these ring.
 
 
 def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
     """Draw original, model and residual from a lowest frequency on, on one scale of colours."""
     named = (("original", hit.original), ("model", hit.modes), ("residual", hit.rest))
-    seen = [_powers(samples, hit.sample_rate, lowest) for _, samples in named]
+    seen = [
+        powers_in_time(_sound(samples, hit.sample_rate), lowest, columns=500, rows=300)[:3]
+        for _, samples in named
+    ]
     loudest = max(float(seen[0][2].max()), 1e-300)
-    figure = chart(_WIDE, 4.2)
+    figure = chart(WIDE, 4.2)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     for axes, (caption, _), (times, frequencies, powers) in zip(panels, named, seen, strict=True):
         levels = 10 * np.log10(np.maximum(powers / loudest, 1e-20))
-        axes.pcolormesh(
-            times - hit.lead, frequencies, levels, cmap="magma", vmin=-RANGE, vmax=0,
-            rasterized=True,
-        )  # fmt: skip
+        draw_spectrogram(axes, times - hit.lead, frequencies, levels)
         axes.set_title(caption, fontsize=10, color=INK)
-        axes.set(xlabel="time (s)", yscale="log")
-        label_frequencies(axes.yaxis)
     panels[0].set_ylabel("frequency (Hz)")
-    image = panels[0].collections[0]
-    bar = figure.colorbar(image, ax=panels, pad=0.01, label="level (dB, loudest = 0)")
-    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
+    colour_bar(figure, panels[0].collections[0], list(panels), "level (dB, loudest = 0)")
     return figure
 
 
 def spectra(hit: RenderedHit, frequencies: Array, lowest: float) -> Figure:
     """Draw the spectra of original and residual, with the frequencies of the modes marked."""
-    figure = chart(_WIDE, 4.4)
+    figure = chart(WIDE, 4.4)
     axes = figure.subplots()
     middles, heard = strongest(_sound(hit.original, hit.sample_rate))
     _, left = strongest(_sound(hit.rest, hit.sample_rate))
@@ -272,22 +240,16 @@ def spectra(hit: RenderedHit, frequencies: Array, lowest: float) -> Figure:
         axes.plot(frequencies, np.full(len(frequencies), 6.0), "v", color=INK, markersize=4,
                   label="modes")  # fmt: skip
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 12))
-    _frequency_axis(axes, lowest, hit.sample_rate / 2)
+    highest = hit.sample_rate / 2
+    frequency_axis(axes, min(lowest, highest / 2), highest)
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, fontsize=9, frameon=False)
     return figure
 
 
+# `errors`: standard errors of the decays, 1/s, NaN where unknown; `highest`: of the axis, Hz.
 def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: float) -> Figure:
-    """Draw how long each mode rings, with its standard error where one is known.
-
-    Parameters
-    ----------
-    frequencies, decays, errors : array (M,)
-        Hz, 1/s and the decays' standard errors, 1/s; NaN where unknown.
-    highest : float
-        Where the axis of frequencies ends, Hz.
-    """
-    figure = chart(_WIDE, 3.6)
+    """Draw how long each mode rings, with its standard error where one is known."""
+    figure = chart(WIDE, 3.6)
     axes = figure.subplots()
     known = np.isfinite(errors)
     over = np.where(known, errors, 0.0)
@@ -301,7 +263,7 @@ def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: flo
     )  # fmt: skip
     axes.set(xlabel="frequency (Hz)", ylabel="T60 (s)", yscale="log")
     label_sizes(axes)
-    _frequency_axis(axes, lowest_shown(frequencies), highest)
+    frequency_axis(axes, min(lowest_shown(frequencies), highest / 2), highest)
     return figure
 
 
@@ -319,39 +281,20 @@ def lowest_shown(frequencies: Array) -> float:
     return max(20.0, 0.6 * float(frequencies.min())) if len(frequencies) else 20.0
 
 
-def _powers(samples: Array, sample_rate: int, lowest: float) -> tuple[Array, Array, Array]:
-    """Return times (T,), log-spaced frequencies (B,) and powers of all channels (B, T)."""
-    sound = _sound(samples, sample_rate)
-    step = max(0.002, sound.duration / _COLUMNS)
-    times, linear, amplitudes = sound.spectrogram(window=0.05, step=step)
-    frequencies = np.geomspace(min(lowest, linear[-1] / 2), linear[-1], _LINES)
-    levels = np.log(np.square(amplitudes).sum(axis=0) + 1e-300)
-    rows = np.stack([np.interp(frequencies, linear, column) for column in levels.T], axis=1)
-    return times, frequencies, np.exp(rows)
-
-
 def _sound(samples: Array, sample_rate: int) -> Sound:
     return Sound(samples=samples.astype(np.float32), sample_rate=sample_rate)
 
 
-def _frequency_axis(axes: Axes, lowest: float, highest: float) -> None:
-    axes.set_xscale("log")
-    axes.set_xlim(min(lowest, highest / 2), highest)
-    label_frequencies(axes.xaxis)
-    lighten(axes)
+# Gains over contacts and listeners.
 
-
-# Pictures of a report: how gains go over contacts and listeners.
-
-_DEEP = 40.0
-"""Levels that a map shows below the loudest place of each mode, dB."""
+_DEEP = 40.0  # Levels that a map shows below the loudest place of each mode, dB
 _LABELS = 24
 _SAME = 1e-6
 
 
 def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
     """Draw how far the gains of each mode are from a product, %, those not measured apart."""
-    figure = chart(_WIDE, 3.2)
+    figure = chart(WIDE, 3.2)
     axes = figure.subplots()
     kinds = ((~unmeasured, "o", BLUE, "measured"), (unmeasured, "x", ORANGE, "not measured"))
     for chosen, mark, colour, label in kinds:
@@ -369,22 +312,8 @@ def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
 def gain_map(
     levels: Array, frequencies: Array, places: Sequence[str], unmeasured: Mask, what: str
 ) -> Figure:
-    """Draw how loud each mode is at each place.
-
-    Parameters
-    ----------
-    levels : array (P, M)
-        Below each mode's loudest place, dB.
-    frequencies : array (M,)
-        Hz.
-    places : sequence of P str
-        What to call them.
-    unmeasured : array (M,)
-        Modes that are marked.
-    what : str
-        What the places are.
-    """
-    figure = chart(_WIDE, float(np.clip(0.24 * len(places) + 1.8, 2.6, 8.0)))
+    """Draw how loud each mode is at each place, dB below its loudest place (P, M)."""
+    figure = chart(WIDE, float(np.clip(0.24 * len(places) + 1.8, 2.6, 8.0)))
     axes = figure.subplots()
     image = axes.imshow(
         levels, aspect="auto", cmap="viridis", vmin=-_DEEP, vmax=0, interpolation="nearest"
@@ -394,17 +323,14 @@ def gain_map(
     shown = _spread(len(places))
     axes.set_yticks(shown, [places[place] for place in shown], fontsize=8)
     axes.set(ylabel=what, xlabel="mode (Hz)")
-    bar = figure.colorbar(image, ax=axes, pad=0.01, label="level (dB)")
-    bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
+    colour_bar(figure, image, [axes], "level (dB)")
     return figure
 
 
 def levels_at(survey: Survey, side: int) -> Array:
-    """Return how loud modes are at contacts (side 0) or listeners (side 1), dB (places, M).
-
-    Root mean squares over the other side, below each mode's loudest place; NaN where nothing was
-    recorded.
-    """
+    """Return levels of modes at contacts (side 0) or listeners (side 1), dB (places, M)."""
+    # Root mean squares over the other side, below each mode's loudest place; NaN where nothing was
+    # recorded.
     count = len(survey.contacts if side == 0 else survey.listeners)
     powers = np.full((count, len(survey.frequencies)), np.nan)
     squares = np.square(np.abs(survey.gains))
@@ -437,5 +363,5 @@ def _label_modes(axes: Axes, frequencies: Array, unmeasured: Mask) -> None:
 
 
 def _spread(count: int, most: int = _LABELS) -> list[int]:
-    """Return so many numbers below the count, spread evenly."""
+    """Return at most `most` numbers below the count, spread evenly."""
     return list(range(0, count, -(-count // most)))

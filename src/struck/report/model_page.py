@@ -15,6 +15,7 @@ from struck.files.sound import Sound
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
+from struck.report.charts import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,24 +28,14 @@ _ROWS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exhibit:
-    """A body with what a person would see and hear of it.
-
-    Parameters
-    ----------
-    title, text : str
-    model : ModalModel
-    sounds : sequence of (caption, Sound)
-    picture : Figure
-    spectrograms : sequence of Figure
-        One for each sound, or none.
-    """
+    """A body with what a person would see and hear of it."""
 
     title: str
     text: str
     model: ModalModel
-    sounds: Sequence[tuple[str, Sound]]
+    sounds: Sequence[tuple[str, Sound]]  # with their captions
     picture: Figure
-    spectrograms: Sequence[Figure] = ()
+    spectrograms: Sequence[Figure] = ()  # one for each sound, or none
 
 
 def summary(model: ModalModel) -> list[str]:
@@ -66,7 +57,7 @@ def summary(model: ModalModel) -> list[str]:
     if model.mass is not None:
         lines.append(f"mass      {model.mass:.4g} kg")
     if model.geometry is not None:
-        size = " x ".join(f"{edge:.4g}" for edge in _size(model))
+        size = " x ".join(f"{edge:.4g}" for edge in np.ptp(model.geometry.bounds, axis=0))
         lines.append(f"size      {size} m, {model.geometry.up} up")
     lines.append(f"gains     {_unit(model)}")
     if not isinstance(model.gains, ShapeGains):
@@ -90,7 +81,7 @@ def _unit(model: ModalModel) -> str:
 
 
 def _recorded(model: ModalModel) -> list[str]:
-    """Return what is known of recordings that gains were made of."""
+    """Return lines on the recordings that a model's gains were made of."""
     from struck.model.timbre_field import TimbreField
     from struck.model.timbre_table import SinglePoint, TimbreTable
 
@@ -107,7 +98,7 @@ def _recorded(model: ModalModel) -> list[str]:
 def _table(model: ModalModel, table: TimbreTable) -> str:
     ranges = [(axis.nodes[0], axis.nodes[-1]) for axis in table.contacts.axes]
     contacts, listeners, _ = table.gains.shape
-    places = f"{_counted(contacts, 'contact')} with {_counted(listeners, 'listener')}"
+    places = f"{counted(contacts, 'contact')} with {counted(listeners, 'listener')}"
     return f"recorded  a table of {places}{_over(model, ranges)}"
 
 
@@ -115,8 +106,8 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
     part = field.contact_part
     ranges = list(zip(part.lowest, part.lowest + part.spans, strict=True))
     inside = len(field.listener_part.inside.places)
-    places = _counted(len(part.contacts), "contact")
-    places += f" and {_counted(inside, 'listener')} inside" if inside else ""
+    places = counted(len(part.contacts), "contact")
+    places += f" and {counted(inside, 'listener')} inside" if inside else ""
     lines = [f"recorded  a field of {places}{_over(model, ranges)}"]
     errors = field.rank_errors[np.isfinite(field.rank_errors)]
     if errors.size:
@@ -129,7 +120,7 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
 
 
 def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
-    """Return where one may strike, by coordinate."""
+    """Return the ranges of the coordinates of contacts, in words."""
     names = model.coordinates
     told = [
         f"{name} from {low:.4g} to {high:.4g}"
@@ -139,24 +130,13 @@ def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
     return f", {', '.join(told)}" if told else ""
 
 
-def _counted(count: int, thing: str) -> str:
-    return f"{count} {thing}{'s' * (count != 1)}"
-
-
-def _size(model: ModalModel) -> list[float]:
-    if model.geometry is None:
-        return []
-    low, high = model.geometry.bounds
-    return (high - low).tolist()
-
-
 def page(
     title: str,
     introduction: str,
     exhibits: Sequence[Exhibit],
     links: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Return one HTML page that shows and plays the exhibits, with titles of other pages."""
+    """Return an HTML page that shows and plays exhibits, with links to other pages by title."""
     more = " &middot; ".join(
         f'<a href="{html.escape(name)}">{html.escape(text)}</a>' for name, text in links.items()
     )
