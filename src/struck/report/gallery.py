@@ -1,4 +1,4 @@
-"""Bodies of the gallery in closed form: the six of 1998, section 6, and their kin."""
+"""The gallery: bodies and a recording, computed, struck, drawn and put on pages that play."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from struck.solids import Block, Tube
 from struck.solids.filling.stuffing import stuffed
 from struck.solids.revolution import bell, bowl, wine_glass
 
-# A bird for the demo: a closed surface around a few rounded parts melted together.
+# The bird: a closed surface around a few rounded parts melted together.
 
 # Parts as rounded cones from one ball to another: (centre, radius) twice, m.
 _PARTS = (
@@ -86,7 +86,7 @@ def _depth(points: Array) -> Array:
 
 
 def _cone(points: Array, first: tuple, second: tuple) -> Array:
-    """Return the depth of balls swept along a segment, their radius changing linearly."""
+    """Return the depth in balls swept along a segment, their radius changing linearly."""
     (start, r0), (end, r1) = first, second
     axis = np.subtract(end, start)
     share = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
@@ -108,39 +108,20 @@ def _gradients(points: Array) -> Array:
     return gradients / np.maximum(np.square(gradients).sum(axis=1, keepdims=True), 0.25)
 
 
-# One body of the gallery: computed, struck, drawn and saved.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """One body of the gallery.
-
-    Parameters
-    ----------
-    name, title, text : str
-    body : callable
-        Makes the body.
-    material : str or Material
-    sounds : sequence of (caption, what happens)
-    band : pair of float
-        Hz.
-    wall : float or None
-        m, of a hollow mesh.
-    damping : str
-    spectrograms : bool
-        Whether each sound gets a picture of its own.
-    """
+    """One body of the gallery: computed, struck, drawn and saved."""
 
     name: str
     title: str
     text: str
     body: Callable[[], Solid | Mesh | Shape]
     material: str | Material
-    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]
-    band: tuple[float, float] = BAND
-    wall: float | None = None
+    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]  # captions, and what happens
+    band: tuple[float, float] = BAND  # Hz
+    wall: float | None = None  # of a hollow mesh, m
     damping: str = "own"
-    spectrograms: bool = False
+    spectrograms: bool = False  # whether each sound gets a picture of its own
 
     def exhibit(self, folder: Path, progress: Progress) -> Exhibit:
         """Compute the body into a folder, with its sounds and its picture."""
@@ -181,23 +162,18 @@ class Piece:
             yield caption, sound
 
 
-# A recording of the gallery: a drum that somebody struck, and the model of it.
+# A drum that somebody struck, and the model of it.
 
 NAME, TITLE = "tabla", "A recorded tabla"
 
 
 def recording(folder: Path, progress: Progress) -> str:
-    """Fit the recording, save model and sounds into a folder, and return the page that plays them.
-
-    The sound is as recorded, and that of a drum half and twice as large.
-    """
+    """Fit the recording, save it as recorded and half and twice as large, return its page."""
 
     def staged(stage: str, fraction: float) -> None:
         progress(f"{TITLE}: {stage}", fraction)
 
-    with resources.as_file(
-        resources.files("struck.report.gallery").joinpath(f"{NAME}.wav")
-    ) as path:
+    with resources.as_file(resources.files("struck.report") / f"{NAME}.wav") as path:
         made = fit_recordings(path, residual=True, progress=staged)
     model_file.save(made.model, folder / f"{NAME}.struck")
     for name, size in (("half", 0.5), ("recorded", 1.0), ("twice", 2.0)):
@@ -206,7 +182,7 @@ def recording(folder: Path, progress: Progress) -> str:
     return report(made)
 
 
-# Bodies of the gallery that finite elements compute.
+# Bodies that finite elements compute.
 
 SOLIDS_INTRODUCTION = (
     "Each body below is a shape and a material, nothing else: its modes of vibration were "
@@ -318,7 +294,8 @@ SHAPES_INTRODUCTION = (
     "The sounds of physical shapes (van den Doel & Pai 1998): the modes of this body have a "
     "formula. Listen how the timbre changes with the place that is struck."
 )
-# Polyester film, as drums have it, with air that takes its share.
+# Bodies in closed form: the six of 1998, section 6, and their kin. The film of drums has air that
+# takes its share.
 _SKIN = Material(
     name="polyester film",
     density=1390.0,
@@ -452,31 +429,13 @@ SHAPES = (
 )
 
 
-# The demo: a gallery of bodies, computed, struck, drawn and put on pages that play.
+# The pages.
 
 _TITLE = "struck: a gallery"
 
 
 def gallery(folder: Path, progress: Progress = silent) -> Path:
-    """Compute the gallery: models, sounds, pictures and the pages that play them.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing.
-    progress : callable
-        Told the stage and the fraction of it that is done.
-
-    Returns
-    -------
-    Path
-        The first page. Each body in closed form, and a recording, has one of its own beside it.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder cannot be made.
-    """
+    """Compute models, sounds, pictures and pages into a folder; return the first page."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
