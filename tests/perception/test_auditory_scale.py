@@ -40,7 +40,7 @@ def test_equal_loudness_is_that_of_iso_226(phon: int) -> None:
 
 
 def test_threshold_is_that_of_iso_226() -> None:
-    assert auditory_scale._ISO_226[:, 3] == pytest.approx(THRESHOLD, abs=1e-9)
+    assert auditory_scale._ISO_226[3] == pytest.approx(THRESHOLD, abs=1e-9)
 
 
 def test_threshold_is_that_of_terhardt() -> None:

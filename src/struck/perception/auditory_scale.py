@@ -19,39 +19,17 @@ JUST_NOTICED = 10**0.1 - 1
 
 # ISO 226:2003, table 1: frequency (Hz), exponent of loudness, its level of transfer (dB, relative
 # to 1 kHz) and the threshold of hearing (dB).
-_ISO_226 = np.array(
-    [
-        (20, 0.532, -31.6, 78.5),
-        (25, 0.506, -27.2, 68.7),
-        (31.5, 0.480, -23.0, 59.5),
-        (40, 0.455, -19.1, 51.1),
-        (50, 0.432, -15.9, 44.0),
-        (63, 0.409, -13.0, 37.5),
-        (80, 0.387, -10.3, 31.5),
-        (100, 0.367, -8.1, 26.5),
-        (125, 0.349, -6.2, 22.1),
-        (160, 0.330, -4.5, 17.9),
-        (200, 0.315, -3.1, 14.4),
-        (250, 0.301, -2.0, 11.4),
-        (315, 0.288, -1.1, 8.6),
-        (400, 0.276, -0.4, 6.2),
-        (500, 0.267, 0.0, 4.4),
-        (630, 0.259, 0.3, 3.0),
-        (800, 0.253, 0.5, 2.2),
-        (1000, 0.250, 0.0, 2.4),
-        (1250, 0.246, -2.7, 3.5),
-        (1600, 0.244, -4.1, 1.7),
-        (2000, 0.243, -1.0, -1.3),
-        (2500, 0.243, 1.7, -4.2),
-        (3150, 0.243, 2.5, -6.0),
-        (4000, 0.242, 1.2, -5.4),
-        (5000, 0.242, -2.1, -1.5),
-        (6300, 0.245, -7.1, 6.0),
-        (8000, 0.254, -11.2, 12.6),
-        (10000, 0.271, -10.7, 13.9),
-        (12500, 0.301, -3.1, 12.3),
-    ]
-)
+_ISO_226 = np.array([
+    (20, 25, 31.5, 40, 50, 63, 80, 100, 125, 160, 200, 250, 315, 400, 500, 630, 800, 1000, 1250,
+     1600, 2000, 2500, 3150, 4000, 5000, 6300, 8000, 10000, 12500),
+    (0.532, 0.506, 0.480, 0.455, 0.432, 0.409, 0.387, 0.367, 0.349, 0.330, 0.315, 0.301, 0.288,
+     0.276, 0.267, 0.259, 0.253, 0.250, 0.246, 0.244, 0.243, 0.243, 0.243, 0.242, 0.242, 0.245,
+     0.254, 0.271, 0.301),
+    (-31.6, -27.2, -23.0, -19.1, -15.9, -13.0, -10.3, -8.1, -6.2, -4.5, -3.1, -2.0, -1.1, -0.4,
+     0.0, 0.3, 0.5, 0.0, -2.7, -4.1, -1.0, 1.7, 2.5, 1.2, -2.1, -7.1, -11.2, -10.7, -3.1),
+    (78.5, 68.7, 59.5, 51.1, 44.0, 37.5, 31.5, 26.5, 22.1, 17.9, 14.4, 11.4, 8.6, 6.2, 4.4, 3.0,
+     2.2, 2.4, 3.5, 1.7, -1.3, -4.2, -6.0, -5.4, -1.5, 6.0, 12.6, 13.9, 12.3),
+])  # fmt: skip
 
 
 def decibels(intensities: ArrayLike) -> Array:
@@ -94,7 +72,7 @@ def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
     if not 20 <= phon <= 80:
         raise OptionError(f"phon is {phon}: ISO 226 holds for 20 to 80")
     tones = _positive(frequencies)
-    _, exponents, transfers, thresholds = _ISO_226.T
+    _, exponents, transfers, thresholds = _ISO_226
     loudness = 4.47e-3 * (10 ** (0.025 * phon) - 1.15)
     loudness = loudness + (0.4 * 10 ** ((thresholds + transfers) / 10 - 9)) ** exponents
     return _between_rows(tones, 10 / exponents * np.log10(loudness) - transfers + 94)
@@ -104,7 +82,7 @@ def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
     """Return the weight S(f) of 1998, section 5: 1 where the ear is best, toward 0 elsewhere."""
     # The pressure of the softest among the tones of one loudness, as a share of the tone's own.
     contour = equal_loudness(frequencies, phon)
-    best = equal_loudness(_ISO_226[:, 0], phon).min()
+    best = equal_loudness(_ISO_226[0], phon).min()
     return np.minimum(10 ** ((best - contour) / 20), 1.0)
 
 
@@ -132,7 +110,7 @@ def _positive(frequencies: ArrayLike) -> Array:
 
 def _between_rows(frequencies: Array, levels: Array) -> Array:
     """Return levels at any frequencies, Hz, from levels at the rows of the ISO 226 table."""
-    rows = _ISO_226[:, 0]
+    rows = _ISO_226[0]
     within = np.clip(frequencies, rows[0], rows[-1])
     # Beyond 20 Hz and 12.5 kHz it goes on in parallel to the threshold in quiet.
     beyond = threshold_in_quiet(frequencies) - threshold_in_quiet(within)

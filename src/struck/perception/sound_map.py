@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -243,35 +243,24 @@ def sound_map(
     if len(heard.listeners) > 1:
         raise OptionError(f"{len(heard.listeners)} listeners are given: make a map for each")
     cover = covered(Ear.of(heard), surface, threshold_db)
-    gains = heard.gains(cover.points, cover.directions)[:, 0]
+    loud = np.linalg.norm(heard.amplitudes(cover.points, cover.directions), axis=1)
+    points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
     return SoundMap(
         frequencies=model.frequencies,
         decays=model.decays,
         contacts=cover.points,
         directions=cover.directions,
-        gains=gains,
+        gains=heard.gains(cover.points, cover.directions)[:, 0],
         calibrated=model.calibrated,
         listener=heard.listeners[0],
         level=heard.level,
         threshold=float(threshold_db),
         bound=float(cover.misfits.max()),
-        surface=_joined(cover, surface.up),
+        surface=Mesh(points=points, faces=numbers.reshape(-1, 3), up=surface.up),
         owners=cover.owners,
-        factors=_factors(heard, cover),
+        factors=cover.amplitudes / loud[cover.owners][:, None],
         brightness=cover.brightness,
     )
-
-
-def _factors(heard: HeardModel, cover: Cover) -> Array:
-    """Return amplitudes at the corners over those of the contacts that sound there (F, 3)."""
-    own = np.linalg.norm(heard.amplitudes(cover.points, cover.directions), axis=1)
-    return cover.amplitudes / own[cover.owners][:, None]
-
-
-def _joined(cover: Cover, up: str) -> Mesh:
-    """Return the triangles with the corners that they share."""
-    points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return Mesh(points=points, faces=numbers.reshape(-1, 3), up=up)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -287,17 +276,12 @@ class Cover:
     misfits: Array  # (F,): bounds of the sonic distance within each triangle, dB
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
-class _Chosen:
-    points: list[Array] = field(default_factory=list)
-    directions: list[Array] = field(default_factory=list)
-    timbres: list[Array] = field(default_factory=list)
+_Contact = tuple[Array, Array, Array]  # point (3,), direction (3,) and timbre (B,)
 
-    def take(self, facets: Facets, which: int) -> None:
-        """Add the contact at the centroid of a facet."""
-        self.points.append(facets.corners[which].mean(axis=0))
-        self.directions.append(facets.directions[which])
-        self.timbres.append(facets.timbres[which])
+
+def _contact(facets: Facets, which: int) -> _Contact:
+    """Return the contact at the centroid of a facet."""
+    return facets.corners[which].mean(axis=0), facets.directions[which], facets.timbres[which]
 
 
 def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
@@ -307,13 +291,19 @@ def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
     # suits most. Those that none suits are halved, across the edge along which the sound changes
     # most.
     left = Facets.of(ear, surface.points[surface.faces], -surface.face_normals)
-    chosen = _Chosen()
-    chosen.take(left, int(left.amplitudes.mean(axis=1).argmax()))
+    chosen = [_contact(left, int(left.amplitudes.mean(axis=1).argmax()))]
     done: list[list[NDArray[Any]]] = []
     count = 0
     while len(left):
-        _require_few(count + len(left), threshold)
-        owners, misfits = _nearest(ear, left, np.stack(chosen.timbres))
+        if count + len(left) > MOST_TRIANGLES:
+            raise OptionError(
+                f"threshold_db is {threshold:g}: the surface would be cut into "
+                f"{count + len(left)} triangles, with {MOST_TRIANGLES} allowed; give a larger one, "
+                "or a lower level"
+            )
+        timbres = np.stack([timbre for _, _, timbre in chosen])
+        owners = left.distances(ear.quiet, timbres).argmin(axis=1)
+        misfits = left.misfits(ear.quiet, timbres[owners])
         _choose(ear, left, owners, misfits, chosen, threshold)
         suited = misfits <= threshold
         parts = (left.corners, left.amplitudes, left.brightness, owners, misfits)
@@ -324,14 +314,19 @@ def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
     names = ("corners", "amplitudes", "brightness", "owners", "misfits")
     parts = map(np.concatenate, zip(*done, strict=True))
     return Cover(
-        points=np.stack(chosen.points),
-        directions=np.stack(chosen.directions),
+        points=np.stack([point for point, _, _ in chosen]),
+        directions=np.stack([direction for _, direction, _ in chosen]),
         **dict(zip(names, parts, strict=True)),
     )
 
 
 def _choose(
-    ear: Ear, facets: Facets, owners: Index, misfits: Array, chosen: _Chosen, threshold: float
+    ear: Ear,
+    facets: Facets,
+    owners: Index,
+    misfits: Array,
+    chosen: list[_Contact],
+    threshold: float,
 ) -> None:
     """Add timbres to `chosen` until all small facets have one; set `owners` and `misfits`."""
     small = facets.misfits(ear.quiet, facets.timbres) <= _SHARE * threshold
@@ -343,8 +338,8 @@ def _choose(
         for pick in _greedy(bounds <= threshold):
             suits = bounds[:, pick] < misfits[waiting]
             misfits[waiting[suits]] = bounds[suits, pick]
-            owners[waiting[suits]] = len(chosen.timbres)
-            chosen.take(facets, int(pool[pick]))
+            owners[waiting[suits]] = len(chosen)
+            chosen.append(_contact(facets, int(pool[pick])))
 
 
 def _greedy(suits: NDArray[np.bool_]) -> list[int]:
@@ -369,20 +364,6 @@ def _bounds(ear: Ear, facets: Facets, timbres: Array, threshold: float) -> Array
         rows = np.flatnonzero(near[:, number])
         found[rows, number] = facets.taken(rows).misfits(ear.quiet, timbre[None])
     return found
-
-
-def _nearest(ear: Ear, facets: Facets, timbres: Array) -> tuple[Index, Array]:
-    """Return which of the timbres (K, B) suits each facet best at its centroid, and its misfit."""
-    owners = facets.distances(ear.quiet, timbres).argmin(axis=1)
-    return owners, facets.misfits(ear.quiet, timbres[owners])
-
-
-def _require_few(count: int, threshold: float) -> None:
-    if count > MOST_TRIANGLES:
-        raise OptionError(
-            f"threshold_db is {threshold:g}: the surface would be cut into {count} triangles, with "
-            f"{MOST_TRIANGLES} allowed; give a larger one, or a lower level"
-        )
 
 
 # Bounds on the sounds of all pushes anywhere within a triangle.
@@ -496,7 +477,7 @@ def _looked_at(ear: Ear, corners: Array, directions: Array) -> Facets:
     amplitudes = np.linalg.norm(ends, axis=2)
     squares, products = ear.products(ends, ends), ear.products(ends, _next(ends))
     along = (squares + products + np.roll(products, 1, axis=1)) / 3
-    whole = _Range.of(squares, along, bent.max(axis=1), amplitudes)
+    least, most, soft, loud = _ranges(squares, along, bent.max(axis=1), amplitudes)
     widths = _widths(ear, squares, products, bent, ends, middles)
     return Facets(
         corners=corners,
@@ -504,44 +485,30 @@ def _looked_at(ear: Ear, corners: Array, directions: Array) -> Facets:
         amplitudes=amplitudes,
         brightness=_brightness(ear.heard, ends),
         timbres=_levels(ear.behind(centroid)) - _levels(np.linalg.norm(centroid, axis=1))[:, None],
-        least=whole.least,
-        most=whole.most,
-        soft=whole.soft,
-        loud=whole.loud,
+        least=least,
+        most=most,
+        soft=soft,
+        loud=loud,
         edges=_chosen(corners, widths),
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Range:
-    """Bounds of timbres and levels between some corners, behind the filters, dB (..., B)."""
-
-    least: Array
-    most: Array
-    soft: Array
-    loud: Array
-
-    @classmethod
-    def of(
-        cls,
-        squares: Array,  # (..., k, B): products of the corners' parts with themselves
-        along: Array,  # (..., k, B): and with the mean of all
-        rest: Array,  # (..., B): what straight lines leave out
-        amplitudes: Array,
-    ) -> _Range:
-        """Bound what lies between k corners of some amplitudes (..., k)."""
-        mean = np.sqrt(np.maximum(along.mean(axis=-2, keepdims=True), 0.0))
-        low = along / np.maximum(mean, _TINY) - rest[..., None, :]
-        high = np.sqrt(squares) + rest[..., None, :]
-        level = _levels(amplitudes)[..., None]
-        # A silent corner plays no part in the mediant.
-        dumb = (amplitudes <= _SILENT)[..., None] & (high <= _SILENT)
-        return cls(
-            least=np.where(dumb, np.inf, _levels(low) - level).min(axis=-2),
-            most=np.where(dumb, -np.inf, _levels(high) - level).max(axis=-2),
-            soft=_levels(low.min(axis=-2)),
-            loud=_levels(high.max(axis=-2)),
-        )
+def _ranges(
+    squares: Array,  # (..., k, B): products of the parts of k corners with themselves
+    along: Array,  # (..., k, B): and with the mean of all
+    rest: Array,  # (..., B): what straight lines leave out
+    amplitudes: Array,  # (..., k)
+) -> tuple[Array, Array, Array, Array]:
+    """Return bounds of timbres and of levels between corners, behind the filters, dB (..., B)."""
+    mean = np.sqrt(np.maximum(along.mean(axis=-2, keepdims=True), 0.0))
+    low = along / np.maximum(mean, _TINY) - rest[..., None, :]
+    high = np.sqrt(squares) + rest[..., None, :]
+    level = _levels(amplitudes)[..., None]
+    # A silent corner plays no part in the mediant.
+    dumb = (amplitudes <= _SILENT)[..., None] & (high <= _SILENT)
+    least = np.where(dumb, np.inf, _levels(low) - level).min(axis=-2)
+    most = np.where(dumb, -np.inf, _levels(high) - level).max(axis=-2)
+    return least, most, _levels(low.min(axis=-2)), _levels(high.max(axis=-2))
 
 
 def _widths(
@@ -551,12 +518,13 @@ def _widths(
     amplitudes = np.linalg.norm(ends, axis=2)
     both = np.stack([squares, _next(squares)], axis=2)
     along = (both + products[:, :, None]) / 2
-    edge = _Range.of(both, along, bent, np.stack([amplitudes, _next(amplitudes)], axis=2))
+    corners = np.stack([amplitudes, _next(amplitudes)], axis=2)
+    least, most, _, loud = _ranges(both, along, bent, corners)
     between = _levels(ear.behind(middles)) - _levels(np.linalg.norm(middles, axis=2))[..., None]
     floor = ear.quiet - _levels(amplitudes.max(axis=1))[:, None, None]
-    above = np.maximum(edge.loud - ear.quiet, 0.0)
-    low = np.maximum(np.minimum(edge.least, between), floor)
-    heard = np.clip(np.maximum(edge.most, between) - low, 0.0, above)
+    above = np.maximum(loud - ear.quiet, 0.0)
+    low = np.maximum(np.minimum(least, between), floor)
+    heard = np.clip(np.maximum(most, between) - low, 0.0, above)
     return np.linalg.norm(heard, axis=2)
 
 

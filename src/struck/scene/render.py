@@ -527,9 +527,8 @@ def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array
 
 def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
     """Return both together; of unsaid length, until the later one ends."""
-    longest = max(heard.shape[1], late.shape[1])
-    both = [np.pad(each, ((0, 0), (0, longest - each.shape[1]))) for each in (heard, late)]
-    return (both[0] + both[1])[:, :length]
+    both = _of_one_length([heard, late])
+    return (both[: len(heard)] + both[len(heard) :])[:, :length]
 
 
 def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:
