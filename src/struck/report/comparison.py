@@ -6,6 +6,8 @@ import html
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -358,11 +360,20 @@ class Side:
     def of_recording(cls, fitted: FittedModes, recording: Sound | None = None) -> Side:
         """Take fitted modes, with the recording or what they sound like themselves."""
         if recording is None:
-            return cls._heard(fitted, lambda seconds: _resynthesised(fitted, seconds))
-        return replace(
-            cls._heard(fitted, lambda seconds: _shortened(recording, seconds)),
-            complete_to=_BAND * recording.sample_rate,
-            seconds=min(recording.duration, _LONGEST),
+            complete_to, longest = np.inf, _SECONDS
+            sound = partial(_resynthesised, fitted)
+        else:
+            complete_to = _BAND * recording.sample_rate
+            longest = min(recording.duration, _LONGEST)
+            sound = partial(_shortened, recording)
+        return cls(
+            name="recording",
+            partials=Partials.of(fitted),
+            complete_to=complete_to,
+            computed=False,
+            calibrated=False,
+            seconds=longest,
+            sound=sound,
         )
 
     @classmethod
@@ -382,18 +393,6 @@ class Side:
             cls.of_recording(hit, sound),
             begins=rows[0].time - rows[0].onset,
             notes=_notes(take, fitted),
-        )
-
-    @classmethod
-    def _heard(cls, fitted: FittedModes, sound: Callable[[float], Sound]) -> Side:
-        return cls(
-            name="recording",
-            partials=Partials.of(fitted),
-            complete_to=np.inf,
-            computed=False,
-            calibrated=False,
-            seconds=_SECONDS,
-            sound=sound,
         )
 
     @property
@@ -507,6 +506,7 @@ def _page(found: Comparison) -> str:
         pictures=pictures,
         table=table(HEADINGS, found.rows()),
         alone="".join(map(_alone, sides, alone)),
+        script=(resources.files("struck.report") / "comparison.js").read_text(encoding="utf-8"),
     )
     return document(f"struck: {' and '.join(names)}", body, style=_STYLE)
 
@@ -580,16 +580,5 @@ _BODY = """\
 <div class="sounds">{sounds}</div></section>
 <section><h2>Modes</h2>{pictures}<div class="modes">{table}</div>{alone}</section>
 <script>
-const [a, b] = document.querySelectorAll(".sounds audio");
-for (const [one, other] of [[a, b], [b, a]])
-  one.addEventListener("play", () => other.pause());
-document.getElementById("switch").addEventListener("click", () => {{
-  const [now, next] = b.paused ? [a, b] : [b, a];
-  const playing = !now.paused && !now.ended;
-  const chosen = playing ? next : a;
-  chosen.currentTime = playing ? now.currentTime : 0;
-  now.pause();
-  chosen.play();
-}});
-</script>
+{script}</script>
 """

@@ -6,7 +6,9 @@ import base64
 import html
 import os
 from collections.abc import Iterator, Sequence
+from importlib import resources
 from pathlib import PurePath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,6 +34,9 @@ from struck.report.fit_pictures import (
     setting_in,
     with_residual,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Headings of the table of modes
 MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (dB)")
@@ -73,19 +78,24 @@ def report(fitting: Fitting) -> str:
     hits = [played(fitted, recorded, rows, times) for rows in chosen]
     first = _with_rest(fitting, hits[0])
     names = short_names(recorded)
+    references = filter(None, fitting.model.cite().splitlines())
     sections = (
         _section("", _summary(fitting)),
         _section("Listen", _players(fitting, [first, *hits[1:]], names)),
         _section("Spectrograms of the loudest hit", _spectrograms(first, fitted)),
         _section("Modes", _modes(fitting, first)),
         _section("Contacts and listeners", "".join(_places(fitting))),
-        _section("Takes", _takes(fitted, recorded, energies)),
-        _section("References", _references(fitting.model)),
+        _section("Takes", _sortable("takes", TAKES, take_table(fitted, recorded, energies))),
+        _section("References", "".join(f"<p>{html.escape(line)}</p>" for line in references)),
     )
     others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    script = f"<script>\n{_SWITCHING}{_SORTING}</script>"
-    body = "\n".join((*filter(None, sections), script))
-    return document(f"Fit of {names[0]}{others}", body, style=_STYLE)
+    body = "\n".join((*filter(None, sections), f"<script>\n{_asset('fit_page.js')}</script>"))
+    return document(f"Fit of {names[0]}{others}", body, style=_asset("fit_page.css"))
+
+
+def _asset(name: str) -> str:
+    """Return the text of a file beside this module."""
+    return (resources.files("struck.report") / name).read_text(encoding="utf-8")
 
 
 def _section(title: str, body: str) -> str:
@@ -192,20 +202,20 @@ def _named(hit: RenderedHit, names: Sequence[str]) -> str:
 def _spectrograms(first: RenderedHit, fitted: Fitted) -> str:
     lowest = fit_pictures.lowest_shown(fitted.frequencies)
     text = "Spectrograms of original, model and residual"
-    return _wide(picture(text, fit_pictures.spectrograms(first, lowest)))
+    return _drawing(text, fit_pictures.spectrograms(first, lowest))
 
 
 def _modes(fitting: Fitting, first: RenderedHit) -> str:
     fitted = fitting.fitted
     lowest = fit_pictures.lowest_shown(fitted.frequencies)
     drawn = fit_pictures.spectra(first, fitted.frequencies, lowest)
-    seen = _wide(picture("Spectra of original and residual, with the modes", drawn))
+    seen = _drawing("Spectra of original and residual, with the modes", drawn)
     known = _known(fitting.model)
     errors = np.where(known, fitted.decay_errors, np.nan)
     rings = fit_pictures.ringing_times(
         fitted.frequencies, fitted.decays, errors, first.sample_rate / 2
     )
-    seen += _wide(picture("How long each mode rings, over its frequency", rings))
+    seen += _drawing("How long each mode rings, over its frequency", rings)
     headings, rows = MODES, mode_table(fitted, known)
     if fitting.survey is not None:
         headings += PLACES
@@ -216,7 +226,7 @@ def _modes(fitting: Fitting, first: RenderedHit) -> str:
         rows = [
             [*row, "perhaps" if own else ""] for row, own in zip(rows, fitting.room, strict=True)
         ]
-    return f"{seen}<p>{_ERRORS}</p>{_scrolling('modes', table(headings, rows))}"
+    return f"{seen}<p>{_ERRORS}</p>{_sortable('modes', headings, rows)}"
 
 
 def _known(model: ModalModel) -> Mask:
@@ -241,7 +251,7 @@ def _places(fitting: Fitting) -> Iterator[str]:
     errors, lost = _ranks(fitting.model)
     if np.isfinite(errors).any():
         drawn = fit_pictures.rank_errors(survey.frequencies, errors, lost)
-        yield f"<p>{_RANK}</p>{_wide(picture('Rank error of each mode', drawn))}"
+        yield f"<p>{_RANK}</p>{_drawing('Rank error of each mode', drawn)}"
     names = f"contact: {', '.join(fitting.model.coordinates)}", "listener: x, y, z (m)"
     sides = survey.contacts, survey.listeners
     for side, (what, places) in enumerate(zip(names, sides, strict=True)):
@@ -249,24 +259,15 @@ def _places(fitting: Fitting) -> Iterator[str]:
             levels = fit_pictures.levels_at(survey, side)
             named = fit_pictures.named(places)
             drawn = fit_pictures.gain_map(levels, survey.frequencies, named, lost, what)
-            yield _wide(picture(f"How loud each mode is at each {what}", drawn))
+            yield _drawing(f"How loud each mode is at each {what}", drawn)
 
 
-def _takes(fitted: Fitted, recorded: Recorded, energies: Energies) -> str:
-    return _scrolling("takes", table(TAKES, take_table(fitted, recorded, energies)))
+def _drawing(text: str, figure: Figure) -> str:
+    return f'<div class="wide">{picture(text, figure)}</div>'
 
 
-def _references(model: ModalModel) -> str:
-    lines = filter(None, model.cite().splitlines())
-    return "".join(f"<p>{html.escape(line)}</p>" for line in lines)
-
-
-def _wide(image: str) -> str:
-    return f'<div class="wide">{image}</div>'
-
-
-def _scrolling(name: str, rows: str) -> str:
-    return f'<div class="{name} sortable">{rows}</div>'
+def _sortable(name: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return f'<div class="{name} sortable">{table(headings, rows)}</div>'
 
 
 # Words and tables: what was found, how sure it is, and in which takes.
@@ -436,67 +437,3 @@ _RANK = (
     "listener. Where it is large, the object was moved or held otherwise between takes, or two "
     "modes were taken for one."
 )
-_STYLE = """\
-.hit + .hit, .hit + details { margin-top: 1.5rem; }
-.hit + .hit { border-top: 1px solid #ddd; padding-top: 1rem; }
-summary { cursor: pointer; margin-bottom: 1rem; }
-.hit p { margin: 0 0 .5rem; overflow-wrap: anywhere; }
-.hit figure { flex: 1 1 13rem; }
-.hit button { font: inherit; font-weight: 600; padding: .2rem .8rem; border-radius: 6px;
-  border: 1px solid #20558a; background: #fff; color: #20558a; cursor: pointer; }
-.hit .playing button { background: #20558a; color: #fff; }
-.hit audio { width: 100%; margin-top: .4rem; }
-.modal, .caution { font-size: 1.15rem; font-weight: 600; padding-left: .8rem;
-  border-left: 6px solid #2e8b57; }
-.caution { border-color: #d1611c; }
-.notes { color: #555; overflow-wrap: anywhere; }
-.wide { overflow-x: auto; margin-bottom: 1rem; }
-.wide img { min-width: 40rem; }
-.sortable { max-height: 32rem; overflow: auto; }
-.sortable th { cursor: pointer; white-space: nowrap; }
-.sortable td { white-space: nowrap; }
-.takes td:first-child, .takes th:first-child { text-align: left; }
-@media (max-width: 40rem) { body { margin: 1rem auto; padding: 0 .5rem; }
-  section { padding: 1rem; } }
-"""
-# A button goes on where the sound that plays is; one that plays silences all others
-_SWITCHING = """\
-for (const hit of document.querySelectorAll(".hit")) {
-  const sounds = [...hit.querySelectorAll("audio")];
-  hit.querySelectorAll("button").forEach((button, which) => button.addEventListener("click", () => {
-    const now = sounds.find((each) => !each.paused && !each.ended);
-    const next = sounds[which];
-    if (now === next) return next.pause();
-    next.currentTime = now ? now.currentTime : 0;
-    if (now) now.pause();
-    next.play();
-  }));
-}
-for (const kind of ["play", "pause", "ended"])
-  document.addEventListener(kind, (event) => {
-    event.target.closest("figure").classList.toggle("playing", kind === "play");
-    if (kind === "play")
-      for (const each of document.querySelectorAll("audio"))
-        if (each !== event.target) each.pause();
-  }, true);
-"""
-# A heading sorts, and turns the order round; what is no number comes last
-_SORTING = """\
-for (const table of document.querySelectorAll(".sortable table")) {
-  const [headings] = table.tHead.rows;
-  const [body] = table.tBodies;
-  [...headings.cells].forEach((heading, column) => heading.addEventListener("click", () => {
-    const down = heading.dataset.order === "up";
-    for (const each of headings.cells) delete each.dataset.order;
-    heading.dataset.order = down ? "down" : "up";
-    const text = (row) => row.cells[column].textContent;
-    const compare = (one, other) => {
-      const [a, b] = [text(one), text(other)];
-      if (isNaN(a) !== isNaN(b)) return isNaN(a) ? 1 : -1;
-      const order = isNaN(a) ? a.localeCompare(b) : a - b;
-      return down ? -order : order;
-    };
-    body.append(...[...body.rows].sort(compare));
-  }));
-}
-"""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
@@ -79,21 +79,17 @@ class RenderedHit:
         if length >= self.original.shape[1]:
             return self
         fade = _fades(length, 0, round(_FADE_OUT * self.sample_rate))
-        parts = {
-            name: getattr(self, name)[:, :length] * fade
-            for name in ("original", "modes", "beside")
-            if getattr(self, name) is not None
-        }
-        return replace(self, **parts)
+        return self._changed(lambda samples: samples[:, :length] * fade)
 
     def in_one_channel(self) -> RenderedHit:
         """Return the hit in its loudest channel alone."""
         best = int((self.original**2).sum(axis=1).argmax())
+        return self._changed(lambda samples: samples[best, None])
+
+    def _changed(self, change: Callable[[Array], Array]) -> RenderedHit:
+        beside = None if self.beside is None else change(self.beside)
         return replace(
-            self,
-            original=self.original[best, None],
-            modes=self.modes[best, None],
-            beside=None if self.beside is None else self.beside[best, None],
+            self, original=change(self.original), modes=change(self.modes), beside=beside
         )
 
 
