@@ -53,17 +53,9 @@ if TYPE_CHECKING:
 Other = ModalModel | FittedModes | Sound | Take | str | os.PathLike[str]
 
 FEWEST = 64  # modes that are fitted at least, where that many stand out
-HEADINGS = (
-    "mode",
-    "model (Hz)",
-    "other (Hz)",
-    "cents",
-    "T60 model (s)",
-    "T60 other (s)",
-    "decay (%)",
-    "level (dB)",
-    "sure (%)",
-)  # of the table of paired modes
+# Of the table of paired modes.
+HEADINGS = ("mode", "model (Hz)", "other (Hz)", "cents", "T60 model (s)", "T60 other (s)",
+            "decay (%)", "level (dB)", "sure (%)")  # fmt: skip
 _COLOURS = (BLUE, ORANGE)  # of the first side and of the second
 _DOUBT = 0.1  # audibility of a mode at least: nobody strikes a node so well, or tells where
 _BEFORE = 0.02  # of a recording before its hit, s

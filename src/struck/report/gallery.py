@@ -316,8 +316,12 @@ _WIRE = Material(
 _DRUM = (20.0, 2500.0)
 
 
-def _blow(at: tuple[float, ...] | str, striker: str = "wood") -> Strike:
-    return Strike(at=at, striker=striker, speed=1.0)
+def _blows(**places: tuple[float, ...]) -> tuple[tuple[str, Strike], ...]:
+    """Return blows with wood at places, which are named by their captions."""
+    return tuple(
+        (name.replace("_", " "), Strike(at=at, striker="wood", speed=1.0))
+        for name, at in places.items()
+    )
 
 
 SHAPES = (
@@ -342,11 +346,7 @@ SHAPES = (
         body=lambda: Bar(length=0.30, width=0.03, thickness=0.005, ends="clamped"),
         material="steel",
         damping="heard",
-        sounds=(
-            ("near the end", _blow((0.02,))),
-            ("at a quarter", _blow((0.075,))),
-            ("at the middle", _blow((0.15,))),
-        ),
+        sounds=_blows(near_the_end=(0.02,), at_a_quarter=(0.075,), at_the_middle=(0.15,)),
     ),
     Piece(
         name="rectangular_membrane",
@@ -355,10 +355,8 @@ SHAPES = (
         body=lambda: RectangularMembrane(length=0.5, width=0.4, thickness=2.5e-4, tension=3000.0),
         material=_SKIN,
         band=_DRUM,
-        sounds=(
-            ("near the corner", _blow((0.05, 0.04))),
-            ("near an edge", _blow((0.05, 0.16))),
-            ("near the middle", _blow((0.25, 0.16))),
+        sounds=_blows(
+            near_the_corner=(0.05, 0.04), near_an_edge=(0.05, 0.16), near_the_middle=(0.25, 0.16)
         ),
     ),
     Piece(
@@ -368,11 +366,7 @@ SHAPES = (
         body=lambda: CircularMembrane(radius=0.165, thickness=2.5e-4, tension=3000.0),
         material=_SKIN,
         band=_DRUM,
-        sounds=(
-            ("near the rim", _blow((0.15, 0.0))),
-            ("halfway", _blow((0.08, 0.0))),
-            ("at the middle", _blow((0.0, 0.0))),
-        ),
+        sounds=_blows(near_the_rim=(0.15, 0.0), halfway=(0.08, 0.0), at_the_middle=(0.0, 0.0)),
     ),
     Piece(
         name="annular_membrane",
@@ -381,10 +375,7 @@ SHAPES = (
         body=lambda: AnnularMembrane(radius=0.165, hole=0.05, thickness=2.5e-4, tension=3000.0),
         material=_SKIN,
         band=_DRUM,
-        sounds=(
-            ("near the rim", _blow((0.155, 0.0))),
-            ("halfway", _blow((0.107, 0.0))),
-        ),
+        sounds=_blows(near_the_rim=(0.155, 0.0), halfway=(0.107, 0.0)),
     ),
     Piece(
         name="circular_plate",
@@ -393,11 +384,7 @@ SHAPES = (
         body=lambda: CircularPlate(radius=0.12, thickness=0.002, edge="clamped"),
         material="steel",
         damping="heard",
-        sounds=(
-            ("near the rim", _blow((0.105, 0.0))),
-            ("halfway", _blow((0.06, 0.0))),
-            ("at the middle", _blow((0.0, 0.0))),
-        ),
+        sounds=_blows(near_the_rim=(0.105, 0.0), halfway=(0.06, 0.0), at_the_middle=(0.0, 0.0)),
     ),
     Piece(
         name="rectangular_plate",
@@ -406,10 +393,10 @@ SHAPES = (
         body=lambda: RectangularPlate(length=0.3, width=0.2, thickness=0.004, edges="free"),
         material="glass",
         damping="heard",
-        sounds=(
-            ("at the corner", _blow((0.29, 0.19))),
-            ("at the middle of an edge", _blow((0.15, 0.19))),
-            ("at the middle", _blow((0.15, 0.1))),
+        sounds=_blows(
+            at_the_corner=(0.29, 0.19),
+            at_the_middle_of_an_edge=(0.15, 0.19),
+            at_the_middle=(0.15, 0.1),
         ),
     ),
     Piece(
@@ -420,10 +407,10 @@ SHAPES = (
         body=lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
         material=_SKIN,
         band=_DRUM,
-        sounds=(
-            ("near the inward corner", _blow((0.21, 0.19))),
-            ("in the end of an arm", _blow((0.36, 0.1))),
-            ("in the square between", _blow((0.1, 0.1))),
+        sounds=_blows(
+            near_the_inward_corner=(0.21, 0.19),
+            in_the_end_of_an_arm=(0.36, 0.1),
+            in_the_square_between=(0.1, 0.1),
         ),
     ),
 )
