@@ -103,7 +103,7 @@ def test_where_a_body_is_silent_its_map_is_too(bar_map: SoundMap) -> None:
 
 def test_one_timbre_takes_one_contact() -> None:
     model = chord([400.0, 1000.0, 2500.0], [1.0, 0.5, 0.25], [-0.2, -0.1, -0.05])
-    made = sound_map(model, 1.0)
+    made = sound_map(model, 1.0, level=60)
     assert len(made.contacts) == 1
     points, directions = random_contacts(model.geometry, 50, seed=5)
     top = np.abs(directions[:, 2]) > 0.5

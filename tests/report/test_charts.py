@@ -188,7 +188,7 @@ def test_the_view_is_right_handed_and_shows_up_as_up(up: str) -> None:
 
 
 def test_fine_surfaces_are_drawn_with_fewer_faces_and_say_so() -> None:
-    ball = trimesh.creation.icosphere(subdivisions=6)
+    ball = trimesh.creation.icosphere(subdivisions=5)
     fine = model(ball, ball.vertices * [0.0, 0.0, 1.0])
     painter = Painter.of(fine.geometry)
     assert len(painter.surface.faces) <= surface_picture.MOST_FACES < len(ball.faces)

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,6 @@ from struck.perception.auditory_scale import integrated, threshold_in_quiet
 from struck.perception.sonic_distance import HeardModel, erb_distance, filter_centres, surface_of
 
 THRESHOLD = 3.0  # dB
-
 MOST_TRIANGLES = 300_000
 
 # A triangle whose own timbre leaves no more than this share of the threshold is not cut further
@@ -35,7 +34,7 @@ _POOL, _WORTH = 48, 0.5
 _HOPE = 0.85
 
 # A parabola through the corners is largest at the centroid, 4/3 of the greatest that the middles
-# of the edges tell; the rest is for what is no parabola.
+# of the edges show; the rest is for what is no parabola.
 _CURVED = 2.0
 _AT_ONCE = 2_000_000  # numbers in the largest array, so that memory does not grow with the body
 # Amplitudes over that of 20 micropascal: at -120 dB nothing is left but rounding. Taking it for
@@ -263,8 +262,7 @@ def sound_map(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cover:
+class Cover(NamedTuple):
     """Contacts, and the triangles that take their timbre from them."""
 
     points: Array  # (K, 3): the contacts, m
@@ -311,13 +309,8 @@ def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
         count += int(suited.sum())
         left = left.taken(~suited)
         left = left.halved(ear) if len(left) else left
-    names = ("corners", "amplitudes", "brightness", "owners", "misfits")
-    parts = map(np.concatenate, zip(*done, strict=True))
-    return Cover(
-        points=np.stack([point for point, _, _ in chosen]),
-        directions=np.stack([direction for _, direction, _ in chosen]),
-        **dict(zip(names, parts, strict=True)),
-    )
+    points, directions, _ = (np.stack(each) for each in zip(*chosen, strict=True))
+    return Cover(points, directions, *map(np.concatenate, zip(*done, strict=True)))
 
 
 def _choose(
@@ -368,7 +361,7 @@ def _bounds(ear: Ear, facets: Facets, timbres: Array, threshold: float) -> Array
 
 # Bounds on the sounds of all pushes anywhere within a triangle.
 #
-# A sound is told apart into its level and its timbre, the levels behind the ear's filters less the
+# A sound is divided into its level and its timbre: the levels behind the ear's filters less the
 # whole level. A map plays one stored timbre all over a triangle, at an amplitude that goes straight
 # from corner to corner: a(x) = sum_c t_c A_c with the amplitudes A_c at the corners, sum_c t_c = 1.
 #

@@ -147,14 +147,14 @@ class Comparison:
         mine, theirs = self.model.partials, self.other.partials
         columns = (
             [f"{mode + 1}" for mode in self.pairing.computed],
-            _told(mine.frequencies[self.pairing.computed], ".2f"),
-            _told(theirs.frequencies[self.pairing.fitted], ".2f"),
-            _told(self.cents, "+.2f"),
-            _told(_t60(mine.decays[self.pairing.computed]), ".3g"),
-            _told(_t60(theirs.decays[self.pairing.fitted]), ".3g"),
-            _told(100 * (self.decay_ratios - 1), "+.1f"),
-            _told(self.level_differences, "+.1f"),
-            _told(100 * self.pairing.confidence, ".0f"),
+            _texts(mine.frequencies[self.pairing.computed], ".2f"),
+            _texts(theirs.frequencies[self.pairing.fitted], ".2f"),
+            _texts(self.cents, "+.2f"),
+            _texts(_t60(mine.decays[self.pairing.computed]), ".3g"),
+            _texts(_t60(theirs.decays[self.pairing.fitted]), ".3g"),
+            _texts(100 * (self.decay_ratios - 1), "+.1f"),
+            _texts(self.level_differences, "+.1f"),
+            _texts(100 * self.pairing.confidence, ".0f"),
         )
         return list(zip(*columns, strict=True))
 
@@ -269,7 +269,7 @@ def _t60(decays: Array) -> Array:
     return np.log(1000) / np.where(decays > 0, decays, np.nan)
 
 
-def _told(values: Array, form: str) -> Sequence[str]:
+def _texts(values: Array, form: str) -> Sequence[str]:
     return [f"{value:{form}}" if np.isfinite(value) else "-" for value in values]
 
 

@@ -196,7 +196,7 @@ def _scrape(roughness: str) -> Scrape:
     return Scrape(path=(_FROM, _TO), speed=0.15, load=2.0, roughness=roughness, radius=0.5e-3)
 
 
-def _solids_blow(time: float = 0.0) -> Strike:
+def _blow(time: float = 0.0) -> Strike:
     return Strike(at=_FROM, striker="wood", speed=1.0, time=time)
 
 
@@ -273,7 +273,7 @@ SOLIDS = (
         material="steel",
         damping="heard",
         sounds=(
-            ("struck with wood", _solids_blow()),
+            ("struck with wood", _blow()),
             ("scraped: sandpaper", _scrape("sandpaper")),
             ("scraped: wood", _scrape("wood")),
             ("scraped: concrete", _scrape("concrete")),
@@ -283,7 +283,7 @@ SOLIDS = (
             ),
             (
                 "struck free, then held",
-                [_solids_blow(), _solids_blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)],
+                [_blow(), _blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)],
             ),
         ),
         spectrograms=True,

@@ -122,12 +122,12 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
 def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
     """Return the ranges of the coordinates of contacts, in words."""
     names = model.coordinates
-    told = [
+    said = [
         f"{name} from {low:.4g} to {high:.4g}"
         for name, (low, high) in zip(names, ranges, strict=False)
     ]
-    told += [f"{name} all around" for name in names[len(ranges) :]]
-    return f", {', '.join(told)}" if told else ""
+    said += [f"{name} all around" for name in names[len(ranges) :]]
+    return f", {', '.join(said)}" if said else ""
 
 
 def page(
