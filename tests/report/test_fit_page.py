@@ -243,8 +243,9 @@ def test_a_ratio_is_put_in_words(ratio: float, misfit: float, told: str) -> None
     assert f"{100 * 10 ** (-ratio / 10):.2g} %" in lines[1]
 
 
-def test_the_model_with_residual_comes_nearer() -> None:
+def test_the_model_with_residual_comes_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
     """A short burst at the hit is no mode; where the model has it, it is played."""
+    monkeypatch.setattr(fit_page, "_drawing", lambda *_: "pictures take seconds")
     take = take_of(LOUDEST, 0.2)
     burst = np.zeros_like(take.samples)
     start = round(ONSET * RATE)

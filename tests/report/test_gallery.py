@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
+import pytest
+
 import struck
+from struck.recordings.fit import fit_recordings
+from struck.report import gallery
 from struck.report.gallery import NAME, recording
 
 
+def test_the_recording_is_found_and_saved_in_three_sizes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        gallery, "fit_recordings", partial(fit_recordings, modes=8, force=True, cache=False)
+    )
+    monkeypatch.setattr(gallery, "report", lambda made: made.recorded.takes[0].name)
+    assert recording(tmp_path, lambda _stage, _share: None).endswith("tabla.wav")
+    assert 0 < len(struck.load(tmp_path / f"{NAME}.struck").frequencies) <= 8
+    names = [f"{NAME}_{size}.wav" for size in ("half", "recorded", "twice")]
+    lengths = [struck.Sound.load(tmp_path / name).duration for name in names]
+    assert lengths == sorted(lengths)
+
+
+@pytest.mark.prove
 def test_a_recorded_drum_becomes_a_model_and_a_page(tmp_path: Path) -> None:
     page = recording(tmp_path, lambda _stage, _share: None)
     model = struck.load(tmp_path / f"{NAME}.struck")
