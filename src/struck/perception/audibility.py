@@ -33,40 +33,7 @@ def audible(
     listener: ArrayLike | None = None,
     level: float | None = None,
 ) -> ModalModel:
-    """Return a model of the modes that are heard anywhere, their gains solved for anew.
-
-    Modes are left out, those that add least first, as long as behind no filter of the ear, at no
-    contact and listener, all those left out together exceed the threshold that the others leave:
-    the threshold in quiet and a just noticeable share (1 dB) of the others' excitation. What is
-    left out sounds, together, though each mode of it does not; so each mode that stays gets a
-    factor, the same for all contacts, such that what passes the ear's filters at all contacts
-    comes nearest to what did, in relative least squares with a weak pull toward 1. (The nearest
-    waveform would leave the gains as they are: modes of different frequencies are orthogonal.)
-
-    Parameters
-    ----------
-    model : ModalModel
-        With a surface.
-    contacts : sequence of places, optional
-        As for `ModalModel.contact`; 256 spread over the surface unless given.
-    listener : array-like (3,) or (L, 3), optional
-        m; beside the model unless given.
-    level : float, optional
-        Of the loudest contact, dB re 20 micropascal; 85 unless given.
-
-    Returns
-    -------
-    ModalModel
-        Its provenance counts what was left out.
-
-    Raises
-    ------
-    ContactError
-        On a place off the body, or a listener inside it.
-    OptionError
-        On a level that is not finite or at which no mode is heard, no contacts, or gains without
-        mode shapes.
-    """
+    """Return a model of the modes that are heard anywhere (see `struck.api.audible`)."""
     hearing = HeardModel.at(model, listener, level)
     intensities = _intensities(model, contacts, hearing)
     cases = intensities.reshape(-1, intensities.shape[2])
@@ -94,6 +61,8 @@ def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: H
 
 def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
     """Return which modes are missed in none of several cases of intensities (C, M)."""
+    # Those that add least first, as long as behind no filter all those left out together exceed
+    # the threshold that the others leave: in quiet, and a just noticeable share of their excitation.
     centres = filter_centres(_FINE)
     passing = spreading(frequencies, centres)
     quiet = 10 ** (threshold_in_quiet(centres) / 10)

@@ -145,47 +145,7 @@ def sonic_distance(
     level: float | None = None,
     method: str = "erb",
 ) -> float:
-    """Return how different two impacts sound, dB.
-
-    Parameters
-    ----------
-    a, b : ModalModel
-        What is struck; one model twice to compare two of its contacts.
-    at : place, optional
-        Where `a` is struck, as for `ModalModel.contact`; the loudest contact unless given.
-    against : place, optional
-        Where `b` is struck; as `a` unless given.
-    listener : array-like (3,), optional
-        In the coordinates of each model, m; beside it unless given.
-    level : float, optional
-        What the loudest contact of each model reaches, dB re 20 micropascal; 85 unless given. So
-        bodies are compared by their timbre, contacts of one body by their level too.
-    method : str
-        "erb": levels behind the ear's filters, above the threshold in quiet; root mean square over
-        those filters where either is heard. Filters stand every half bandwidth and pass the flanks
-        of what lies beside them, so a mode that louder neighbours mask counts for little, and
-        changes within one band for nothing.
-        "doel1998": the sum of section 5 over modes; its root grows with their number.
-        "doel1998-mean": the same with the sum of S(f) divided out, a weighted root mean square.
-
-    Returns
-    -------
-    float
-        0 for sounds that cannot be told apart.
-
-    Raises
-    ------
-    OptionError
-        On an unknown method, or by those of 1998 for models without a common set of modes.
-    ContactError
-        On a place off the body.
-
-    Notes
-    -----
-    The paper leaves S(f), E_0 and the logarithm open. S is `auditory_scale.sensitivity`, from the
-    contour of 40 phon; 10 log10 gives dB; E_0 is the energy, E = (a f)^2, of the softest audible
-    partial of the same frequency and decay, so that f cancels from E / E_0.
-    """
+    """Return how different two impacts sound, dB (see `struck.api.sonic_distance`)."""
     if method not in METHODS:
         raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
     hearing = HeardModel.at(a, listener, level)

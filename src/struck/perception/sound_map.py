@@ -206,35 +206,7 @@ def sound_map(
     listener: ArrayLike | None = None,
     level: float | None = None,
 ) -> SoundMap:
-    """Choose how few contacts are enough, and which sounds where.
-
-    Parameters
-    ----------
-    model : ModalModel
-        With a surface.
-    threshold_db : float
-        How far, by `sonic_distance`, what is stored may be from what sounds at any contact, pushed
-        straight into the surface.
-    listener : array-like (3,), optional
-        m; beside the model unless given.
-    level : float, optional
-        Of the loudest contact, dB re 20 micropascal; 85 unless given. Softer needs fewer.
-
-    Returns
-    -------
-    SoundMap
-        Its `bound` holds at all contacts, not at samples. For modes given at vertices it follows
-        from their being straight in between; for modes in closed form, what they bend between the
-        corners and middles of edges is taken as twice the most that the middles show.
-
-    Raises
-    ------
-    OptionError
-        When the threshold does not exceed 0 or is too fine, the model is silent, or several
-        listeners are given.
-    ContactError
-        When the model has no surface, or the listener is inside it.
-    """
+    """Choose how few contacts are enough, and which sounds where (see `struck.api.sound_map`)."""
     if not (np.isfinite(threshold_db) and threshold_db > 0):
         raise OptionError(f"threshold_db is {threshold_db}: it must exceed 0, such as 3")
     surface = surface_of(model)

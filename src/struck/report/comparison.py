@@ -187,44 +187,7 @@ def compare(
     widest: float = 1.25,
     progress: Progress = silent,
 ) -> Comparison:
-    """Compare a model with a recording of the body, or with another model.
-
-    Parameters
-    ----------
-    model : ModalModel
-    other : path, Sound, Take, ModalModel or FittedModes
-        A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
-        or anything with `frequencies`, `decays` and `gains`.
-    strike : Strike, optional
-        Where and with what the model is struck: it tells the levels of its modes. ``Strike()``
-        unless given.
-    against : Strike, optional
-        The same for another model; as `strike` unless given.
-    listener : array-like (3,), optional
-        In the coordinates of each model, m; beside it unless given.
-    recording : Sound, optional
-        What was fitted, to be heard on the page; else the fitted modes are.
-    widest : float
-        Largest factor between the frequencies of the two, either way.
-    progress : callable
-        Told the stage and the fraction done while a recording is fitted.
-
-    Returns
-    -------
-    Comparison
-        The validation of 2002, section 5, for any body.
-
-    Raises
-    ------
-    OptionError
-        On `against` or `recording` without what they belong to.
-    ContactError
-        When a contact is none of the body's.
-    RecordingError
-        When either has no modes, or nothing is struck in a recording.
-    FileFormatError, MissingDependencyError
-        When a file cannot be read.
-    """
+    """Compare a model with a recording of the body, or another model (see `struck.api.compare`)."""
     blow = strike or Strike()
     modes = len(model.frequencies)
     theirs = _other_side(other, against, blow, listener, recording, modes=modes, progress=progress)

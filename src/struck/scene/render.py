@@ -53,46 +53,9 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
 ) -> Sound:
-    """Return what a listener hears of bodies that are struck, scraped, rolled on, plucked or held.
-
-    Parameters
-    ----------
-    model : ModalModel, Body, or several bodies
-        What sounds; a `Body` is a model with its place in the scene and what happens to it.
-    excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, or several of them
-        What pushes a single model and what holds it.
-    seconds : float or None
-        Length of the sound. None: until 60 dB of decay of the slowest among the loud modes (within
-        40 dB of the loudest), at most 10 s after the last push.
-    sample_rate : int
-        Hz. Modes at or above half of it are left out, and the sound's notes say how many.
-    listener : Mono, Stereo, Binaural, array-like (3,) or None
-        Who hears it. A bare position in body coordinates, m, is one ear for which the travel time
-        is left out: what a contact sends at t is heard at t. None: on the body's x axis through its
-        centre, 1 m or two of its radii away, whichever is farther; several bodies are heard by
-        `Mono()`.
-    room : Room or None
-        Whose walls reflect, for listeners other than a bare position.
-
-    Returns
-    -------
-    Sound
-        A channel for each ear, left first, in Pa when the models are calibrated.
-
-    Raises
-    ------
-    OptionError
-        On nothing to render, arguments outside their bounds, gains that are not finite, or pushes
-        that never end where no length is said.
-    ContactError
-        On a contact off the body, or a listener inside one.
-
-    Notes
-    -----
-    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] is the answer to a unit impulse. Half-sine
-    strikes at points are convolved with it in closed form (`struck.synth.ring_down`); all else goes
-    through `struck.synth.resonators`, strikes too where a hand holds the body.
-    """
+    """Return what a listener hears of bodies (see `struck.api.render`)."""
+    # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
+    # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         body = Body(model=model, excitations=excitations)
