@@ -62,7 +62,7 @@ def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: H
 def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
     """Return which modes are missed in none of several cases of intensities (C, M)."""
     # Those that add least first, as long as behind no filter all those left out together exceed
-    # the threshold that the others leave: in quiet, and a just noticeable share of their excitation.
+    # the threshold that the others leave: in quiet, and a just noticeable share of excitation.
     centres = filter_centres(_FINE)
     passing = spreading(frequencies, centres)
     quiet = 10 ** (threshold_in_quiet(centres) / 10)
