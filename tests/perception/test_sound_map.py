@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -159,7 +160,8 @@ def test_bad_arguments_are_refused(
         sound_map(bar, listener=[(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
     with pytest.raises(ContactError, match="off the body"):
         bar_map.at((0.1, 0.2, 0.3))
-    monkeypatch.setattr("struck.perception.sound_map.MOST_TRIANGLES", 600)
+    module = import_module("struck.perception.sound_map")  # the package names a function so, too
+    monkeypatch.setattr(module, "MOST_TRIANGLES", 600)
     with pytest.raises(OptionError, match="a larger one"):
         sound_map(bar, 0.5)
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import struck
 from struck.recordings.fit import fit_recordings
-from struck.report import gallery
 from struck.report.gallery import NAME, recording
 
 
 def test_the_recording_is_found_and_saved_in_three_sizes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    gallery = import_module("struck.report.gallery")  # the package names a function so, too
     monkeypatch.setattr(
         gallery, "fit_recordings", partial(fit_recordings, modes=8, force=True, cache=False)
     )
