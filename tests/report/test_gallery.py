@@ -13,7 +13,7 @@ from struck.recordings.fit import fit_recordings
 from struck.report.gallery import NAME, recording
 
 
-def test_the_recording_is_found_and_saved_in_three_sizes(
+def test_the_recording_is_found_and_heard_in_three_sizes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gallery = import_module("struck.report.gallery")  # the package names a function so, too
@@ -23,9 +23,8 @@ def test_the_recording_is_found_and_saved_in_three_sizes(
     monkeypatch.setattr(gallery, "report", lambda made: made.recorded.takes[0].name)
     assert recording(tmp_path, lambda _stage, _share: None).endswith("tabla.wav")
     assert 0 < len(struck.load(tmp_path / f"{NAME}.struck").frequencies) <= 8
-    names = [f"{NAME}_{size}.wav" for size in ("half", "recorded", "twice")]
-    lengths = [struck.Sound.load(tmp_path / name).duration for name in names]
-    assert lengths == sorted(lengths)
+    for size in ("half", "recorded", "twice"):
+        assert struck.Sound.load(tmp_path / f"{NAME}_{size}.wav").peak > 0
 
 
 @pytest.mark.prove
