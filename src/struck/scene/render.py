@@ -26,8 +26,8 @@ from struck.excitation.pulses import LEAD, sampled
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex
-from struck.model.material import AIR
 from struck.model.contact import Contact
+from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
 from struck.scene.body import Action, Body, centre_of, place_beside
