@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from struck.model.sampled_field import SampledField
+from struck.files.sampled_field import SampledField
 
 import struck
 from struck import InternalFriction, ModalModel, Rayleigh, Sound, Strike
