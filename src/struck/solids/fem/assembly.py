@@ -26,22 +26,12 @@ from struck.solids.volume_mesh import VolumeMesh
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System:
-    """Stiffness and mass on pairs of nodes, lower triangle.
+    """Stiffness and mass on pairs of nodes, lower triangle."""
 
-    Parameters
-    ----------
-    starts, rows : array (N + 1,), (P,)
-        Columns of node pairs in compressed form; rows at or below the diagonal.
-    stiffness : array (3, 3, P)
-        N/m.
-    mass : array (P,)
-        kg; the same in all three directions.
-    """
-
-    starts: Index
-    rows: Index
-    stiffness: Array
-    mass: Array
+    starts: Index  # (N + 1,): where each column of node pairs begins
+    rows: Index  # (P,): at or below the diagonal
+    stiffness: Array  # (3, 3, P), N/m
+    mass: Array  # (P,), kg: the same in all three directions
 
     @property
     def node_count(self) -> int:
@@ -87,20 +77,7 @@ class System:
 
 
 def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> System:
-    """Assemble stiffness and mass of a body.
-
-    Parameters
-    ----------
-    mesh : VolumeMesh
-    material : Material
-    lumped : bool
-        Put each element's mass on its nodes (2002, eq. 15); linear tetrahedra only.
-
-    Raises
-    ------
-    MeshError
-        When an element is inverted, or the mass of other elements is to be lumped.
-    """
+    """Assemble stiffness and mass; `lumped` puts an element's mass on its nodes (2002, eq. 15)."""
     if lumped and mesh.kind != "tet4":
         raise MeshError(f"mass is lumped on tet4 elements only, not on {mesh.kind}: leave it out")
     lower, upper = np.tril_indices(len(mesh.element.nodes))
@@ -133,13 +110,7 @@ def _batches(mesh: VolumeMesh) -> Iterator[tuple[Index, Quadrature]]:
 
 
 def gradients(mesh: VolumeMesh, chosen: Index, rule: Quadrature) -> tuple[Array, Array]:
-    """Return physical gradients (E, q, n, 3) and volume weights (E, q) of the elements.
-
-    Raises
-    ------
-    MeshError
-        When an element is inverted at one of the points.
-    """
+    """Return physical gradients (E, q, n, 3) and volume weights (E, q) of the elements."""
     jacobians = mesh.jacobians(rule.points, chosen)
     determinants = np.linalg.det(jacobians)
     inverted = np.count_nonzero((determinants <= 0).any(axis=1))

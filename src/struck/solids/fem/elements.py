@@ -6,10 +6,10 @@ Every element is isoparametric: the same polynomials carry geometry and displace
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import permutations, product
 from types import MappingProxyType
 
 import numpy as np
@@ -27,31 +27,15 @@ class Quadrature:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """A reference element.
+    """A reference element: its nodes, its polynomials and the quadrature it needs."""
 
-    Parameters
-    ----------
-    corners : array (c, 3)
-        Corner nodes.
-    edges : tuple of pairs
-        Corners whose midpoint carries a further node, in order; empty for linear elements.
-    sides : tuple of tuples
-        Corners of each face, counter-clockwise from outside.
-    exponents : array (n, 3)
-        Monomials that span the polynomials.
-    stiffness_rule, straight_rule : Quadrature
-        For the stiffness of curved and of straight-sided elements.
-    mass_rule : Quadrature
-        For the mass; it also measures the volume.
-    """
-
-    corners: Array
-    edges: tuple[tuple[int, int], ...]
-    sides: tuple[tuple[int, ...], ...]
-    exponents: Index
-    stiffness_rule: Quadrature
-    mass_rule: Quadrature
-    straight_rule: Quadrature
+    corners: Array  # (c, 3)
+    edges: tuple[tuple[int, int], ...]  # corners whose midpoint is a further node; none if linear
+    sides: tuple[tuple[int, ...], ...]  # corners of each face, counter-clockwise from outside
+    exponents: Index  # (n, 3), of the monomials that span the polynomials
+    stiffness_rule: Quadrature  # of curved elements
+    mass_rule: Quadrature  # also measures the volume
+    straight_rule: Quadrature  # stiffness of straight-sided elements
 
     @cached_property
     def nodes(self) -> Array:
@@ -87,17 +71,10 @@ def _tetrahedron_rule(*orbits: tuple[float, tuple[float, ...]]) -> Quadrature:
     """Rule from orbits of barycentric coordinates, weights summing to 1."""
     points, weights = [], []
     for weight, first in orbits:
-        orbit = sorted(set(_permutations(first)))
+        orbit = sorted(set(permutations(first)))
         points += [row[1:] for row in orbit]
         weights += [weight / 6] * len(orbit)
     return Quadrature(points=np.array(points), weights=np.array(weights))
-
-
-def _permutations(values: tuple[float, ...]) -> list[tuple[float, ...]]:
-    if len(values) == 1:
-        return [values]
-    heads = ((values[i], values[:i] + values[i + 1 :]) for i in range(len(values)))
-    return [(head, *tail) for head, rest in heads for tail in _permutations(rest)]
 
 
 def _gauss(count: int, low: float, high: float) -> tuple[Array, Array]:
@@ -164,82 +141,72 @@ _CUBE_27 = _hexahedron_rule(3)
 _CUBE_35 = _blend(_hexahedron_rule(2), _CUBE_27, 0.01)
 _WEDGE_18 = _wedge_rule(_TRIANGLE_6, 3)
 
-_TET_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=float)
-_TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-_TET_SIDES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
-_HEX_CORNERS = np.array(
-    [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float
-)
-_HEX_EDGES = (
-    *((0, 1), (1, 2), (2, 3), (3, 0)),
-    *((4, 5), (5, 6), (6, 7), (7, 4)),
-    *((0, 4), (1, 5), (2, 6), (3, 7)),
-)
-_HEX_SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-_WEDGE_CORNERS = np.array(
-    [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (0, 1))], dtype=float
-)
-_WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
-_WEDGE_SIDES = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Family:
-    """What the linear and the quadratic element of one form share."""
-
-    corners: Array
-    sides: tuple[tuple[int, ...], ...]
-    stiffness_rule: Quadrature
-    straight_rule: Quadrature
-    mass_rule: Quadrature
-
-    def element(self, exponents: Index, edges: tuple[tuple[int, int], ...] = ()) -> Element:
-        return Element(
-            corners=self.corners,
-            edges=edges,
-            sides=self.sides,
-            exponents=exponents,
-            stiffness_rule=self.stiffness_rule,
-            straight_rule=self.straight_rule,
-            mass_rule=self.mass_rule,
+def _linear_and_quadratic(
+    corners: Array,
+    sides: tuple[tuple[int, ...], ...],
+    edges: tuple[tuple[int, int], ...],
+    exponents: tuple[Index, Index],
+    *,
+    stiffness: Quadrature,
+    straight: Quadrature,
+    mass: Quadrature,
+) -> Iterator[Element]:
+    """Yield the linear and the quadratic element of one form."""
+    for powers, middles in zip(exponents, ((), edges), strict=True):
+        yield Element(
+            corners=corners,
+            edges=middles,
+            sides=sides,
+            exponents=powers,
+            stiffness_rule=stiffness,
+            straight_rule=straight,
+            mass_rule=mass,
         )
 
 
-_TET = _Family(
-    corners=_TET_CORNERS,
-    sides=_TET_SIDES,
-    stiffness_rule=_TET_14,
-    straight_rule=_TET_4,
-    mass_rule=_TET_14,
+_TET4, _TET10 = _linear_and_quadratic(
+    np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=float),
+    ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
+    (_up_to(1), _up_to(2)),
+    stiffness=_TET_14,
+    straight=_TET_4,
+    mass=_TET_14,
 )
-_HEX = _Family(
-    corners=_HEX_CORNERS,
-    sides=_HEX_SIDES,
-    stiffness_rule=_CUBE_35,
-    straight_rule=_CUBE_35,
-    mass_rule=_CUBE_27,
+_HEX8, _HEX20 = _linear_and_quadratic(
+    np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float),
+    ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    (
+        *((0, 1), (1, 2), (2, 3), (3, 0)),
+        *((4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ),
+    (np.array(list(product((0, 1), repeat=3))), _serendipity()),
+    stiffness=_CUBE_35,
+    straight=_CUBE_35,
+    mass=_CUBE_27,
 )
-_WEDGE = _Family(
-    corners=_WEDGE_CORNERS,
-    sides=_WEDGE_SIDES,
-    stiffness_rule=_WEDGE_18,
-    straight_rule=_WEDGE_18,
-    mass_rule=_WEDGE_18,
+_WEDGE6, _WEDGE15 = _linear_and_quadratic(
+    np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (0, 1))], dtype=float),
+    ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    (_wedge(quadratic=False), _wedge(quadratic=True)),
+    stiffness=_WEDGE_18,
+    straight=_WEDGE_18,
+    mass=_WEDGE_18,
 )
 
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {
-        "tet4": _TET.element(_up_to(1)),
-        "tet10": _TET.element(_up_to(2), _TET_EDGES),
-        "hex8": _HEX.element(np.array(list(product((0, 1), repeat=3)))),
-        "hex20": _HEX.element(_serendipity(), _HEX_EDGES),
-        "wedge6": _WEDGE.element(_wedge(quadratic=False)),
-        "wedge15": _WEDGE.element(_wedge(quadratic=True), _WEDGE_EDGES),
+        "tet4": _TET4,
+        "tet10": _TET10,
+        "hex8": _HEX8,
+        "hex20": _HEX20,
+        "wedge6": _WEDGE6,
+        "wedge15": _WEDGE15,
     }
 )
 PROMOTED: Mapping[str, str] = MappingProxyType(
     {"tet4": "tet10", "hex8": "hex20", "wedge6": "wedge15"}
-)
-LINEAR: Mapping[str, str] = MappingProxyType(
-    {kind: kind for kind in PROMOTED} | {finer: kind for kind, finer in PROMOTED.items()}
 )

@@ -1,4 +1,4 @@
-"""How far frequencies are off, told on one mesh by what finer polynomials would still gain.
+"""Errors of natural frequencies: residuals on one mesh, scaled where a second mesh is known.
 
 A mode leaves forces on functions of the next degree: cubics along edges, bubbles on sides. Each
 on its own yields to its force, and the energies won so are together about what the eigenvalue is
@@ -18,83 +18,6 @@ from struck.model.modes import Modes
 from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 from struck.solids.volume_mesh import VolumeMesh
 
-# How far frequencies are off, told from two resolutions, and how fine the next one must be.
-#
-# On a finer mesh the errors told on one mesh alone shrink; frequencies move meanwhile. How far they
-# move for what is told to have gone is the scale of what is told to be left, and holds even where
-# both meshes share a defect, as walls of one layer do. The figures were set on spheres, cubes,
-# tubes and plates whose frequencies are known.
-
-# How many times an error told by residuals bounds the true one: where it stands alone, and where
-# two resolutions scale it.
-ALONE, _SCALED = 4.0, 2.3
-# Power of the edges with which errors fall; 4 is the most that quadratic elements reach.
-_POWER = 3.0
-# How many times larger the errors are of which a mesh of given nodes is chosen.
-_TYPICAL = 2.5
-# Less than so many times the nodes tell nothing.
-_LEAST_RATIO = 1.05
-# Of an error told by residuals, the least share that the finer mesh counts as having removed.
-_LEAST_GAIN = 0.05
-_MOST_MODES = 0.9
-# Frequencies miss so many times what the volume does, where edges are cut off.
-_OF_VOLUME = 1.5
-# No error is told smaller than this. Where a mode looks so many times as exact as the modes beside
-# it, two meshes happen to agree on it: it gets this share of theirs.
-_LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
-
-
-def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int) -> Array:
-    """Return the relative error of each frequency (M,).
-
-    Parameters
-    ----------
-    modes : Modes
-        Whose errors are those of one mesh alone.
-    nodes : int
-    coarse : Modes or None
-        Of a coarser mesh, over a wider band, with errors of the same kind.
-    coarse_nodes : int
-    """
-    if coarse is None or not comparable(nodes, coarse_nodes):
-        return np.maximum(modes.errors, _LEAST)
-    known = min(len(modes.frequencies), len(coarse.frequencies))
-    ratio = coarse.frequencies[:known] / modes.frequencies[:known]
-    before, after = coarse.errors[:known], modes.errors[:known]
-    # Errors are told in energy, and as shares of what their own mesh found.
-    gone = np.abs(1 - ratio**-2) / 2
-    scale = gone / np.maximum(before - after, _LEAST_GAIN * before)
-    # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
-    scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
-    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
-    errors = modes.errors.copy()
-    errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
-    return _levelled(errors)
-
-
-def comparable(nodes: int, coarse_nodes: int) -> bool:
-    """Tell whether a coarser mesh of so many nodes says something about one of `nodes`."""
-    return coarse_nodes > 0 and nodes / coarse_nodes >= _LEAST_RATIO
-
-
-def _levelled(errors: Array) -> Array:
-    spans = [errors[max(i - _BESIDE, 0) : i + _BESIDE + 1] for i in range(len(errors))]
-    beside = np.array([np.median(span) for span in spans])
-    believed = np.where(errors < _OUTLYING * beside, _SHARE * beside, errors)
-    return np.maximum(believed, _LEAST)
-
-
-def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
-    """Return how many nodes bring most modes' errors below `target`, from a coarser mesh's."""
-    error = float(np.quantile(coarse.errors, _MOST_MODES)) * (_TYPICAL / ALONE)
-    return int(nodes * max(error / target, 1e-9) ** 0.75)
-
-
-def with_shape(errors: Array, volume_error: float) -> Array:
-    """Return errors (M,) with what the body's own shape misses, as crisp edges cut off do."""
-    return np.hypot(errors, _OF_VOLUME * volume_error)
-
-
 _COLUMNS = 32
 _CHUNK = 512
 # Derivatives by complex steps are exact.
@@ -106,17 +29,8 @@ _YIELDING, _UNSEEN = 0.45, 0.03
 
 
 def residual_errors(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
-    """Return the relative error of each frequency (M,).
-
-    Parameters
-    ----------
-    mesh : VolumeMesh
-    material : Material
-    values : array (M,)
-        Eigenvalues, 1/s^2.
-    vectors : array (N, 3, M)
-        Mass-normalised; nodes that none of them moves count as held.
-    """
+    """Return the relative error of each frequency (M,) from the residuals of its mode."""
+    # Values are in 1/s^2 (M,), vectors mass-normalised (N, 3, M); nodes that never move are held.
     finer = Finer.of(mesh, held=np.all(vectors == 0, axis=(1, 2)))
     parts = np.array_split(np.arange(len(values)), max(1, -(-len(values) // _COLUMNS)))
     energies = [_missing(finer, material, values[p], vectors[:, :, p]) for p in parts]
@@ -131,10 +45,8 @@ def _missing(finer: Finer, material: Material, values: Array, vectors: Array) ->
 
 
 def shares(kind: str, points: Array | Complex) -> Array | Complex:
-    """Return barycentric coordinates of reference `points` (q, 3), form after form: (q, s).
-
-    A hexahedron is the product of three lines, a wedge of a triangle and a line.
-    """
+    """Return barycentric coordinates (q, s) of reference `points` (q, 3), factor after factor."""
+    # A hexahedron is the product of three lines, a wedge of a triangle and a line.
     x, y, z = points.T
     if kind.startswith("tet"):
         return np.stack([1 - x - y - z, x, y, z], axis=1)
@@ -145,23 +57,12 @@ def shares(kind: str, points: Array | Complex) -> Array | Complex:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Finer:
-    """The functions of the next degree on a mesh.
-
-    Parameters
-    ----------
-    mesh : VolumeMesh
-    members : tuple of tuples
-        Corners of the edge or side that each function of an element belongs to.
-    numbers : array (E, m)
-        Of the functions in the whole mesh.
-    signs : array (E, m)
-        1 or -1 by the way a cubic runs along its edge; 0 where the function is held.
-    """
+    """The functions of the next degree on a mesh."""
 
     mesh: VolumeMesh
-    members: tuple[tuple[int, ...], ...]
-    numbers: Index
-    signs: Array
+    members: tuple[tuple[int, ...], ...]  # corners of the edge or side of each function
+    numbers: Index  # (E, m), of the functions in the whole mesh
+    signs: Array  # (E, m): which way a cubic runs along its edge; 0 held
 
     @classmethod
     def of(cls, mesh: VolumeMesh, held: Mask) -> Finer:
@@ -203,14 +104,7 @@ class Finer:
         return np.stack([np.imag(self.values(at)) / _STEP for at in steps], axis=2)
 
     def energies(self, material: Material, values: Array, vectors: Array) -> tuple[Array, Array]:
-        """Return the energies yielded, and those of the modes seen at all points (M,), twice each.
-
-        Parameters
-        ----------
-        material : Material
-        values : array (M,)
-        vectors : array (N, 3, M)
-        """
+        """Return twice the energy gained, and twice that of the modes at all points (M,)."""
         count, modes = int(self.numbers.max()) + 1, len(values)
         forces, stiffness = np.zeros((count, 3 * modes)), np.zeros((count, 9))
         everywhere = np.zeros(modes)
@@ -300,3 +194,61 @@ def _carried(mesh: VolumeMesh, chunk: slice) -> Array:
     between = linear.values(mesh.element.mass_rule.points) @ np.linalg.inv(linear.values(few))
     slopes = mesh.element.gradients(few) @ np.linalg.inv(mesh.jacobians(few, chunk))
     return np.einsum("qp,epnd->eqnd", between, slopes, optimize=True)
+
+
+# Two meshes: their frequencies move apart while the residual errors shrink. Movement over shrinkage
+# scales the errors that are left, even where both meshes share a defect, as walls of one layer do.
+# The figures were set on spheres, cubes, tubes and plates whose frequencies are known.
+
+ALONE, _SCALED = 4.0, 2.3  # bound over residual error: of one mesh, and scaled by two
+_POWER = 3.0  # of the edges, with which errors fall; 4 is the most that quadratic elements reach
+_TYPICAL = 2.5  # how many times larger the errors are for which a count of nodes is chosen
+_LEAST_RATIO = 1.05  # of the nodes of two meshes that are compared
+_LEAST_GAIN = 0.05  # least share of its residual error that the finer mesh counts as having removed
+_MOST_MODES = 0.9
+_OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
+# Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
+# side), two meshes happen to agree on it: it gets this share of theirs.
+_LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
+
+
+def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int) -> Array:
+    """Return the relative error of each frequency (M,) from those of one or of two meshes."""
+    # `modes` and `coarse` (a coarser mesh, a wider band) come with residual errors of one mesh.
+    if coarse is None or not comparable(nodes, coarse_nodes):
+        return np.maximum(modes.errors, _LEAST)
+    known = min(len(modes.frequencies), len(coarse.frequencies))
+    ratio = coarse.frequencies[:known] / modes.frequencies[:known]
+    before, after = coarse.errors[:known], modes.errors[:known]
+    # Errors are told in energy, and as shares of what their own mesh found.
+    gone = np.abs(1 - ratio**-2) / 2
+    scale = gone / np.maximum(before - after, _LEAST_GAIN * before)
+    # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
+    scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
+    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
+    errors = modes.errors.copy()
+    errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
+    return _levelled(errors)
+
+
+def comparable(nodes: int, coarse_nodes: int) -> bool:
+    """Tell whether a coarser mesh of so many nodes says something about one of `nodes`."""
+    return coarse_nodes > 0 and nodes / coarse_nodes >= _LEAST_RATIO
+
+
+def _levelled(errors: Array) -> Array:
+    spans = [errors[max(i - _BESIDE, 0) : i + _BESIDE + 1] for i in range(len(errors))]
+    beside = np.array([np.median(span) for span in spans])
+    believed = np.where(errors < _OUTLYING * beside, _SHARE * beside, errors)
+    return np.maximum(believed, _LEAST)
+
+
+def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
+    """Return how many nodes bring most modes' errors below `target`, from a coarser mesh's."""
+    error = float(np.quantile(coarse.errors, _MOST_MODES)) * (_TYPICAL / ALONE)
+    return int(nodes * max(error / target, 1e-9) ** 0.75)
+
+
+def with_shape(errors: Array, volume_error: float) -> Array:
+    """Return errors (M,) with what the body's own shape misses, as crisp edges cut off do."""
+    return np.hypot(errors, _OF_VOLUME * volume_error)

@@ -1,5 +1,7 @@
 """Sparse factorisation K - shift M = L D L^T, by rslab or, with the same answers, by SuperLU.
 
+Also the memory that it takes, and what is free.
+
 The signs of D count the eigenvalues below the shift (Sylvester's law of inertia; Parlett 1998,
 section 3.3), which is what proves that no mode is missing.
 """
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from rslab import Ldlt, LdltSymbolic
 
 
-# Memory: what a decomposition will need, and what is free.
-
 GIB = 2**30
 # Bytes for each stored entry while a matrix is put together and handed over, measured.
 _ENTRY = 64
@@ -33,33 +33,16 @@ _WORKING_VECTORS = 64
 def forecast(
     *, unknowns: int, entries: int, factor: int, kept: int, modes: int, shown: int = 0
 ) -> int:
-    """Return the most bytes that finding modes takes on top of the assembled matrices.
-
-    Parameters
-    ----------
-    unknowns : int
-    entries : int
-        Of the matrix's lower triangle.
-    factor, kept : int
-        Bytes of a factorisation at its peak, and once it is there: see `Factoriser.memory`.
-    modes : int
-        Found with one factorisation.
-    shown : int
-        Numbers that are kept of all modes: shapes on the surface.
-    """
+    """Return the most bytes that finding modes takes on top of the assembled matrices."""
+    # `factor`, `kept`: bytes of a factorisation at its peak and afterwards; `modes`: of one slice;
+    # `entries`: of the lower triangle; `shown`: numbers kept of all modes, shapes on the surface.
     basis = 3 * modes + _WORKING_VECTORS
     iterating = _ENTRY // 2 * entries + kept + 8 * unknowns * (basis + modes)
     return max(_ENTRY * entries + factor, iterating) + 8 * shown
 
 
 def require(needed: int) -> None:
-    """Refuse work that does not fit.
-
-    Raises
-    ------
-    SolverError
-        When more is needed than is free; nothing is raised where that is unknown.
-    """
+    """Raise SolverError when more bytes are needed than are known to be free."""
     free = available()
     if free is not None and needed > free:
         raise SolverError(
@@ -70,10 +53,7 @@ def require(needed: int) -> None:
 
 
 def available(root: Path = Path("/")) -> int | None:
-    """Return the bytes that are free for this process, None where the system does not tell.
-
-    Linux tells what is free on the machine and in each control group around the process.
-    """
+    """Return the bytes free for this process (Linux: machine and control groups), or None."""
     limits = [_free_on_machine(root), *_free_in_groups(root)]
     return min((limit for limit in limits if limit is not None), default=None)
 
@@ -189,18 +169,7 @@ class SuperluFactor:
 
 
 class Factoriser:
-    """Factorises symmetric matrices of one pattern of entries; rslab orders them only once.
-
-    Parameters
-    ----------
-    backend : str
-        "rslab", "superlu", or "auto": rslab where it imports.
-
-    Raises
-    ------
-    OptionError
-        On an unknown backend.
-    """
+    """Factorises symmetric matrices of one pattern of entries; rslab orders them only once."""
 
     def __init__(self, backend: str = "auto") -> None:
         if backend not in _BACKENDS:
@@ -213,11 +182,8 @@ class Factoriser:
         return SuperluFactor(lower) if self._backend == "superlu" else self._by_rslab(lower)
 
     def memory(self, lower: sparse.csc_matrix) -> tuple[int, int]:
-        """Foretell the bytes of a factorisation: at its peak, and once it is there.
-
-        rslab orders the matrix and knows; for SuperLU they follow a law fitted to solid and hollow
-        bodies: fill grows as the diameter of the mesh.
-        """
+        """Return the bytes that a factorisation will take: at its peak, and afterwards."""
+        # rslab knows; for SuperLU, fill grows as the diameter of bodies, solid or hollow.
         if self._backend == "superlu":
             peak = int(_SUPERLU_BYTES * lower.nnz * lower.shape[0] ** (1 / 3))
             return peak, peak // 2
@@ -254,15 +220,7 @@ def _found() -> str:
 
 
 def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
-    """Factorise one symmetric matrix given by its lower triangle (n, n).
-
-    Raises
-    ------
-    SolverError
-        When the matrix is singular.
-    OptionError
-        On an unknown backend.
-    """
+    """Factorise one symmetric matrix given by its lower triangle (n, n)."""
     return Factoriser(backend)(lower)
 
 

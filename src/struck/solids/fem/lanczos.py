@@ -67,34 +67,10 @@ def block_lanczos(
     least: float = -np.inf,
     precision: float = 1e-7,
 ) -> Eigenpairs:
-    """Return the `count` eigenpairs next above a shift and the next `below` it.
-
-    Parameters
-    ----------
-    solve : callable
-        Solves (K - shift M) x = b for blocks (n, b).
-    mass : Mass
-    shift : float
-        No eigenvalue.
-    count : int
-    known : array (n, k)
-        Directions to stay orthogonal to: the rigid motions, or none.
-    progress : callable
-        Told the fraction of eigenpairs found.
-    below : int
-        At most what inertia counts below the shift, without the known.
-    least : float
-        Smaller eigenvalues hint at copies of larger ones that have not come up yet: half as many
-        steps again are made to let them, then the smaller are returned.
-    precision : float
-        Largest residual, relative to the eigenvalue of the inverted problem and to that of the
-        problem itself.
-
-    Raises
-    ------
-    SolverError
-        When the search space is exhausted first.
-    """
+    """Return the `count` eigenpairs next above a shift and the next `below` it."""
+    # `solve` solves (K - shift M) x = b for blocks (n, b); `known` (n, k) are rigid motions, left out.
+    # Eigenvalues under `least` hint at larger ones still missing: half as many steps again are made.
+    # `precision` bounds residuals over eigenvalues, of the inverted problem and of this one.
     progress(0.0)
     wanted = _Wanted(shift=shift, below=below, above=count, precision=precision)
     basis = _Basis(len(known), known.shape[1] + 4 * wanted.count + 12 * _WIDTH)
@@ -258,10 +234,8 @@ class _Tridiagonal:
 
 
 def _orthonormal(block: Array, weighted: Array) -> tuple[Array, Array, Array]:
-    """M-orthonormalise a block by its Gram matrix's eigenvectors; drop dependent columns.
-
-    Return also the old block's parts in the new one.
-    """
+    """Return a block made M-orthonormal, M times it, and the old block's parts in it."""
+    # Eigenvectors of the Gram matrix; dependent columns are dropped.
     gram = block.T @ weighted
     squares, turn = np.linalg.eigh((gram + gram.T) / 2)
     kept = squares > squares[-1] * 1e-14 * len(squares)

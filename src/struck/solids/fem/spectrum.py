@@ -23,17 +23,9 @@ from struck.solids.fem.assembly import System
 from struck.solids.fem.factorisation import Factor, Factoriser
 from struck.solids.fem.lanczos import Eigenpairs, Mass, block_lanczos, dense
 
-# Proof that the modes are right: none missing, small residuals, no loose part.
-
 
 def require_complete(values: Array, highest: float, counted: int) -> None:
-    """Compare eigenvalues with how many inertia counts up to `highest`.
-
-    Raises
-    ------
-    SolverError
-        When they are not as many, or not in order.
-    """
+    """Raise SolverError unless as many eigenvalues, in order, were found as inertia counts."""
     found = int(np.count_nonzero(values <= highest))
     if found != counted or np.any(np.diff(values) < 0):
         raise SolverError(
@@ -43,13 +35,7 @@ def require_complete(values: Array, highest: float, counted: int) -> None:
 
 
 def require_one_piece(values: Array, highest: float) -> None:
-    """Refuse motions without a restoring force.
-
-    Raises
-    ------
-    MeshError
-        When part of the body swings freely.
-    """
+    """Raise MeshError when some motion has no restoring force."""
     loose = int(np.count_nonzero(values < 1e-10 * highest))
     if loose:
         raise MeshError(
@@ -99,19 +85,7 @@ class Reached:
 
 
 class Spectrum:
-    """The elastic eigenpairs of a body.
-
-    Parameters
-    ----------
-    system : System
-    known : array (n, k)
-        The rigid motions, which are left out and not counted; none of a body that is held.
-    factorise : Factoriser
-    limit : int
-        How many eigenpairs one factorisation serves at most.
-    progress : callable
-        Told the stage and the fraction of all eigenpairs found.
-    """
+    """The elastic eigenpairs of a body; its rigid motions `known` (n, k) are not counted."""
 
     def __init__(
         self,
@@ -131,13 +105,7 @@ class Spectrum:
         self._mass = Mass(system.mass_matrix())
 
     def shift(self, value: float) -> Shift:
-        """Factorise at a shift.
-
-        Raises
-        ------
-        SolverError
-            When it lies on an eigenvalue too exactly to tell the sides apart.
-        """
+        """Factorise at a shift; SolverError when it lies on an eigenvalue too exactly."""
         self._tell("factor", self._done)
         for nudge in (0.0, 1e-6, -1e-6):
             try:
@@ -162,10 +130,8 @@ class Spectrum:
         share: float = 1.0,
         least: float = -np.inf,
     ) -> Eigenpairs:
-        """Return the nearest eigenpairs, so many below and above a shift.
-
-        `share` is what part of all the work they are; none should lie below `least`.
-        """
+        """Return the nearest eigenpairs, `below` and `above` a shift, none below `least`."""
+        # `share` is what part of all the work they are.
         done = self._done
         pairs = block_lanczos(
             shift.factor.solve,
@@ -181,13 +147,7 @@ class Spectrum:
         return pairs
 
     def up_to(self, end: Shift) -> Iterator[Eigenpairs]:
-        """Yield all eigenpairs below a shift, ascending: at once, or in slices when many.
-
-        Raises
-        ------
-        SolverError
-            When found and counted eigenvalues differ.
-        """
+        """Yield all eigenpairs below a shift, ascending: at once, or in slices when many."""
         if end.below <= self._limit:
             pairs = self.near(end, end.below, 0)
             del end  # and its factor with it
@@ -198,10 +158,8 @@ class Spectrum:
         yield from self._slices(goal)
 
     def _slices(self, goal: Reached) -> Iterator[Eigenpairs]:
-        """Yield what lies below each shift once the inertia there has confirmed it.
-
-        What a shift found above itself waits as `tail` for the next one's count.
-        """
+        """Yield what lies below each shift once the inertia there has confirmed it."""
+        # What a shift found above itself waits as `tail` for the next one's count.
         last, tail, cut = Reached(value=-np.inf, count=0), _NONE, 0.0
         while last.count + len(tail.values) < goal.count:
             start = Reached(value=cut, count=last.count + len(tail.values))
@@ -263,11 +221,8 @@ _NONE = Eigenpairs(values=np.zeros(0), vectors=np.zeros((0, 0)))
 
 
 def _predicted(target: float, start: Reached, end: Reached) -> float:
-    """Return where the count should reach `target`: it grows as a power of the eigenvalue.
-
-    The power of thin walls, 1, stands where nothing is known yet; in bars it is less, in lumps
-    more (Weyl's law).
-    """
+    """Return where the count should reach `target`: it grows as a power of the eigenvalue."""
+    # Weyl's law: 1 in thin walls, which is the first guess; less in bars, more in lumps.
     power = 1.0
     if start.count:
         power = np.log(end.count / start.count) / np.log(end.value / start.value)
@@ -283,11 +238,8 @@ def _kept(pairs: Eigenpairs, chosen: slice) -> Eigenpairs:
 
 
 def _cut(pairs: Eigenpairs, least: float, end: float, left: int) -> tuple[Eigenpairs, float]:
-    """Keep the pairs below `end`, or up to the widest gap among the last when more are `left`.
-
-    A cut through equal eigenvalues would leave their vectors unlike those of the next slice.
-    Return the pairs and where the cut lies.
-    """
+    """Return the pairs below `end`, or up to a gap when more are `left`, and where the cut lies."""
+    # A cut through equal eigenvalues would leave their vectors unlike those of the next slice.
     values = pairs.values
     if not len(values):
         return pairs, least
@@ -306,56 +258,23 @@ def _hertz(value: float) -> float:
     return float(np.sqrt(max(value, 0.0)) / (2 * np.pi))
 
 
-# The search for all modes of a band: how many there are, whether it fits, and one by one.
-
 DENSE_LIMIT = 1200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solver:
-    """How eigenpairs are computed.
+    """How eigenpairs are computed."""
 
-    Parameters
-    ----------
-    lumped : bool
-        Lumped instead of consistent mass; linear tetrahedra only (2002, eq. 15).
-    backend : str
-        Sparse factorisation: "auto", "rslab" or "superlu".
-    dense_limit : int
-        Up to so many unknowns LAPACK takes the whole matrix.
-    slice_limit : int
-        More modes than these are found slice by slice, each with its own factorisation.
-    """
-
-    lumped: bool = False
-    backend: str = "auto"
-    dense_limit: int = DENSE_LIMIT
-    slice_limit: int = SLICE_LIMIT
+    lumped: bool = False  # mass; linear tetrahedra only (2002, eq. 15)
+    backend: str = "auto"  # sparse factorisation: "auto", "rslab" or "superlu"
+    dense_limit: int = DENSE_LIMIT  # up to so many unknowns LAPACK takes the whole matrix
+    slice_limit: int = SLICE_LIMIT  # more modes are found slice by slice
 
 
 class Search:
-    """The elastic eigenpairs of one system up to a bound.
+    """The elastic eigenpairs of one system up to `bound`, (rad/s)^2: counted, then found."""
 
-    Parameters
-    ----------
-    system : System
-    motions : array (n, k)
-        Its rigid motions; none of a body that is held.
-    bound : float
-        Largest eigenvalue, (rad/s)^2.
-    solver : Solver
-    shown : int
-        Numbers that are kept of each mode to the end, for the forecast.
-    progress : callable
-        Told the stage and its fraction done.
-
-    Attributes
-    ----------
-    counted : int
-        How many inertia counts up to the bound, once the search has begun.
-    forecast : int
-        Bytes foretold; 0 where LAPACK takes the whole matrix.
-    """
+    # `motions` (n, k): rigid ones, none of a body that is held; `shown`: numbers kept of each mode.
 
     def __init__(
         self,

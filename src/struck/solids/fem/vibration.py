@@ -43,37 +43,8 @@ def vibration_modes(
     estimate: Estimate | None = None,
     progress: Progress = silent,
 ) -> Modes:
-    """Compute all modes of a body up to `highest`.
-
-    Parameters
-    ----------
-    mesh : VolumeMesh
-    material : Material
-    highest : float
-        End of the band, Hz.
-    fixed : array (N,) of bool, optional
-        Nodes that cannot move; without any the body floats freely.
-    solver : Solver, optional
-    estimate : callable, optional
-        Tells the relative errors (m,) of modes from their eigenvalues (m,) and the movement of
-        all nodes (N, 3, m); left out, errors are unknown.
-    progress : callable
-        Told the stage and its fraction done.
-
-    Returns
-    -------
-    Modes
-        Certified: counted by inertia, none missing up to `highest`.
-
-    Raises
-    ------
-    OptionError
-        When no mode lies below `highest`.
-    MeshError
-        When elements are inverted or parts hang together by a point.
-    SolverError
-        When the certificate fails, or memory does not suffice.
-    """
+    """Compute all modes of a body up to `highest`, Hz, certified by a count of inertia."""
+    # `fixed` (N,): nodes that cannot move; without any the body floats freely.
     solver = solver or Solver()
     progress("assemble", 0.0)
     whole = assemble(mesh, material, lumped=solver.lumped)
@@ -102,7 +73,7 @@ def vibration_modes(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """What is kept of some eigenpairs: values, shapes on the surface, and what is told of them."""
+    """What is kept of some eigenpairs: values, shapes on the surface, errors and Poisson slopes."""
 
     values: Array
     shapes: Array
@@ -113,7 +84,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Sight:
-    """A body as its modes are looked at."""
+    """A body and what of its modes is wanted."""
 
     mesh: VolumeMesh
     material: Material
@@ -217,11 +188,9 @@ def mass_properties(system: System, nodes: Array) -> tuple[float, Array, Array]:
 
 
 def poisson_slopes(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
-    """Return d ln f / d(Poisson's ratio) at constant Young's modulus for each mode (M,).
-
-    First-order perturbation: K = lambda D + mu B, so the energy of dilatation x'Dx of a mode
-    tells how its eigenvalue follows lambda and mu.
-    """
+    """Return d ln f / d(Poisson's ratio) at constant Young's modulus for each mode (M,)."""
+    # First-order perturbation: K = lambda D + mu B, so the energy of dilatation x'Dx of a mode
+    # tells how its eigenvalue follows lambda and mu.
     nu, young = material.poisson_ratio, material.youngs_modulus
     dilatation = _dilatation(mesh, vectors)
     rest = (values - material.first_lame * dilatation) / material.shear_modulus
