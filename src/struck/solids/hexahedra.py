@@ -20,18 +20,10 @@ from struck.solids.polygon_mesh import Boundary, Loops, inner_angles, keys, side
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class QuadrilateralSheet:
-    """Quadrilaterals in a plane.
+    """Curved 8-node quadrilaterals in a plane."""
 
-    Parameters
-    ----------
-    points : array (N, 2)
-        Nodes.
-    quads : array (Q, 8)
-        Corners counter-clockwise, then the middles of the edges (0,1), (1,2), (2,3), (3,0).
-    """
-
-    points: Array
-    quads: Index
+    points: Array  # (N, 2)
+    quads: Index  # (Q, 8): corners counter-clockwise, middles of (0,1), (1,2), (2,3), (3,0)
 
 
 # Row and column of the nodes of a quadrilateral in its block of three by three.
@@ -39,17 +31,8 @@ _IN_BLOCK = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
 
 
 def lattice(first: Array, second: Array, *, closed: bool = False) -> QuadrilateralSheet:
-    """Lay quadrilaterals on a rectangular lattice.
-
-    Parameters
-    ----------
-    first : array (2m + 1,)
-        Ascending first coordinates of element ends and, between them, middles.
-    second : array (2n + 1,), or (2n,) where closed
-        The same for the second coordinate.
-    closed : bool
-        Whether the second direction closes on itself, as an angle does.
-    """
+    """Lay quadrilaterals on a rectangular lattice; `closed` in the second direction: an angle."""
+    # Ascending coordinates (2m + 1,), (2n + 1,) or, closed, (2n,): ends of elements, and middles.
     number = np.arange(len(first) * len(second)).reshape(len(first), len(second))
     if closed:
         number = np.hstack([number, number[:, :1]])
@@ -70,15 +53,8 @@ _CORE = 0.6  # half the width of the core
 
 
 def disc(around: int, rings: int) -> QuadrilateralSheet:
-    """Mesh the unit disc without a pole: a rounded square core within rings (an O-grid).
-
-    Parameters
-    ----------
-    around : int
-        Elements on the circle, a multiple of 4; their nodes lie at `angles`.
-    rings : int
-        Elements between core and circle, at least 1.
-    """
+    """Mesh the unit disc without a pole: a rounded square core within rings (an O-grid)."""
+    # `around` is a multiple of 4, the elements on the circle; their nodes lie at `angles`.
     side = np.tan(np.linspace(-np.pi / 4, np.pi / 4, around // 2 + 1))
     side /= np.sqrt(1 - _ROUNDING / 2 + _ROUNDING * side**2 / 2)
     core = lattice(side, side)
@@ -117,22 +93,8 @@ def with_middles(points: Array, corners: Index) -> QuadrilateralSheet:
 
 
 def stacked(sheet: QuadrilateralSheet, levels: Array) -> tuple[Array, Index]:
-    """Lay a sheet on itself in layers.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        N points, C of them corners, and Q quadrilaterals.
-    levels : array (2 L + 1,)
-        Ascending third coordinates of the ends and middles of L layers.
-
-    Returns
-    -------
-    parameters : array (N (L + 1) + C L, 3)
-        The sheet's two coordinates and the level of each node.
-    elements : array (Q L, 20)
-        Hexahedra in VTK's order.
-    """
+    """Lay a sheet on itself in layers: coordinates of all nodes (N, 3), hexahedra (E, 20)."""
+    # `levels` (2 L + 1,): ascending third coordinates of the ends and middles of L layers.
     corners = np.unique(sheet.quads[:, :4])
     rank = np.zeros(len(sheet.points), np.int64)
     rank[corners] = np.arange(len(corners))
@@ -179,13 +141,7 @@ def merged(points: list[Array], cells: list[Index]) -> tuple[Array, Index]:
 
 
 def divided(breaks: Array, count: int) -> Array:
-    """Share about `count` elements among the intervals of `breaks` by their lengths.
-
-    Returns
-    -------
-    array (2 m + 1,)
-        Ends and middles of the m elements, at least one an interval.
-    """
+    """Share about `count` elements among the intervals of `breaks`: ends and middles (2 m + 1,)."""
     lengths = np.diff(breaks)
     shares = np.maximum(1, np.round(count * lengths / lengths.sum())).astype(int)
     starts = [
@@ -199,20 +155,8 @@ def divided(breaks: Array, count: int) -> Array:
 
 
 def quadrilaterals(loops: Loops, size: float) -> QuadrilateralSheet:
-    """Mesh the inside of an outline and its holes.
-
-    Parameters
-    ----------
-    loops : tuple of arrays (n, 2)
-        The outline and its holes, checked by `outline.check_loops`.
-    size : float
-        Edge of the quadrilaterals, m; smaller where corners stand closer together.
-
-    Raises
-    ------
-    MeshError
-        When the outline has corners too sharp or too close to mesh.
-    """
+    """Mesh the inside of an outline and its holes, in quadrilaterals of edge `size`, m."""
+    # The edges are smaller where corners stand closer together.
     points, triangles, boundary = triangulated(loops, 2 * size)
     pairs, single = _paired(points, triangles)
     points, corners = _cut(points, [pairs, single], boundary)

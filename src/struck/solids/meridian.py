@@ -25,18 +25,10 @@ from struck.solids.polygon_mesh import crossing
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeridianCurve:
-    """A curve in the meridian half-plane.
+    """A curve in the meridian half-plane (r, z)."""
 
-    Parameters
-    ----------
-    at : function
-        From positions along the curve (K,) to points (r, z), m (K, 2).
-    knots : array
-        Ascending positions of its ends and of the places where it is not smooth.
-    """
-
-    at: Callable[[Array], Array]
-    knots: Array
+    at: Callable[[Array], Array]  # from positions along it (K,) to points, m (K, 2)
+    knots: Array  # ascending positions of its ends and corners
 
     def sampled(self, start: float, end: float, count: int = 24) -> Array:
         """Return points from `start` to `end`, backward if need be, knots among them."""
@@ -199,13 +191,7 @@ def _mitres(points: Array) -> Array:
 
 
 def check_wall(wall: Wall) -> None:
-    """Refuse a wall that folds over itself or reaches across the axis.
-
-    Raises
-    ------
-    MeshError
-        Naming where.
-    """
+    """Raise MeshError, naming where, on a wall that folds over itself or crosses the axis."""
     right, left = (edge.sampled(0, wall.length) for edge in (wall.right, wall.left))
     middle, lowest = (right + left) / 2, np.minimum(right, left)[:, 0]
     step = np.diff(middle, axis=0)
@@ -231,23 +217,14 @@ def _place(point: Array) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patch:
-    """A curved quadrilateral of the meridian, cut into elements.
+    """A curved quadrilateral of the meridian, cut into elements."""
 
-    Parameters
-    ----------
-    at : function
-        From u (K,) and v (K,), v to the left of u, to points (r, z), m (K, 2).
-    along, across : array (2m + 1,), (2n + 1,)
-        Values of u and v at the ends and middles of elements.
-    rings : int
-        Where u = 0 lies on the axis: elements between the core of a disc and the last u, which
-        replaces what `along` says in between; 0 elsewhere.
-    """
-
-    at: Callable[[Array, Array], Array]
-    along: Array
-    across: Array
-    rings: int = 0
+    at: Callable[
+        [Array, Array], Array
+    ]  # from u (K,) and v (K,), v to the left of u, to (r, z), m (K, 2)
+    along: Array  # (2m + 1,): u of ends and middles of elements
+    across: Array  # (2n + 1,): v of them
+    rings: int = 0  # where u = 0 is on the axis: elements from core to last u
 
 
 def revolved(patches: Iterable[Patch], around: int) -> tuple[Array, Index]:
@@ -270,13 +247,7 @@ def _turned(patch: Patch, around: int) -> tuple[Array, Index]:
 
 
 def check_contour(contour: Array) -> None:
-    """Refuse a meridian outline (n, 2) that crosses itself.
-
-    Raises
-    ------
-    MeshError
-        Naming where.
-    """
+    """Raise MeshError, naming where, on a meridian outline (n, 2) that crosses itself."""
     place = crossing(contour)
     if place is not None:
         raise MeshError(
@@ -325,20 +296,11 @@ def outline(contour: Contour) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shell:
-    """A wall along its mid-line.
-
-    Parameters
-    ----------
-    wall : Wall
-    breaks : array
-        Positions along the mid-line where elements must end, its ends among them, m.
-    on_axis : pair of bool
-        Whether it starts and ends on the axis.
-    """
+    """A wall along its mid-line."""
 
     wall: Wall
-    breaks: Array
-    on_axis: tuple[bool, bool]
+    breaks: Array  # where elements must end along the mid-line, its ends among them, m
+    on_axis: tuple[bool, bool]  # whether it starts, and ends, on the axis
 
     def contour(self) -> Contour:
         """Return the bounding curves, each with its start and end."""
@@ -413,17 +375,10 @@ def _height(curve: MeridianCurve) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spindle:
-    """A solid between the axis and a curve that rises along it; its ends are flat.
-
-    Parameters
-    ----------
-    side : Curve
-    breaks : array
-        Positions along it where elements must end, its ends among them, m.
-    """
+    """A solid between the axis and a curve that rises along it; its ends are flat."""
 
     side: MeridianCurve
-    breaks: Array
+    breaks: Array  # where elements must end along it, its ends among them, m
 
     def contour(self) -> Contour:
         """Return the bounding curves, each with its start and end."""
@@ -459,19 +414,11 @@ class Spindle:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Goblet:
-    """A bowl on a solid stem on a foot; bowl and foot start on the axis.
+    """A bowl on a solid stem on a foot; bowl and foot start on the axis."""
 
-    Parameters
-    ----------
-    bowl, foot : Shell
-        The stem joins the bowl's right edge (its underside) and the foot's left (its top).
-    radii : array
-        Radii of the stem at equal heights from the foot's top to the bowl's underside, m.
-    """
-
-    bowl: Shell
-    foot: Shell
-    radii: Array
+    bowl: Shell  # the stem joins its right edge, the underside
+    foot: Shell  # and the left edge of this, its top
+    radii: Array  # of the stem at equal heights from foot to bowl, m
 
     @property
     def _joints(self) -> tuple[float, float]:

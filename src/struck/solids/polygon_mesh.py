@@ -25,13 +25,7 @@ Ends = tuple[Array, Array]
 
 
 def as_points(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
-    """Return pairs of floats.
-
-    Raises
-    ------
-    OptionError
-        Unless `values` are finite pairs.
-    """
+    """Return pairs of floats; OptionError unless `values` are finite pairs."""
     points = np.array(values, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise OptionError(f"{name} has the form {points.shape}: give finite pairs of numbers, in m")
@@ -105,18 +99,7 @@ def distance_to_edges(edges: Ends, points: Array) -> Array:
 
 
 def check_loops(loops: Loops) -> None:
-    """Refuse outlines without an inside.
-
-    Parameters
-    ----------
-    loops : tuple of arrays (n, 2)
-        The outline, then its holes.
-
-    Raises
-    ------
-    MeshError
-        On fewer than three corners, repeated corners, edges that meet, holes outside.
-    """
+    """Raise MeshError on an outline and holes (n, 2) without an inside."""
     for name, loop in zip(_names(loops), loops, strict=True):
         _check_loop(name, loop)
     for i, name in enumerate(_names(loops)[1:], start=1):
@@ -162,21 +145,11 @@ def _place(point: Array) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boundary:
-    """Edges of the triangulation on the outline.
+    """Edges of the triangulation on the outline."""
 
-    Parameters
-    ----------
-    ends : array (S, 2)
-        Point indices.
-    middles : array (S, 2)
-        Where the outline itself runs between the ends: a corner, or the middle of a straight edge.
-    sharp : array
-        Indices of points at corners under 60 degrees.
-    """
-
-    ends: Index
-    middles: Array
-    sharp: Index
+    ends: Index  # (S, 2), point indices
+    middles: Array  # (S, 2): where the outline runs between them: at a corner, or halfway
+    sharp: Index  # indices of points at corners under 60 degrees
 
     @property
     def at_sharp_corner(self) -> NDArray[np.bool_]:
@@ -205,13 +178,7 @@ _POOR = np.radians(25.0)  # smallest angle; Ruppert's rounds end for 20.7 degree
 
 
 def triangulated(loops: Loops, size: float) -> tuple[Array, Index, Boundary]:
-    """Triangulate the inside of loops: points (N, 2), triangles (T, 3) counter-clockwise, boundary.
-
-    Raises
-    ------
-    MeshError
-        When a boundary edge stays missing.
-    """
+    """Triangulate the inside of loops: points (N, 2), triangles (T, 3), boundary."""
     points, boundary = _resampled(loops, size)
     points = np.vstack([points, _lattice_inside(loops, size)])
     for _ in range(_ROUNDS):
@@ -256,11 +223,9 @@ _SHARP = np.radians(120.0)  # of turn, so 60 degrees of corner
 
 
 def _strides(loop: Array, size: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return where the strides along a loop begin, where each is half done, and sharp beginnings.
-
-    The first strides from a sharp corner are equally long along both its edges: then neither
-    edge calls for cuts of the other, again and again towards the corner.
-    """
+    """Return where strides along a loop begin, where each is half done, and sharp beginnings."""
+    # The first strides from a sharp corner are equally long along both its edges: then neither
+    # edge calls for cuts of the other, again and again towards the corner.
     loop = np.roll(loop, -int(np.argmax(_bends(_steps(loop)))), axis=0)
     steps = _steps(loop)
     lengths, sharp = np.linalg.norm(steps, axis=1), _bends(steps) > _SHARP

@@ -16,13 +16,7 @@ ACCURACIES = ("preview", "standard", "fine")
 
 
 def level(accuracy: str) -> int:
-    """Return 0, 1 or 2 for "preview", "standard" or "fine".
-
-    Raises
-    ------
-    OptionError
-        On any other accuracy.
-    """
+    """Return 0, 1 or 2 for "preview", "standard" or "fine"; OptionError on any other."""
     if accuracy not in ACCURACIES:
         raise OptionError(f"accuracy is {accuracy!r}: give one of {', '.join(ACCURACIES)}")
     return ACCURACIES.index(accuracy)

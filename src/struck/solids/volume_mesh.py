@@ -131,10 +131,8 @@ class VolumeMesh:
 
 
 def side_keys(corners: Index, nodes: int) -> Index:
-    """Return a number for each side (S,) that only sides with the same corners (S, c) share.
-
-    The three lowest corners tell a side, and three numbers below two million fit into one.
-    """
+    """Return a number for each side (S,) that only sides with the same corners (S, c) share."""
+    # The three lowest corners tell a side, and three numbers below two million fit into one.
     low, middle, high = np.sort(corners, axis=1)[:, :3].T
     if nodes < 2**21:
         return (low * nodes + middle) * nodes + high
@@ -172,11 +170,9 @@ def _triangles(sides: Index) -> Index:
 
 
 def linear_tetrahedra(mesh: VolumeMesh) -> VolumeMesh:
-    """Return tetrahedra between the corners of the elements.
-
-    Hexahedra and wedges get a node in each side and one within, so that neighbours agree on
-    every side without a rule for diagonals.
-    """
+    """Return tetrahedra between the corners of any elements, as the paper of 2002 uses."""
+    # Hexahedra and wedges get a node in each side and one within, so that neighbours agree on
+    # every side without a rule for diagonals.
     corners = mesh.corners
     if corners.shape[1] == 4:
         return _compact(mesh, mesh.nodes, corners)

@@ -68,8 +68,8 @@ def block_lanczos(
     precision: float = 1e-7,
 ) -> Eigenpairs:
     """Return the `count` eigenpairs next above a shift and the next `below` it."""
-    # `solve` solves (K - shift M) x = b for blocks (n, b); `known` (n, k) are rigid motions, left out.
-    # Eigenvalues under `least` hint at larger ones still missing: half as many steps again are made.
+    # `solve` solves (K - shift M) x = b for blocks (n, b); `known` (n, k): rigid motions, left out.
+    # Eigenvalues under `least` hint at larger ones still missing: half as many steps more are made.
     # `precision` bounds residuals over eigenvalues, of the inverted problem and of this one.
     progress(0.0)
     wanted = _Wanted(shift=shift, below=below, above=count, precision=precision)

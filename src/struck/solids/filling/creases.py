@@ -29,13 +29,7 @@ _CHUNK = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Features:
-    """Edges where the smooth patches of a closed surface meet, and corners where three do.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Closed surface.
-    """
+    """Edges where the smooth patches of a closed surface meet, and corners where three do."""
 
     mesh: Mesh
 
@@ -65,15 +59,8 @@ class Features:
         return self.mesh.points[vertices[counts > 2]]
 
     def kept(self, linear: VolumeMesh, on: Mask) -> VolumeMesh:
-        """Return linear tetrahedra with nodes moved onto corners and edges that they cut off.
-
-        Parameters
-        ----------
-        linear : VolumeMesh
-            Tetrahedra whose boundary lies near the surface.
-        on : array (N,)
-            Which nodes lie on the surface.
-        """
+        """Return linear tetrahedra with nodes moved onto the corners and edges they cut off."""
+        # `on` (N,): which nodes lie on the surface.
         if not len(self._creases[1]):
             return linear
         sides = linear.boundary_sides()[0]
@@ -197,26 +184,9 @@ _CURVING_CHUNK = 4096
 def curved(
     cells: Cells, onto: Onto, up: str = "z", features: Features | None = None
 ) -> tuple[VolumeMesh, int]:
-    """Return quadratic tetrahedra with their boundary on the true surface.
-
-    Parameters
-    ----------
-    cells : Cells
-        Linear tetrahedra; which surface a node lies near is where its depth is 0.
-    onto : callable
-        Moves points (K, 3) onto the surface of a number; 0.5 is halfway from surface 0 to 1.
-    up : str
-        The axis that points up.
-    features : Features, optional
-        Crisp edges of surface 0 that the body shall keep.
-
-    Returns
-    -------
-    VolumeMesh
-        Quadratic elements, none folded.
-    int
-        Count of boundary nodes that had to stay short of the surface.
-    """
+    """Return quadratic tetrahedra bent onto the surfaces, and how many nodes stay short of them."""
+    # Depths of 0 tell near which surface a node lies; `onto` moves points (K, 3) onto the surface
+    # of a number (0.5: halfway from 0 to 1). The `features` are the crisp edges of surface 0.
     linear = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
     surfaces = range(cells.depths.shape[1])
     on: dict[float, Mask] = {number: cells.depths[:, number] == 0 for number in surfaces}
@@ -228,10 +198,8 @@ def curved(
 
 
 def _middles(mesh: VolumeMesh, on: dict[float, Mask]) -> dict[float, Mask]:
-    """Tell which mid-edge nodes lie near which surface: those of the boundary, and of the wall.
-
-    Edges through a thin wall must bow as its faces do, or the faces would pass them.
-    """
+    """Return which mid-edge nodes of the boundary, or of a wall's edges, are near a surface."""
+    # Edges through a thin wall must bow as its faces do, or the faces would pass them.
     found = {surface: np.zeros(len(mesh.nodes), bool) for surface in on}
     for sides in mesh.boundary_sides():
         corners, middles = sides[:, :3], sides[:, 3:]
@@ -281,13 +249,7 @@ def _moved(mesh: VolumeMesh, on: dict[float, Mask], onto: Onto) -> tuple[VolumeM
 
 
 def flatness(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
-    """Return least over mean Jacobian determinant of the chosen elements, at nodes and points.
-
-    Returns
-    -------
-    array (E,)
-        1 in straight-sided tetrahedra, negative in folded elements.
-    """
+    """Return least over mean Jacobian determinant of elements (E,): 1 straight, below 0 folded."""
     points = np.vstack([mesh.element.nodes, mesh.element.mass_rule.points])
     gradients = mesh.element.gradients(points).transpose(2, 1, 0)
     elements = mesh.elements[chosen]
@@ -301,10 +263,8 @@ def flatness(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
 
 
 def shapes(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
-    """Return the volume of tetrahedra between the corners over that of edges all alike (E,).
-
-    1 in the regular one; the edges' mean square stands for their length (Liu & Joe 1994).
-    """
+    """Return the volume of tetrahedra over that of regular ones with edges as long (E,)."""
+    # The edges' mean square stands for their length (Liu & Joe 1994).
     corners = mesh.nodes[mesh.corners[chosen]].transpose(2, 1, 0)
     edges = np.stack([corners[:, b] - corners[:, a] for a, b in PAIRS])
     square = (edges**2).sum(axis=1).mean(axis=0)

@@ -20,21 +20,11 @@ from struck.solids.volume_mesh import VolumeMesh, side_keys
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """How finely a body is filled.
+    """How finely a body is filled."""
 
-    Parameters
-    ----------
-    nodes : int
-        Nodes to begin with.
-    most : int
-        Nodes not to exceed.
-    error : float
-        Relative error that the frequencies of most modes shall keep.
-    """
-
-    nodes: int
-    most: int
-    error: float
+    nodes: int  # to begin with
+    most: int  # nodes not to exceed
+    error: float  # relative, that the frequencies of most modes shall keep
 
     def coarser(self) -> Accuracy:
         """Return what the error is told by: a third of the nodes."""
@@ -67,32 +57,15 @@ _SAMPLES_A_CELL = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Filling:
-    """Elements of a body with what a person would ask about them.
-
-    Parameters
-    ----------
-    mesh : VolumeMesh
-    path : str
-        "stuffing", or "one layer" where the lattice is coarser than the wall is thick.
-    reason : str
-        Why that path, in figures.
-    spacing : float
-        Lattice, m.
-    volume_error : float
-        Relative, against the body's own volume.
-    short : int
-        Boundary nodes that stayed short of the surface.
-    crumbs : int
-        Tetrahedra left out because they hung by an edge or a corner.
-    """
+    """Elements of a body with what a person would ask about them."""
 
     mesh: VolumeMesh
-    path: str
-    reason: str
-    spacing: float
-    volume_error: float
-    short: int
-    crumbs: int
+    path: str  # "stuffing"; "one layer" where the lattice is coarser than the wall is thick
+    reason: str  # why that path, in figures
+    spacing: float  # of the lattice, m
+    volume_error: float  # relative, against the body's own volume
+    short: int  # boundary nodes that stayed short of the surface
+    crumbs: int  # tetrahedra left out because they hung by an edge or a corner
 
 
 def accuracy_named(name: str) -> Accuracy:
@@ -111,23 +84,8 @@ def nodes_allowed(accuracy: str, wanted: int) -> int:
 def filled(
     body: FilledBody | WalledSheet, accuracy: str = "standard", *, nodes: int = 0
 ) -> Filling:
-    """Fill a closed surface, its wall, or a sheet's, with curved quadratic tetrahedra.
-
-    Parameters
-    ----------
-    body : Body or Sheet
-    accuracy : str
-        "preview", "standard" or "fine".
-    nodes : int
-        More nodes than the accuracy begins with, as far as it allows.
-
-    Raises
-    ------
-    MeshError
-        When the wall is thicker than the body, or the elements cannot follow the body.
-    OptionError
-        On an unknown accuracy.
-    """
+    """Fill a closed surface, its wall, or a sheet's wall, with curved quadratic tetrahedra."""
+    # `nodes`: more than the accuracy begins with, as far as it allows.
     goal = accuracy_named(accuracy)
     _require_cavity(body)
     wanted = nodes_allowed(accuracy, nodes)

@@ -15,26 +15,16 @@ _BLOCK = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lattice:
-    """Corners and centres of a grid of cells.
+    """Corners and centres of a grid of cells."""
 
-    Parameters
-    ----------
-    origin, cell : array (3,)
-        Lowest corner and edges of a cell, m.
-    counts : array (3,)
-        Cells along each axis.
-    """
-
-    origin: Array
-    cell: Array
-    counts: Index
+    origin: Array  # lowest corner, m
+    cell: Array  # edges of a cell, m
+    counts: Index  # cells along each axis
 
     @classmethod
     def over(cls, bounds: Array, spacing: float) -> Lattice:
-        """Lay cells of about `spacing` over a box, its faces on lattice planes, one cell beyond.
-
-        So boxes keep their edges, and symmetric bodies get a symmetric lattice.
-        """
+        """Lay cells of about `spacing` over a box, one beyond it, its faces on lattice planes."""
+        # So boxes keep their edges, and symmetric bodies get a symmetric lattice.
         extent = bounds[1] - bounds[0]
         inner = np.maximum(np.round(extent / spacing), 1).astype(np.int64)
         cell = extent / inner
@@ -50,10 +40,8 @@ class Lattice:
         return self.origin + triples * self.cell
 
     def sampled(self, depths: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Evaluate n 1-Lipschitz functions at corners (I, J, K, n) and centres.
-
-        Far from all zeros only the signs are needed, so one value serves a whole block there.
-        """
+        """Evaluate n 1-Lipschitz functions at corners (I, J, K, n) and centres."""
+        # Far from all zeros only the signs are needed, so one value serves a whole block there.
         half = self.cell * _BLOCK / 2
         blocks = -(-(self.counts + 1) // _BLOCK)
         middles = self.origin + half * (2 * _triples(np.arange(np.prod(blocks)), blocks) + 1)
@@ -70,11 +58,9 @@ class Lattice:
         return corners.reshape(*shapes[0], -1), centres.reshape(*shapes[1], -1)
 
     def tetrahedra(self, corners: Array, centres: Array) -> Index:
-        """Return the tetrahedra that may reach into the body: (T, 4) point numbers.
-
-        Each joins two neighbouring centres to an edge of the face between their cells. None of
-        the functions at `corners` (I, J, K, n) and `centres` is positive at all its corners.
-        """
+        """Return the tetrahedra, as point numbers (T, 4), that may reach into the body."""
+        # Each joins two neighbouring centres to an edge of the face between their cells. Functions
+        # at `corners` (I, J, K, n) and `centres` are negative at one of its corners or more.
         first = int(np.prod(self.counts + 1))
         number = np.arange(first).reshape(self.counts + 1)
         middle = first + np.arange(np.prod(self.counts)).reshape(self.counts)

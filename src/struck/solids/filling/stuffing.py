@@ -26,21 +26,11 @@ PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cells:
-    """Tetrahedra with the depths of their corners below the surfaces that bound a body.
+    """Tetrahedra with the depths of their corners below the surfaces that bound a body."""
 
-    Parameters
-    ----------
-    points : array (K, 3)
-        m.
-    depths : array (K, n)
-        Below each of n surfaces, negative inside, exactly 0 on the surface, m.
-    tetrahedra : array (T, 4)
-        Point numbers.
-    """
-
-    points: Array
-    depths: Array
-    tetrahedra: Index
+    points: Array  # (K, 3), m
+    depths: Array  # (K, n) below n surfaces: negative inside, 0 on the surface, m
+    tetrahedra: Index  # (T, 4), point numbers
 
     def edges(self) -> Index:
         """Return the edges of the tetrahedra, each once (E, 2)."""
@@ -116,11 +106,8 @@ def _between(values: Array, edges: Index, share: Array) -> Array:
 
 
 def _prism(bottom: Index, top: Index) -> list[Index]:
-    """Split prisms between triangles (m, 3) into three tetrahedra each.
-
-    The lowest corner comes first; its two faces are halved from it, the face opposite from its
-    own lowest corner.
-    """
+    """Split prisms between triangles (m, 3) into three tetrahedra each."""
+    # The lowest corner comes first: its faces are halved from it, the third from its own lowest.
     lowest = np.hstack([bottom, top]).argmin(axis=1)
     flipped = (lowest >= 3)[:, None]
     low, high = np.where(flipped, top, bottom), np.where(flipped, bottom, top)
@@ -164,18 +151,8 @@ _NEAR = 0.5
 
 
 def refined(cells: Cells, depths: Depths, *, shortest: float, most: int) -> Cells:
-    """Halve tetrahedra where the surfaces bend or come near each other within one edge.
-
-    Parameters
-    ----------
-    cells : Cells
-    depths : callable
-        Depths (K, n) of points (K, 3).
-    shortest : float
-        No edge shorter than twice this is halved for its own sake, m.
-    most : int
-        Edges that may be halved for their own sake; the worst come first.
-    """
+    """Halve tetrahedra where the surfaces bend or come near each other within one edge."""
+    # No edge shorter than twice `shortest`, m, and no more than `most` of them, are asked for.
     middles = _Middles(depths, cells.depths.shape[1])
     fresh = cells.tetrahedra
     while most > 0:
@@ -223,11 +200,9 @@ class _Middles:
 
 
 def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> Array:
-    """Return how far depths halfway are from the mean of both ends, in edge lengths (E,).
-
-    Edges are 0 that need no halving: the short ones, and those whose ends are too far from each
-    surface, or too unlike in depth, for a 1-Lipschitz function to miss by much.
-    """
+    """Return how far depths halfway are from the mean of both ends, in edge lengths (E,)."""
+    # 0 for short edges, and where a 1-Lipschitz function cannot miss by much: the ends are too far
+    # from each surface, or too unlike in depth.
     ends = _ends(edges)
     length = np.linalg.norm(cells.points[ends[:, 0]] - cells.points[ends[:, 1]], axis=1)[:, None]
     first, second = cells.depths[ends[:, 0]], cells.depths[ends[:, 1]]
@@ -243,10 +218,8 @@ def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> A
 
 
 def _halved(cells: Cells, marked: Index, middles: _Middles) -> tuple[Cells, int]:
-    """Halve the marked edges, and what else must be for all tetrahedra to fit together.
-
-    Return the tetrahedra, those left whole first, and how many these are.
-    """
+    """Halve the marked edges, and others for a fit; return also how many tetrahedra stay whole."""
+    # Those left whole come first.
     cut, whole = np.empty(0, np.int64), len(cells.tetrahedra)
     while True:
         marked, hit, longest = _closed(cells, marked)
@@ -266,10 +239,8 @@ def _halved(cells: Cells, marked: Index, middles: _Middles) -> tuple[Cells, int]
 
 
 def _closed(cells: Cells, marked: Index) -> tuple[Index, Index, Index]:
-    """Mark the longest edge of every tetrahedron with a marked edge, until no more are.
-
-    Return the marked edges, the tetrahedra that have any, and the longest edge of each of those.
-    """
+    """Mark the longest edge of every tetrahedron with a marked edge, until no more are."""
+    # Return the marked edges, the tetrahedra that have any, and the longest edge of each of those.
     longest = np.full(len(cells.tetrahedra), -1)
     fresh = marked = np.unique(marked)
     while len(fresh):
@@ -330,24 +301,10 @@ def stuffed(
 def cells_in(
     depths: Callable[[Array], Array], bounds: Array, spacing: float, *, halved: int = 0
 ) -> Cells:
-    """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft.
-
-    Parameters
-    ----------
-    depths : callable
-        1-Lipschitz functions of points (K, 3), all negative in the body, m (K,) or (K, n).
-    bounds : array (2, 3)
-        Corners of a box around the body, m.
-    spacing : float
-        Of the lattice, m.
-    halved : int
-        How many edges may be halved where the lattice is too coarse for the body, twice over.
-
-    Raises
-    ------
-    MeshError
-        When no lattice point lies in the body.
-    """
+    """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
+    # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body.
+    # At most `halved` edges are halved where the lattice is too coarse for it, not counting those
+    # that must follow.
     lattice = Lattice.over(bounds, spacing)
     corners, centres = lattice.sampled(depths)
     tetrahedra = lattice.tetrahedra(corners, centres)

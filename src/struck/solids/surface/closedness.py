@@ -34,20 +34,8 @@ def is_closed(mesh: Mesh) -> bool:
 
 
 def require_closed(mesh: Mesh) -> None:
-    """Refuse a surface that does not enclose one solid body.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        A surface whose coincident vertices are merged.
-
-    Raises
-    ------
-    MeshError
-        When the surface is flat, open, branching, not orientable, holds faces with flipped
-        orientation, encloses no volume, is inside out, or bounds several bodies. The message
-        counts what is wrong and says what to do.
-    """
+    """Raise MeshError, which counts what is wrong, unless a surface encloses one solid body."""
+    # Coincident vertices must be merged before.
     _require_thickness(mesh)
     edges = edges_of(mesh.faces)
     _require_two_faces_an_edge(edges)

@@ -25,18 +25,10 @@ _ORDER, _ACCURACY = 2, 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilledBody:
-    """What fills a closed surface: all of it, or a wall inside it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Closed surface.
-    wall : float, optional
-        Thickness of the wall, m; without it the body is solid.
-    """
+    """What fills a closed surface: all of it, or a wall inside it."""
 
     mesh: Mesh
-    wall: float | None = None
+    wall: float | None = None  # thickness, m; without it the body is solid
 
     @cached_property
     def _surface(self) -> Surface:
@@ -65,10 +57,8 @@ class FilledBody:
         return solid if self.wall is None else min(self.wall, solid)
 
     def distance(self, points: Array) -> Array:
-        """Return the signed distance to the surface, negative inside, m (K,).
-
-        The sign is that of the winding number (Barill et al. 2018).
-        """
+        """Return the signed distance to the surface, negative inside, m (K,)."""
+        # The sign is that of the winding number (Barill et al. 2018).
         winding = self._winding.winding_number(np.ascontiguousarray(points), _ACCURACY)
         length, _, _ = self._surface.closest(points)
         return np.where(np.atleast_1d(winding) > _INSIDE, -length, length)
@@ -80,10 +70,7 @@ class FilledBody:
         return np.stack(surfaces, axis=1)
 
     def onto(self, surface: float, points: Array) -> Array:
-        """Return points near one of the bounding surfaces moved onto it the shortest way (K, 3).
-
-        Surface 0 is the given one, surface 1 the inner face of the wall, 0.5 halfway between.
-        """
+        """Return points (K, 3) moved onto the outer (0) or inner face (1), or halfway (0.5)."""
         length, _, nearest = self._surface.closest(points)
         if surface == 0 or self.wall is None:
             return nearest
@@ -101,18 +88,10 @@ class FilledBody:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalledSheet:
-    """A wall around an open surface: half of it on either side, square at the rim.
+    """A wall around an open surface: half of it on either side, square at the rim."""
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Surface with a rim, its faces oriented alike.
-    wall : float
-        Thickness, m.
-    """
-
-    mesh: Mesh
-    wall: float
+    mesh: Mesh  # with a rim, its faces oriented alike
+    wall: float  # thickness, m
 
     @property
     def bounds(self) -> Array:
@@ -148,10 +127,7 @@ class WalledSheet:
         return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
 
     def onto(self, surface: float, points: Array) -> Array:
-        """Return points moved onto the upper face (0), the lower face (1) or the rim (2).
-
-        Halfway between the faces (0.5) lies the given surface.
-        """
+        """Return points moved onto the upper (0), lower (1) or given (0.5) face, or the rim (2)."""
         height, nearest = self._height(points)
         if surface == 2:
             return points - self._rim.way(points, nearest)
@@ -211,11 +187,9 @@ def _unit(vectors: Array) -> Array:
 
 
 def sampled_volume(body: FilledBody | WalledSheet, spacing: float) -> float:
-    """Return the volume where all depths are negative, m^3, by samples about `spacing` m apart.
-
-    Each surface counts by a step that rises over one cell, so its place is known far better
-    than the spacing; a thin wall, as their difference, takes samples about as close.
-    """
+    """Return the volume where all depths are negative, m^3, by samples `spacing` m apart."""
+    # Each surface counts by a step that rises over one cell, so its place is known far better
+    # than the spacing; a thin wall, as their difference, takes samples about as close.
     area = float(body.mesh.areas.sum())
     fine = max(min(spacing, _SAMPLES_OF_WALL * body.thickness), np.sqrt(_COST * area / _MOST))
     lattice = Lattice.over(body.bounds, fine)

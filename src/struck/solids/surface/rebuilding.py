@@ -55,10 +55,8 @@ def has_rims(mesh: Mesh) -> bool:
 
 
 def _regions(mesh: Mesh, lattice: Lattice) -> Index:
-    """Return the region of each lattice point (N,), from 1; 0 beside faces and where unknown.
-
-    Voxels half as wide as cells, each around a point where corners or centres may be.
-    """
+    """Return the region of each lattice point (N,), from 1; 0 beside faces and where unknown."""
+    # Voxels half as wide as cells, each around a point where corners or centres may be.
     shape = 2 * lattice.counts + 1
     points = int(np.prod(lattice.counts + 1) + np.prod(lattice.counts))
     origin, edge = lattice.origin - lattice.cell / 4, lattice.cell / 2
@@ -119,19 +117,9 @@ _SIDES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 def isosurface(
     lattice: Lattice, inside: Mask, distances: Distances, *, moved: bool = True
 ) -> Mesh | None:
-    """Return the surface around the lattice points inside, normals outward; None without any.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    inside : array (N,)
-        Which of its points are: corners first, then centres.
-    distances : callable
-        Distances of points (K, 3) from the surface, m (K,): asked for beside it alone.
-    moved : bool
-        Whether lattice points may move onto the surface. Where it grazes them, parts of it can
-        meet in an edge then; otherwise each edge belongs to two triangles, some of them needles.
-    """
+    """Return the surface around lattice points `inside` (N,), normals outward, or None."""
+    # Distances of points (K, 3) from the surface, m (K,), are asked for beside it alone. Where it
+    # grazes `moved` points, parts of it can meet in an edge; otherwise some triangles are needles.
     depths = np.where(inside, -1.0, 1.0)
     near = np.unique(_astride(lattice, depths))
     if not len(near):
@@ -280,39 +268,17 @@ _CRUMB = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rebuilt:
-    """A new surface.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    spacing : float
-        Of the lattice, m.
-    change : float
-        Of the volume since the lattice before, relative.
-    """
+    """A new surface."""
 
     mesh: Mesh
-    spacing: float
-    change: float
+    spacing: float  # of the lattice, m
+    change: float  # of the volume since the lattice before, relative
 
 
 def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebuilt:
-    """Return the boundary of where the surface winds around more than half a time.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Faces whose normals mostly point outward.
-    bounding : Mesh, optional
-        Those parts of faces that part material from air: see `exposed`.
-    roughly : bool
-        On the coarsest lattice alone.
-
-    Raises
-    ------
-    MeshError
-        When the surface winds around nothing, or around parts too thin for the lattice.
-    """
+    """Return the boundary of where the surface winds around more than half a time."""
+    # `bounding`: the parts of faces that part material from air, see `exposed`; `roughly`: on the
+    # coarsest lattice alone.
     if bounding is None or bounding.volume <= 0:
         raise MeshError(
             "the mesh encloses nothing that could be told from air: its faces point every way; "

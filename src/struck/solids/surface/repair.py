@@ -59,21 +59,11 @@ class Diary:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mended:
-    """A surface whose faces are oriented alike, before and after its openings are filled.
+    """A surface whose faces are oriented alike, before and after its openings are filled."""
 
-    Parameters
-    ----------
-    open : Mesh
-        Its openings as they are.
-    closed : Closed
-        All of them filled.
-    labels : array (F,)
-        The piece of each face of the closed surface.
-    """
-
-    open: Mesh
-    closed: Closed
-    labels: Index
+    open: Mesh  # its openings as they are
+    closed: Closed  # all of them filled
+    labels: Index  # (F,): the piece of each face of the closed surface
 
     @property
     def mesh(self) -> Mesh:
@@ -108,13 +98,7 @@ class Mended:
 
 
 def mended(mesh: Mesh, diary: Diary) -> Mended:
-    """Drop what repeats or leans, turn faces alike, fill openings.
-
-    Raises
-    ------
-    MeshError
-        When the surface is one-sided.
-    """
+    """Drop faces that repeat or lean on others, turn the rest alike, fill openings."""
     mesh, repeated = single(mesh)
     if repeated:
         diary.note(
@@ -316,26 +300,9 @@ class Repair:
 
 
 def repaired(mesh: Mesh, *, wall: float | None = None) -> Repair:
-    """Repair a surface, with all tolerances relative to its extent.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Any triangles.
-    wall : float, optional
-        Thickness that a single-sided sheet shall have, m.
-
-    Returns
-    -------
-    Repair
-        The mesh itself where nothing is wrong with it.
-
-    Raises
-    ------
-    MeshError
-        When it encloses no body that could be told: a sheet without `wall`, a one-sided or flat
-        surface, faces that point every way.
-    """
+    """Repair a surface, all tolerances relative to its extent; a clean mesh is returned itself."""
+    # `wall`, m, is for a single-sided sheet. MeshError when there is no body to be told: a sheet
+    # without `wall`, a one-sided or flat surface, faces that point every way.
     before = _volume(mesh)
     if _is_clean(mesh):
         return Repair(mesh=mesh, volume_before=before, volume_after=before)
@@ -404,22 +371,11 @@ def _body(surface: Mended, solid: Mask, diary: Diary) -> Mesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Crossing:
-    """Where faces cross.
+    """Where faces cross."""
 
-    Parameters
-    ----------
-    pairs : array (K, 2)
-        Faces that do. Of different pieces only where these overlap, not where they touch in
-        points and edges.
-    limits : Mesh, optional
-        What parts material from air.
-    buried : float
-        Share of the area that lies within the material.
-    """
-
-    pairs: Index
-    limits: Mesh | None
-    buried: float
+    pairs: Index  # (K, 2); of two pieces only where they overlap, not where they touch
+    limits: Mesh | None  # what parts material from air
+    buried: float  # share of the area within the material
 
     @classmethod
     def of(cls, shells: Shells) -> Crossing:

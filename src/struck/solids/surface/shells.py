@@ -30,10 +30,8 @@ _SAMPLE_COST = 500_000
 
 
 def apart(mesh: Mesh) -> Mesh:
-    """Return the mesh with pieces that share a vertex given one each.
-
-    So edges where several pieces meet belong to two faces of each, or are open.
-    """
+    """Return the mesh with pieces that share a vertex given one each."""
+    # So edges where several pieces meet belong to two faces of each, or are open.
     labels = np.repeat(pieces(mesh), 3)
     keys = labels * len(mesh.points) + mesh.faces.ravel()
     used, renumbered = np.unique(keys, return_inverse=True)
@@ -43,11 +41,9 @@ def apart(mesh: Mesh) -> Mesh:
 
 
 def without_fins(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return the mesh without pieces that only lean on others, and how many faces went.
-
-    Fins and inner walls meet closed pieces in edges of three faces; without them, smallest
-    first, these edges belong to two.
-    """
+    """Return the mesh without pieces that only lean on others, and how many faces went."""
+    # Fins and inner walls meet closed pieces in edges of three faces; without them, smallest
+    # first, these edges belong to two.
     edges, labels = edges_of(mesh.faces), pieces(mesh)
     if not np.any(edges.faces_at > 2):
         return mesh, 0
@@ -68,10 +64,7 @@ def without_fins(mesh: Mesh) -> tuple[Mesh, int]:
 
 
 def alike(mesh: Mesh) -> tuple[Mesh, int] | None:
-    """Return the mesh with the faces of each piece turned alike, and how many were turned.
-
-    None on a one-sided surface.
-    """
+    """Return the mesh with each piece's faces turned alike and their count; None if one-sided."""
     turned = turned_faces(edges_of(mesh.faces), len(mesh.faces))
     return None if turned is None else (flipped(mesh, turned), int(np.count_nonzero(turned)))
 
@@ -85,13 +78,7 @@ def flipped(mesh: Mesh, chosen: Mask) -> Mesh:
 
 
 def crossings(mesh: Mesh) -> Index:
-    """Return the pairs of faces that cross or touch without sharing a vertex or edge (K, 2).
-
-    Raises
-    ------
-    MeshError
-        When so many faces lie across each other that no one could wait for it.
-    """
+    """Return the pairs of faces (K, 2) that cross, or touch without a common vertex or edge."""
     from igl.predicates import find_self_intersections
 
     points = np.array(mesh.points * unit_factor(mesh), order="C")
@@ -117,33 +104,20 @@ def _require_order(faces: Array) -> None:
 
 
 def unit_factor(mesh: Mesh) -> float:
-    """Return a power of two that brings a mesh to an extent near 1, without any rounding.
-
-    Products of six lengths of very large or small bodies leave the range of floating point.
-    """
+    """Return the power of two, free of rounding, that brings a mesh to an extent near 1."""
+    # Products of six lengths of very large or small bodies leave the range of floating point.
     return float(2.0 ** -np.round(np.log2(mesh.extent)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shells:
-    """A surface of closed pieces.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    labels : array (F,)
-        The piece of each face.
-    volumes : array (P,)
-        What each piece encloses, negative where its normals point inward, m^3.
-    inner, around : arrays (N,)
-        Pairs of pieces, the first inside the second.
-    """
+    """A surface of closed pieces."""
 
     mesh: Mesh
-    labels: Index
-    volumes: Array
-    inner: Index
-    around: Index
+    labels: Index  # (F,): the piece of each face
+    volumes: Array  # (P,), m^3: negative where the normals of a piece point inward
+    inner: Index  # (N,): pieces that lie inside others
+    around: Index  # (N,): those others
 
     @classmethod
     def of(cls, mesh: Mesh) -> Shells:
@@ -175,13 +149,7 @@ class Shells:
         return np.where(self.volumes > 0, winding == 0, winding == 1)
 
     def bodies(self, pairs: Index) -> Index:
-        """Return the body that each piece belongs to (P,): with its cavities and what it crosses.
-
-        Parameters
-        ----------
-        pairs : array (K, 2)
-            Faces that cross.
-        """
+        """Return the body of each piece (P,): with its cavities and what it crosses."""
         crossing = self.labels[pairs]
         cavity = self.volumes[self.inner] < 0
         depth = self.depths[self.around]
@@ -225,14 +193,8 @@ def winding(mesh: Mesh, points: Array) -> Array:
 
 
 def exposed(mesh: Mesh, pairs: Index) -> Mesh | None:
-    """Return the faces that part material from air, normals outward; None where there are none.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    pairs : array (K, 2)
-        Faces that cross each other.
-    """
+    """Return the faces that part material from air, normals outward; None without any."""
+    # `pairs` (K, 2): faces that cross each other.
     crossing, local = np.unique(pairs, return_inverse=True)
     small = _halved(mesh.points[mesh.faces[crossing]], local.reshape(-1, 2), mesh.extent)
     whole = np.setdiff1d(np.arange(len(mesh.faces)), crossing)
@@ -270,11 +232,9 @@ def _sides(mesh: Mesh, parts: Mesh, patches: Index) -> tuple[Mask, Mask]:
 
 
 def bared(mesh: Mesh) -> Mesh | None:
-    """Return the open faces of a surface that branches, though its faces cancel at every edge.
-
-    Bodies that share walls or overlap along common faces are like that. None where the surface
-    does not branch or close, or where the faces in the open bound something else.
-    """
+    """Return the open faces of a surface that branches, though its faces cancel at every edge."""
+    # Bodies that share walls or overlap along common faces are like that. None where the surface
+    # does not branch or close, or where the faces in the open bound something else.
     edges = edges_of(mesh.faces)
     if edges.balance.any() or not np.any(edges.faces_at > 2):
         return None

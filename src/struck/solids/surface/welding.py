@@ -20,26 +20,16 @@ _REFLEX = 1e3  # such ears come last
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Closed:
-    """A surface with its openings filled.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The old faces, then the new ones.
-    rims : tuple of arrays
-        Vertices around each opening.
-    """
+    """A surface with its openings filled: the old faces, then the new ones."""
 
     mesh: Mesh
-    rims: tuple[Index, ...]
+    rims: tuple[Index, ...]  # the vertices around each opening
 
 
 def closed(mesh: Mesh) -> Closed:
-    """Fill all openings of a surface whose faces are oriented alike.
-
-    Each loop of open edges is filled from its shortest chords on (ears cut off a polygon). No
-    new edge runs where the surface has one already.
-    """
+    """Fill all openings of a surface whose faces are oriented alike."""
+    # Each loop of open edges is filled from its shortest chords on (ears cut off a polygon). No
+    # new edge runs where the surface has one already.
     rims = loops(mesh.faces)
     if not rims:
         return Closed(mesh=mesh, rims=())
@@ -60,11 +50,9 @@ def closed(mesh: Mesh) -> Closed:
 
 
 def loops(faces: Index) -> list[Index]:
-    """Return the simple loops of the boundary, each the way round that faces to fill it take.
-
-    The boundary of a surface is a sum of loops, whatever the surface: through an edge run as
-    many as it has faces more in one direction than in the other.
-    """
+    """Return the simple loops of the boundary, each the way round that faces to fill it take."""
+    # The boundary of a surface is a sum of loops, whatever the surface: through an edge run as
+    # many as it has faces more in one direction than in the other.
     edges = edges_of(faces)
     onward: dict[int, list[int]] = defaultdict(list)
     unbalanced = np.flatnonzero(edges.balance)
@@ -101,10 +89,8 @@ def _walked(start: int, onward: dict[int, list[int]]) -> list[Index]:
 def _ears(
     points: Array, rim: Index, taken: set[tuple[int, int]]
 ) -> tuple[list[tuple[int, int, int]], list[int]]:
-    """Cut ears off a polygon, short chords first.
-
-    Returns the triangles and the vertices of what is left, where every chord is an edge already.
-    """
+    """Cut ears off a polygon, short chords first; return triangles and the vertices left."""
+    # Of those, every chord is an edge already.
     polygon = _Polygon(points, rim)
     queue = [(polygon.cost(i), i, polygon.version[i]) for i in range(len(rim))]
     heapq.heapify(queue)
@@ -179,15 +165,7 @@ def open_edges(mesh: Mesh) -> int:
 
 
 def sewn(mesh: Mesh) -> tuple[Mesh, float]:
-    """Merge near vertices where that closes at least half of the open edges.
-
-    Returns
-    -------
-    Mesh
-        The same mesh where nothing was gained.
-    float
-        The distance within which vertices were merged, m; 0 where none were.
-    """
+    """Merge near vertices where that closes at least half of the open edges; return how far, m."""
     best, left, used = mesh, open_edges(mesh), 0.0
     lengths = np.linalg.norm(
         mesh.points[mesh.faces] - mesh.points[np.roll(mesh.faces, 1, axis=1)], axis=2
@@ -216,11 +194,9 @@ def _merged(mesh: Mesh, distance: float) -> Mesh | None:
 
 
 def single(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return the mesh without repeated faces, and how many went.
-
-    Of faces on the same three vertices one stays: or none where they face each other and the
-    surface closes better without, as between two bodies that share a wall.
-    """
+    """Return the mesh without repeated faces, and how many went."""
+    # Of faces on the same three vertices one stays: or none where they face each other and the
+    # surface closes better without, as between two bodies that share a wall.
     first, repeats, net = _repeats(mesh.faces)
     if len(first) == len(mesh.faces):
         return mesh, 0
@@ -256,11 +232,9 @@ def lines(mesh: Mesh) -> Mask:
 
 
 def without_lines(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return the mesh without faces of no area, and how many went.
-
-    The vertex in the middle of such a face splits the neighbour at its longest side instead.
-    Faces must be oriented alike.
-    """
+    """Return the mesh without faces of no area, and how many went."""
+    # The vertex in the middle of such a face splits the neighbour at its longest side instead.
+    # Faces must be oriented alike.
     flat = np.flatnonzero(lines(mesh))
     if not len(flat):
         return mesh, 0
