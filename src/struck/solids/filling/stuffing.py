@@ -10,10 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, Mask
 from struck.solids.filling.lattice import Lattice
 from struck.solids.volume_mesh import VolumeMesh, unique_rows
 
@@ -317,7 +316,7 @@ def cells_in(
         tetrahedra=local.reshape(-1, 4),
     )
     fine = refined(whole, depths, shortest=spacing / 5, most=halved)
-    cells = _warped(fine, numbers >= corners[..., 0].size)
+    cells = warped(fine, numbers >= corners[..., 0].size)
     for surface in range(values.shape[1]):
         cells = cells.within(surface)
     _require_any(cells.tetrahedra, spacing)
@@ -331,7 +330,7 @@ def _require_any(tetrahedra: Index, spacing: float) -> None:
         )
 
 
-def _warped(cells: Cells, is_centre: NDArray[np.bool_]) -> Cells:
+def warped(cells: Cells, is_centre: Mask) -> Cells:
     """Move points that a surface passes too near onto the nearest crossing."""
     edges = cells.edges()
     found = [cells.crossings(surface, edges) for surface in range(cells.depths.shape[1])]
@@ -351,7 +350,7 @@ def _warped(cells: Cells, is_centre: NDArray[np.bool_]) -> Cells:
     return Cells(points=points, depths=depths, tetrahedra=cells.tetrahedra)
 
 
-def _reach(edges: Index, is_centre: NDArray[np.bool_]) -> Array:
+def _reach(edges: Index, is_centre: Mask) -> Array:
     """Return the shares of edges that are safe; points beyond the lattice's own are halfway."""
     known = np.zeros(max(int(edges.max(initial=0)) + 1, len(is_centre)), np.int8)
     known[: len(is_centre)] = np.where(is_centre, 1, -1)
