@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.solids.filling.creases import curved, flatness, shapes
+from struck.solids.filling.filling import curved, flatness, shapes
 from struck.solids.filling.stuffing import Cells, cells_in
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import distorted, grid

@@ -12,8 +12,7 @@ from struck import Mesh
 from struck.errors import MeshError, OptionError
 from struck.report.gallery import bird
 from struck.solids import VolumeMesh
-from struck.solids.filling.creases import curved, flatness
-from struck.solids.filling.filling import ACCURACIES, filled, piece_count
+from struck.solids.filling.filling import ACCURACIES, curved, filled, flatness, piece_count
 from struck.solids.filling.stuffing import cells_in
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.distance import FilledBody
