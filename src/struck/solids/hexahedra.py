@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from struck.model.arrays import Array, Index
+from struck.model.mesh_topology import components
 from struck.solids.polygon_mesh import Boundary, Loops, inner_angles, keys, sides, triangulated
+from struck.solids.volume_mesh import unique_rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,8 +83,7 @@ def _between_core_and_circle(outward: Array, angle: Array) -> Array:
 
 def with_middles(points: Array, corners: Index) -> QuadrilateralSheet:
     """Make a sheet of straight-sided quadrilaterals from their corners (Q, 4)."""
-    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
-    edges, place = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edges, place = unique_rows(np.sort(sides(corners).reshape(-1, 2), axis=1))
     middles = len(points) + place.reshape(-1, 4)
     return QuadrilateralSheet(
         points=np.vstack([points, points[edges].mean(axis=1)]),
@@ -111,15 +110,9 @@ def stacked(sheet: QuadrilateralSheet, levels: Array) -> tuple[Array, Index]:
     )
     layers = len(levels) // 2
     elements = (one_layer[None] + step * np.arange(layers)[:, None, None]).reshape(-1, 20)
-    parts = [
-        _at_level(sheet.points if i % 2 == 0 else sheet.points[corners], level)
-        for i, level in enumerate(levels)
-    ]
+    flat = (sheet.points, sheet.points[corners])
+    parts = [np.insert(flat[i % 2], 2, level, axis=1) for i, level in enumerate(levels)]
     return np.vstack(parts), elements
-
-
-def _at_level(points: Array, level: float) -> Array:
-    return np.column_stack([points, np.full(len(points), level)])
 
 
 _COINCIDENT = 1e-9  # of the longest extent: far below any element, far above rounding
@@ -132,9 +125,7 @@ def merged(points: list[Array], cells: list[Index]) -> tuple[Array, Index]:
     nodes = np.vstack([part + start for part, start in zip(cells, starts, strict=True)])
     reach = _COINCIDENT * np.ptp(joined, axis=0).max()
     pairs = KDTree(joined).query_pairs(reach, output_type="ndarray")
-    size = len(joined)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    _, group = connected_components(graph, directed=False)
+    group = components(pairs, len(joined))
     _, first = np.unique(group, return_index=True)
     used, glued = np.unique(first[group[nodes]], return_inverse=True)
     return joined[used], glued.reshape(nodes.shape)
@@ -149,9 +140,6 @@ def divided(breaks: Array, count: int) -> Array:
         for low, high, share in zip(breaks[:-1], breaks[1:], shares, strict=True)
     ]
     return np.concatenate([*starts, breaks[-1:]])
-
-
-# Quadrilaterals inside a polygon: triangles in pairs, cut about their centres.
 
 
 def quadrilaterals(loops: Loops, size: float) -> QuadrilateralSheet:

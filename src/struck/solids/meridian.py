@@ -8,7 +8,7 @@ degenerate there.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -20,7 +20,7 @@ from scipy.optimize import root_scalar
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index
 from struck.solids.hexahedra import angles, disc, divided, lattice, merged, stacked
-from struck.solids.polygon_mesh import crossing
+from struck.solids.polygon_mesh import crossing, place_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,10 +171,8 @@ def _mitres(points: Array) -> Array:
     """Return the offsets of the corners that move every segment to its left by one."""
     steps = np.diff(points, axis=0)
     directions = steps / np.linalg.norm(steps, axis=1)[:, None]
-    before, after = (
-        np.vstack([directions[:1], directions]),
-        np.vstack([directions, directions[-1:]]),
-    )
+    before = np.vstack([directions[:1], directions])
+    after = np.vstack([directions, directions[-1:]])
     # Beyond the axis the wall goes on as its own mirror image.
     if points[0, 0] == 0:
         before[0] = after[0] * (1, -1)
@@ -212,16 +210,14 @@ def check_wall(wall: Wall) -> None:
 
 
 def _place(point: Array) -> str:
-    return f"(r, z) = ({point[0]:.6g}, {point[1]:.6g}) m"
+    return f"(r, z) = {place_of(point)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patch:
     """A curved quadrilateral of the meridian, cut into elements."""
 
-    at: Callable[
-        [Array, Array], Array
-    ]  # from u (K,) and v (K,), v to the left of u, to (r, z), m (K, 2)
+    at: Callable[[Array, Array], Array]  # from u and v (K,), v left of u, to (r, z), m (K, 2)
     along: Array  # (2m + 1,): u of ends and middles of elements
     across: Array  # (2n + 1,): v of them
     rings: int = 0  # where u = 0 is on the axis: elements from core to last u
@@ -256,9 +252,7 @@ def check_contour(contour: Array) -> None:
         )
 
 
-# Meridian cross-sections of bodies of revolution: walls, walls on a stem, solids.
-#
-# Each yields patches to mesh, the contour that bounds it, counter-clockwise, and places on it.
+# Cross-sections yield patches to mesh, the contour around them, counter-clockwise, and places.
 
 Contour = list[tuple[MeridianCurve, float, float]]
 Points = dict[str, Array]
@@ -342,20 +336,16 @@ class Shell:
         enclosed = float(np.sum((middle[1:, 0] + middle[:-1, 0]) / 2 * np.diff(middle[:, 1])))
         right, left = self.wall.right, self.wall.left
         if abs(enclosed) < 1e-6 * self.wall.length**2:
-            return self._places_of_plate(*sorted((left, right), key=_height))
+            lower, upper = sorted((left, right), key=_height)
+            poles = {"top": _at(upper, 0.0), "bottom": _at(lower, 0.0)} if self.on_axis[0] else {}
+            return poles | self._rim_and_side(upper)
         outer = right if enclosed > 0 else left
-        poles = [end for end, is_pole in zip((0, -1), self.on_axis, strict=True) if is_pole]
-        named = {
-            "top" if middle[end, 1] > middle[:, 1].mean() else "bottom": _at(
-                outer, -end * self.wall.length
-            )
-            for end in poles
-        }
-        return named | self._rim_and_side(outer)
-
-    def _places_of_plate(self, lower: MeridianCurve, upper: MeridianCurve) -> Points:
-        poles = {"top": _at(upper, 0.0), "bottom": _at(lower, 0.0)} if self.on_axis[0] else {}
-        return poles | self._rim_and_side(upper)
+        poles = {}
+        for end, on_axis in zip((0, -1), self.on_axis, strict=True):
+            if on_axis:
+                name = "top" if middle[end, 1] > middle[:, 1].mean() else "bottom"
+                poles[name] = _at(outer, -end * self.wall.length)
+        return poles | self._rim_and_side(outer)
 
     def _rim_and_side(self, outer: MeridianCurve) -> Points:
         length = self.wall.length
@@ -454,20 +444,18 @@ class Goblet:
     def patches(self, counts: Counts) -> list[Patch]:
         """Return patches of bowl, foot and stem, elements about as long in all three."""
         (below, above), step = self._joints, self.bowl.wall.length / counts.along
-        lengths = self.foot.wall.length, self._length() / 2  # a slender stem bends in long waves
+        side = self._side()
+        height = float(np.diff(side.at(_WHOLE)[:, 1])[0])
+        lengths = self.foot.wall.length, height / 2  # a slender stem bends in long waves
         along = [max(4, round(length / step)) for length in lengths]
-        on_foot = Counts(around=counts.around, along=along[0], through=counts.through)
+        on_foot = replace(counts, along=along[0])
         stem = Patch(
             at=self._inside_stem(),
             along=_WHOLE,
-            across=divided(self._side().knots, along[1]),
+            across=divided(side.knots, along[1]),
             rings=counts.rings,
         )
         return [*self.bowl.patches(counts, above), *self.foot.patches(on_foot, below), stem]
-
-    def _length(self) -> float:
-        ends = self._side().at(_WHOLE)
-        return float(ends[1, 1] - ends[0, 1])
 
     def _inside_stem(self) -> Callable[[Array, Array], Array]:
         """Return the blend of foot, bowl, axis and side (a Coons patch)."""

@@ -11,13 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from struck.errors import MeshError, OptionError
-from struck.model.arrays import Array, Index
-
-# Polygons in the plane: what makes an outline with holes one, and where its inside is.
+from struck.model.arrays import Array, Index, Mask
 
 Pairs = Sequence[Sequence[float]] | Array
 Loops = tuple[Array, ...]
@@ -48,10 +45,8 @@ def _meeting(edges: Ends, first: Index, others: Ends, second: Index) -> Array | 
     (a, b), (c, d) = (end[first] for end in edges), (end[second] for end in others)
     turns = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
     straddled = (turns[0] * turns[1] <= 0) & (turns[2] * turns[3] <= 0)
-    lowest, highest = (
-        np.maximum(np.minimum(a, b), np.minimum(c, d)),
-        np.minimum(np.maximum(a, b), np.maximum(c, d)),
-    )
+    lowest = np.maximum(np.minimum(a, b), np.minimum(c, d))
+    highest = np.minimum(np.maximum(a, b), np.maximum(c, d))
     met = np.flatnonzero(straddled & (lowest <= highest).all(axis=1))
     return a[met[0]] if len(met) else None
 
@@ -69,7 +64,7 @@ def signed_area(polygon: Array) -> float:
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
 
 
-def contains(edges: Ends, points: Array) -> NDArray[np.bool_]:
+def contains(edges: Ends, points: Array) -> Mask:
     """Tell which points (K, 2) lie inside an odd number of loops, given by all their edges."""
     inside = np.zeros(len(points), bool)
     for a, b in zip(*edges, strict=True):
@@ -80,13 +75,13 @@ def contains(edges: Ends, points: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _ends(polygon: Array) -> Ends:
-    return polygon, np.roll(polygon, -1, axis=0)
-
-
 def edges_of(loops: Loops) -> Ends:
     """Return where the edges of all loops start and end."""
     return np.vstack(loops), np.vstack([np.roll(loop, -1, axis=0) for loop in loops])
+
+
+def _ends(polygon: Array) -> Ends:
+    return edges_of((polygon,))
 
 
 def distance_to_edges(edges: Ends, points: Array) -> Array:
@@ -112,13 +107,13 @@ def _check_loop(name: str, loop: Array) -> None:
     back, ahead = np.roll(loop, 1, axis=0) - loop, np.roll(loop, -1, axis=0) - loop
     steps = np.linalg.norm(ahead, axis=1)
     if steps.min() <= 1e-9 * np.ptp(loop, axis=0).max():
-        raise MeshError(f"{name} repeats corner {_place(loop[np.argmin(steps)])}: give it once")
+        raise MeshError(f"{name} repeats corner {place_of(loop[np.argmin(steps)])}: give it once")
     folded = (_turn(np.zeros(2), back, ahead) == 0) & (np.sum(back * ahead, axis=1) > 0)
     if folded.any():
-        raise MeshError(f"{name} folds back at {_place(loop[np.argmax(folded)])}: leave that out")
+        raise MeshError(f"{name} folds back at {place_of(loop[np.argmax(folded)])}: leave that out")
     place = crossing(loop)
     if place is not None:
-        raise MeshError(f"{name} crosses itself near {_place(place)}: untangle its corners")
+        raise MeshError(f"{name} crosses itself near {place_of(place)}: untangle its corners")
 
 
 def _check_hole(name: str, hole: Array, outline: Loops, others: Loops) -> None:
@@ -127,7 +122,7 @@ def _check_hole(name: str, hole: Array, outline: Loops, others: Loops) -> None:
         for edge in range(len(hole)):
             place = _meeting(_ends(hole), np.full(len(loop), edge), _ends(loop), every)
             if place is not None:
-                raise MeshError(f"{name} touches another edge near {_place(place)}: move it away")
+                raise MeshError(f"{name} touches another edge near {place_of(place)}: move it away")
     if not contains(edges_of(outline), hole[:1])[0]:
         raise MeshError(f"{name} lies outside the outline: move it inside")
     for other in others:
@@ -139,7 +134,8 @@ def _names(loops: Loops) -> list[str]:
     return ["the outline", *(f"hole {i + 1}" for i in range(len(loops) - 1))]
 
 
-def _place(point: Array) -> str:
+def place_of(point: Array) -> str:
+    """Return a point (x, y) in words, m."""
     return f"({point[0]:.6g}, {point[1]:.6g}) m"
 
 
@@ -152,7 +148,7 @@ class Boundary:
     sharp: Index  # indices of points at corners under 60 degrees
 
     @property
-    def at_sharp_corner(self) -> NDArray[np.bool_]:
+    def at_sharp_corner(self) -> Mask:
         """Which edges end at a sharp corner (S,)."""
         return np.any(np.isin(self.ends, self.sharp), axis=1)
 
@@ -160,7 +156,7 @@ class Boundary:
         """Return where the edges start and end (S, 2), (S, 2)."""
         return points[self.ends[:, 0]], points[self.ends[:, 1]]
 
-    def split(self, chosen: NDArray[np.bool_], points: Array) -> Boundary:
+    def split(self, chosen: Mask, points: Array) -> Boundary:
         """Return the boundary with chosen edges cut at their middles, to be put after `points`."""
         number = len(points) + np.arange(np.count_nonzero(chosen))
         a, b = self.ends[chosen].T
@@ -200,7 +196,7 @@ def triangulated(loops: Loops, size: float) -> tuple[Array, Index, Boundary]:
     return points, triangles, boundary
 
 
-def _present(boundary: Boundary, triangles: Index) -> NDArray[np.bool_]:
+def _present(boundary: Boundary, triangles: Index) -> Mask:
     return np.isin(keys(boundary.ends), keys(sides(triangles)))
 
 
@@ -222,7 +218,7 @@ def _resampled(loops: Loops, size: float) -> tuple[Array, Boundary]:
 _SHARP = np.radians(120.0)  # of turn, so 60 degrees of corner
 
 
-def _strides(loop: Array, size: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _strides(loop: Array, size: float) -> tuple[Array, Array, Mask]:
     """Return where strides along a loop begin, where each is half done, and sharp beginnings."""
     # The first strides from a sharp corner are equally long along both its edges: then neither
     # edge calls for cuts of the other, again and again towards the corner.
@@ -261,7 +257,7 @@ def _stops(length: float, first: float, last: float, size: float) -> Array:
 _BEND = 0.5  # rad; the corner in the middle of a stride leaves its quadrilaterals convex
 
 
-def _strides_of_two(steps: Array, sharp: NDArray[np.bool_], size: float) -> NDArray[np.bool_]:
+def _strides_of_two(steps: Array, sharp: Mask, size: float) -> Mask:
     """Tell where an edge and the next one are short, alike, nearly in line, off sharp corners."""
     lengths = np.linalg.norm(steps, axis=1)
     following = np.roll(lengths, -1)
@@ -317,7 +313,7 @@ def keys(edges: Index) -> Index:
 
 def _repairs(
     points: Array, triangles: Index, boundary: Boundary, size: float
-) -> tuple[NDArray[np.bool_], Array]:
+) -> tuple[Mask, Array]:
     """Return which boundary edges to split and which points to add for better triangles."""
     angles = inner_angles(points[triangles])
     at_corner = _between_edges(triangles, boundary, angles.argmin(axis=1))
@@ -340,7 +336,7 @@ def inner_angles(corners: Array) -> Array:
     return np.arctan2(cross, np.sum(ahead * back, axis=-1))
 
 
-def _between_edges(triangles: Index, boundary: Boundary, vertex: Index) -> NDArray[np.bool_]:
+def _between_edges(triangles: Index, boundary: Boundary, vertex: Index) -> Mask:
     """Tell where both sides at the chosen vertex are boundary: no refinement opens that angle."""
     on_boundary = np.isin(keys(sides(triangles)), keys(boundary.ends))
     rows = np.arange(len(triangles))

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 
@@ -77,7 +76,7 @@ class VolumeMesh:
             kind=kind,
         )
 
-    def straight(self) -> NDArray[np.bool_]:
+    def straight(self) -> Mask:
         """Tell which elements have all their mid-edge nodes halfway (E,)."""
         if not self.element.edges:
             return np.ones(len(self.elements), bool)
@@ -195,6 +194,6 @@ def linear_tetrahedra(mesh: VolumeMesh) -> VolumeMesh:
     return _compact(mesh, np.vstack(nodes), np.vstack(parts))
 
 
-def _compact(mesh: VolumeMesh, nodes: NDArray[np.float64], elements: Index) -> VolumeMesh:
+def _compact(mesh: VolumeMesh, nodes: Array, elements: Index) -> VolumeMesh:
     used, local = np.unique(elements, return_inverse=True)
     return VolumeMesh(nodes=nodes[used], elements=local.reshape(-1, 4), kind="tet4", up=mesh.up)

@@ -8,7 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh
-from struck.solids.filling.lattice import Lattice
+from struck.solids.filling.stuffing import Lattice
 from struck.solids.surface.rebuilding import inside, isosurface
 from struck.solids.surface.shells import INSIDE, winding
 

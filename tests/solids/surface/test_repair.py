@@ -220,6 +220,19 @@ def test_halves_that_share_a_wall_are_joined_exactly() -> None:
     assert len(result.mesh.faces) == 20
 
 
+def test_four_blocks_that_share_walls_are_joined_though_a_face_is_missing() -> None:
+    """The hole keeps the faces from cancelling, so the walls go as faces that repeat others."""
+    both = box(1, 1, 1, at=(0.5, 0.5, 0)), box(1, 1, 1, at=(0.5, 0.5, 0))
+    both[1].apply_transform(np.diag([-1, 1, 1, 1]))
+    four = [*both, *(block.copy().apply_transform(np.diag([1, -1, 1, 1])) for block in both)]
+    every = trimesh.util.concatenate(four)
+    every.merge_vertices()
+    lid = np.flatnonzero((every.triangles[:, :, 2] == 0.5).all(axis=1))[0]
+    result = closed_repair(Mesh(points=every.vertices, faces=np.delete(every.faces, lid, axis=0)))
+    assert result.volume_after == pytest.approx(4, rel=1e-9)
+    assert len(result.mesh.faces) == 32
+
+
 @pytest.mark.prove
 def test_panels_with_gaps_between_them() -> None:
     """Six sides of a cube that nowhere meet: the winding number tells inside all the same."""

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, Mask
 from struck.model.material import Material
 from struck.solids.fem.elements import Quadrature
 from struck.solids.volume_mesh import VolumeMesh
@@ -63,7 +62,7 @@ class System:
         blocks[(0, 1, 2), (0, 1, 2)] -= shift * self.mass
         return _scalar_lower(blocks, self.rows, self.starts)
 
-    def free(self, movable: NDArray[np.bool_]) -> System:
+    def free(self, movable: Mask) -> System:
         """Return the system with the other nodes held still."""
         numbers = np.cumsum(movable) - 1
         kept = movable[self.rows] & movable[self.columns]
@@ -136,7 +135,7 @@ def _components(
     products: Array,
     lower: Index,
     upper: Index,
-    turned: NDArray[np.bool_],
+    turned: Mask,
     material: Material,
 ) -> Iterator[tuple[int, int, Array]]:
     """Yield a, b and K_ij,ab of the pairs, with the higher node as row: (E, pairs)."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Index, Mask
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.modes import Modes
@@ -38,7 +37,7 @@ def vibration_modes(
     material: Material,
     highest: float,
     *,
-    fixed: NDArray[np.bool_] | None = None,
+    fixed: Mask | None = None,
     solver: Solver | None = None,
     estimate: Estimate | None = None,
     progress: Progress = silent,
@@ -88,8 +87,8 @@ class _Sight:
 
     mesh: VolumeMesh
     material: Material
-    movable: NDArray[np.bool_]
-    surface: tuple[Mesh, NDArray[np.int64]]
+    movable: Mask
+    surface: tuple[Mesh, Index]
     estimate: Estimate | None
 
     def of(self, pairs: Eigenpairs, residual: float) -> _Seen:

@@ -14,8 +14,7 @@ from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
-from struck.solids.filling.lattice import Lattice
-from struck.solids.filling.stuffing import PAIRS, Cells, cells_in
+from struck.solids.filling.stuffing import PAIRS, Cells, Lattice, cells_in
 from struck.solids.resolution import level
 from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.volume_mesh import VolumeMesh, side_keys, unique_rows

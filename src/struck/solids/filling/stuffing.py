@@ -1,7 +1,9 @@
-"""Tetrahedra halved where they are too coarse, neighbours with them so that all still fit.
+"""Isosurface stuffing: tetrahedra of good shape in any body (Labelle & Shewchuk 2007).
 
-Each is halved at its longest edge, ties broken alike everywhere, which keeps the shapes good and
-ends after few steps (Rivara 1991).
+A body-centred cubic lattice lies over the body. Its tetrahedra are halved where they are too coarse
+(Rivara 1991), points too near the boundary move onto it, and tetrahedra that the boundary still
+cuts are replaced by their part inside. Several surfaces may bound the body: each cuts in its turn,
+so a wall between two of them may be much thinner than the lattice.
 """
 
 from __future__ import annotations
@@ -12,15 +14,173 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index, Mask
-from struck.solids.filling.lattice import Lattice
+from struck.model.arrays import AnyArray, Array, Index, Mask
 from struck.solids.volume_mesh import VolumeMesh, unique_rows
 
-# Tetrahedra cut along a surface: the part on its inner side, in tetrahedra again.
-#
-# Quadrilaterals are halved from their lowest-numbered corner, so neighbours agree.
-
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+Depths = Callable[[Array], Array]
+
+# Shares of an edge within which the boundary pulls a lattice point over; long edges join two
+# corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
+_LONG, _SHORT = 0.24999, 0.41189
+
+
+def stuffed(depths: Depths, bounds: Array, spacing: float, up: str = "z") -> VolumeMesh:
+    """Fill a body with linear tetrahedra: `cells_in` as a mesh."""
+    cells = cells_in(depths, bounds, spacing)
+    return VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
+
+
+def cells_in(depths: Depths, bounds: Array, spacing: float, *, halved: int = 0) -> Cells:
+    """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
+    # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body.
+    # At most `halved` edges are halved where the lattice is too coarse for it, not counting those
+    # that must follow.
+    lattice = Lattice.over(bounds, spacing)
+    corners, centres = lattice.sampled(depths)
+    tetrahedra = lattice.tetrahedra(corners, centres)
+    _require_any(tetrahedra, spacing)
+    values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in (corners, centres)])
+    numbers, local = np.unique(tetrahedra, return_inverse=True)
+    whole = Cells(
+        points=lattice.positions(numbers),
+        depths=values[numbers],
+        tetrahedra=local.reshape(-1, 4),
+    )
+    fine = refined(whole, depths, shortest=spacing / 5, most=halved)
+    cells = warped(fine, numbers >= corners[..., 0].size)
+    for surface in range(values.shape[1]):
+        cells = cells.within(surface)
+    _require_any(cells.tetrahedra, spacing)
+    return cells.compact()
+
+
+def _require_any(tetrahedra: Index, spacing: float) -> None:
+    if not len(tetrahedra):
+        raise MeshError(
+            f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
+        )
+
+
+def warped(cells: Cells, is_centre: Mask) -> Cells:
+    """Move points that a surface passes too near onto the nearest crossing."""
+    edges = cells.edges()
+    found = [cells.crossings(surface, edges) for surface in range(cells.depths.shape[1])]
+    ends = np.concatenate([each.edges.T.ravel() for each in found])
+    where = np.concatenate([np.tile(each.points, (2, 1)) for each in found])
+    there = np.concatenate([np.tile(each.depths, (2, 1)) for each in found])
+    nearness = np.concatenate(
+        [np.concatenate([each.share, 1 - each.share]) for each in found]
+    ) / np.concatenate([np.tile(_reach(each.edges, is_centre), 2) for each in found])
+    bounding = there.max(axis=1, initial=0.0) <= 0  # elsewhere the surface bounds nothing
+    order = np.lexsort((nearness, ends))
+    order = order[(nearness[order] < 1) & bounding[order]]
+    moved, first = np.unique(ends[order], return_index=True)
+    points, depths = cells.points.copy(), cells.depths.copy()
+    points[moved] = where[order[first]]
+    depths[moved] = there[order[first]]
+    return Cells(points=points, depths=depths, tetrahedra=cells.tetrahedra)
+
+
+def _reach(edges: Index, is_centre: Mask) -> Array:
+    """Return the shares of edges that are safe; points beyond the lattice's own are halfway."""
+    known = np.zeros(max(int(edges.max(initial=0)) + 1, len(is_centre)), np.int8)
+    known[: len(is_centre)] = np.where(is_centre, 1, -1)
+    return np.where(known[edges].prod(axis=1) < 0, _SHORT, _LONG)
+
+
+_BLOCK = 3  # points a side of a block that one value may serve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lattice:
+    """Corners and centres of a grid of cells."""
+
+    origin: Array  # lowest corner, m
+    cell: Array  # edges of a cell, m
+    counts: Index  # cells along each axis
+
+    @classmethod
+    def over(cls, bounds: Array, spacing: float) -> Lattice:
+        """Lay cells of about `spacing` over a box, one beyond it, its faces on lattice planes."""
+        # So boxes keep their edges, and symmetric bodies get a symmetric lattice.
+        extent = bounds[1] - bounds[0]
+        inner = np.maximum(np.round(extent / spacing), 1).astype(np.int64)
+        cell = extent / inner
+        return cls(origin=bounds[0] - cell, cell=cell, counts=inner + 2)
+
+    def positions(self, numbers: Index) -> Array:
+        """Return positions of lattice points, numbered corners first, then centres (K, 3)."""
+        corners = int(np.prod(self.counts + 1))
+        centre = numbers >= corners
+        triples = np.empty((len(numbers), 3))
+        triples[~centre] = _triples(numbers[~centre], self.counts + 1)
+        triples[centre] = _triples(numbers[centre] - corners, self.counts) + 0.5
+        return self.origin + triples * self.cell
+
+    def sampled(self, depths: Depths) -> tuple[Array, Array]:
+        """Evaluate n 1-Lipschitz functions at corners (I, J, K, n) and centres."""
+        # Far from all zeros only the signs are needed, so one value serves a whole block there.
+        half = self.cell * _BLOCK / 2
+        blocks = -(-(self.counts + 1) // _BLOCK)
+        middles = self.origin + half * (2 * _triples(np.arange(np.prod(blocks)), blocks) + 1)
+        coarse = _columns(depths, middles)
+        # Both ends of an edge that leaves the block must have values of their own.
+        reach = np.linalg.norm(half) + max(self.cell.max(), np.linalg.norm(self.cell) / 2)
+        near = (np.abs(coarse) <= reach).any(axis=1).reshape(blocks)
+        coarse = coarse.reshape(*blocks, -1)
+        shapes = (self.counts + 1, self.counts)
+        values = np.concatenate([_spread(coarse, s).reshape(-1, coarse.shape[-1]) for s in shapes])
+        close = np.flatnonzero(np.concatenate([_spread(near, s).ravel() for s in shapes]))
+        values[close] = _columns(depths, self.positions(close))
+        corners, centres = np.split(values, [int(np.prod(shapes[0]))])
+        return corners.reshape(*shapes[0], -1), centres.reshape(*shapes[1], -1)
+
+    def tetrahedra(self, corners: Array, centres: Array) -> Index:
+        """Return the tetrahedra, as point numbers (T, 4), that may reach into the body."""
+        # Each joins two neighbouring centres to an edge of the face between their cells. Functions
+        # at `corners` (I, J, K, n) and `centres` are negative at one of its corners or more.
+        first = int(np.prod(self.counts + 1))
+        number = np.arange(first).reshape(self.counts + 1)
+        middle = first + np.arange(np.prod(self.counts)).reshape(self.counts)
+        parts = []
+        for axis in range(3):
+            ring = [_face(number, axis, u, v) for u, v in _AROUND]
+            ends = [_one_less(middle, axis, 0), _one_less(middle, axis, 1)]
+            inside = [_face(corners, axis, u, v) < 0 for u, v in _AROUND]
+            inside += [_one_less(centres, axis, 0) < 0, _one_less(centres, axis, 1) < 0]
+            chosen = np.any(inside, axis=0).all(axis=-1)
+            low, high, *rim = (grid[chosen] for grid in (*ends, *ring))
+            parts += [np.stack([low, high, rim[q], rim[q - 3]], axis=1) for q in range(4)]
+        return np.vstack(parts)
+
+
+_AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+def _columns(depths: Depths, points: Array) -> Array:
+    return np.asarray(depths(points), np.float64).reshape(len(points), -1)
+
+
+def _triples(numbers: Index, counts: Index) -> Array:
+    return np.stack(np.unravel_index(numbers, counts), axis=1).astype(np.float64)
+
+
+def _spread(coarse: AnyArray, counts: Index) -> AnyArray:
+    """Repeat a value of each block over the points that lie in it."""
+    index = [np.arange(count) // _BLOCK for count in counts]
+    return coarse[np.ix_(*index)]
+
+
+def _one_less(grid: AnyArray, axis: int, start: int) -> AnyArray:
+    """Drop the last (start 0) or first (start 1) layer along an axis."""
+    return np.take(grid, range(start, grid.shape[axis] - 1 + start), axis=axis)
+
+
+def _face(grid: AnyArray, axis: int, u: int, v: int) -> AnyArray:
+    """Return one corner of the faces between neighbouring cells along an axis."""
+    inner = np.take(grid, range(1, grid.shape[axis] - 1), axis=axis)
+    return _one_less(_one_less(inner, (axis + 1) % 3, u), (axis + 2) % 3, v)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,11 +302,9 @@ _STENCILS = {
     ),
 }
 
-Depths = Callable[[Array], Array]
-# Of the depth halfway along an edge against the mean of its ends, in lengths of the edge.
-_LARGEST_MISS = 0.2
-# Only surfaces nearer than this matter to an edge, in lengths of the edge.
-_NEAR = 0.5
+
+_LARGEST_MISS = 0.2  # of the depth halfway along an edge against the mean of its ends, over length
+_NEAR = 0.5  # lengths of an edge within which surfaces matter to it
 
 
 def refined(cells: Cells, depths: Depths, *, shortest: float, most: int) -> Cells:
@@ -276,82 +434,3 @@ def _split(cells: Cells, hit: Index, ends: Index, middle: Index) -> Cells:
     old = cells.tetrahedra[hit]
     halves = [np.where(old == ends[:, end : end + 1], middle[:, None], old) for end in (0, 1)]
     return replace(cells, tetrahedra=np.vstack([np.delete(cells.tetrahedra, hit, 0), *halves]))
-
-
-# Isosurface stuffing: tetrahedra of good shape in any body (Labelle & Shewchuk 2007).
-#
-# Lattice points too near the boundary move onto it; tetrahedra that the boundary still cuts are
-# replaced by their part inside. Several surfaces may bound the body: each cuts in its turn, so a
-# wall between two of them may be much thinner than the lattice.
-
-# Shares of an edge within which the boundary pulls a lattice point over; long edges join two
-# corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
-_LONG, _SHORT = 0.24999, 0.41189
-
-
-def stuffed(
-    depths: Callable[[Array], Array], bounds: Array, spacing: float, up: str = "z"
-) -> VolumeMesh:
-    """Fill a body with linear tetrahedra: `cells_in` as a mesh."""
-    cells = cells_in(depths, bounds, spacing)
-    return VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
-
-
-def cells_in(
-    depths: Callable[[Array], Array], bounds: Array, spacing: float, *, halved: int = 0
-) -> Cells:
-    """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
-    # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body.
-    # At most `halved` edges are halved where the lattice is too coarse for it, not counting those
-    # that must follow.
-    lattice = Lattice.over(bounds, spacing)
-    corners, centres = lattice.sampled(depths)
-    tetrahedra = lattice.tetrahedra(corners, centres)
-    _require_any(tetrahedra, spacing)
-    values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in (corners, centres)])
-    numbers, local = np.unique(tetrahedra, return_inverse=True)
-    whole = Cells(
-        points=lattice.positions(numbers),
-        depths=values[numbers],
-        tetrahedra=local.reshape(-1, 4),
-    )
-    fine = refined(whole, depths, shortest=spacing / 5, most=halved)
-    cells = warped(fine, numbers >= corners[..., 0].size)
-    for surface in range(values.shape[1]):
-        cells = cells.within(surface)
-    _require_any(cells.tetrahedra, spacing)
-    return cells.compact()
-
-
-def _require_any(tetrahedra: Index, spacing: float) -> None:
-    if not len(tetrahedra):
-        raise MeshError(
-            f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
-        )
-
-
-def warped(cells: Cells, is_centre: Mask) -> Cells:
-    """Move points that a surface passes too near onto the nearest crossing."""
-    edges = cells.edges()
-    found = [cells.crossings(surface, edges) for surface in range(cells.depths.shape[1])]
-    ends = np.concatenate([each.edges.T.ravel() for each in found])
-    where = np.concatenate([np.tile(each.points, (2, 1)) for each in found])
-    there = np.concatenate([np.tile(each.depths, (2, 1)) for each in found])
-    nearness = np.concatenate(
-        [np.concatenate([each.share, 1 - each.share]) for each in found]
-    ) / np.concatenate([np.tile(_reach(each.edges, is_centre), 2) for each in found])
-    bounding = there.max(axis=1, initial=0.0) <= 0  # elsewhere the surface bounds nothing
-    order = np.lexsort((nearness, ends))
-    order = order[(nearness[order] < 1) & bounding[order]]
-    moved, first = np.unique(ends[order], return_index=True)
-    points, depths = cells.points.copy(), cells.depths.copy()
-    points[moved] = where[order[first]]
-    depths[moved] = there[order[first]]
-    return Cells(points=points, depths=depths, tetrahedra=cells.tetrahedra)
-
-
-def _reach(edges: Index, is_centre: Mask) -> Array:
-    """Return the shares of edges that are safe; points beyond the lattice's own are halfway."""
-    known = np.zeros(max(int(edges.max(initial=0)) + 1, len(is_centre)), np.int8)
-    known[: len(is_centre)] = np.where(is_centre, 1, -1)
-    return np.where(known[edges].prod(axis=1) < 0, _SHORT, _LONG)

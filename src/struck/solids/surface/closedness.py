@@ -24,7 +24,11 @@ from struck.model.mesh_topology import (
 )
 
 # Mesh files in single precision carry 1e-7 of their size as rounding: thinner is no body.
-_THINNEST = 1e-6
+THINNEST = 1e-6
+ONE_SIDED = (
+    "the mesh cannot be oriented (it is one-sided, like a Klein bottle) and so has no inside: "
+    "rebuild it as the boundary of a solid"
+)
 
 
 def is_closed(mesh: Mesh) -> bool:
@@ -51,7 +55,7 @@ def _require_thickness(mesh: Mesh) -> None:
     offsets = corners - corners.mean(axis=0)
     _, _, axes = np.linalg.svd(offsets, full_matrices=False)
     thickness = float(np.ptp(offsets @ axes[-1])) if len(axes) == 3 else 0.0
-    if thickness <= _THINNEST * mesh.extent:
+    if thickness <= THINNEST * mesh.extent:
         raise MeshError(
             f"the mesh is flat: its {len(corners)} vertices lie in one plane; give the body a "
             "thickness before export"
@@ -62,10 +66,10 @@ def _require_two_faces_an_edge(edges: Edges) -> None:
     lonely, crowded = edges.faces_at == 1, np.count_nonzero(edges.faces_at > 2)
     found = []
     if lonely.any():
-        holes = _counted(_loops(edges.ends[lonely]), "hole")
-        found.append(f"{_counted(np.count_nonzero(lonely), 'open edge')} in {holes}")
+        holes = counted(_loops(edges.ends[lonely]), "hole")
+        found.append(f"{counted(np.count_nonzero(lonely), 'open edge')} in {holes}")
     if crowded:
-        found.append(f"{_counted(crowded, 'edge')} shared by more than two faces")
+        found.append(f"{counted(crowded, 'edge')} shared by more than two faces")
     if found:
         raise MeshError(
             f"the mesh is not closed: {' and '.join(found)}; close holes and remove inner or "
@@ -76,14 +80,11 @@ def _require_two_faces_an_edge(edges: Edges) -> None:
 def _require_orientation(edges: Edges, face_count: int) -> None:
     turned = turned_faces(edges, face_count)
     if turned is None:
-        raise MeshError(
-            "the mesh cannot be oriented (it is one-sided, like a Klein bottle) and so has no "
-            "inside: rebuild it as the boundary of a solid"
-        )
+        raise MeshError(ONE_SIDED)
     flipped = int(np.count_nonzero(turned))
     if flipped:
         raise MeshError(
-            f"the mesh has {_counted(flipped, 'face')} with flipped orientation of "
+            f"the mesh has {counted(flipped, 'face')} with flipped orientation of "
             f"{face_count}: make the normals consistent in a mesh editor, or "
             "leave repair on"
         )
@@ -92,11 +93,11 @@ def _require_orientation(edges: Edges, face_count: int) -> None:
 def _require_volume(mesh: Mesh, labels: Index) -> Array:
     volumes = volumes_of(mesh, labels)
     areas = np.bincount(labels, weights=mesh.areas)
-    empty = np.abs(volumes) <= _THINNEST * areas * boxes_of(mesh, labels).extents
+    empty = np.abs(volumes) <= THINNEST * areas * boxes_of(mesh, labels).extents
     if empty.any():
         raise MeshError(
             f"the mesh encloses no volume in {np.count_nonzero(empty)} of its "
-            f"{_counted(len(volumes), 'piece')}: give sheets a thickness, or remove them"
+            f"{counted(len(volumes), 'piece')}: give sheets a thickness, or remove them"
         )
     return volumes
 
@@ -116,7 +117,7 @@ def _require_one_body(depths: Index, volumes: Array) -> None:
     solid = np.count_nonzero(volumes[~outer] > 0)
     if solid:
         raise MeshError(
-            f"{_counted(solid, 'inner shell')} of the mesh with normals outward would be a body "
+            f"{counted(solid, 'inner shell')} of the mesh with normals outward would be a body "
             "within the body: flip the faces to make a cavity, remove them, or leave repair on"
         )
 
@@ -126,5 +127,10 @@ def _loops(ends: Index) -> int:
     return int(components(local.reshape(-1, 2), len(vertices)).max() + 1)
 
 
-def _counted(count: int | np.integer, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def counted(count: int | np.integer, noun: str) -> str:
+    """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
+    if count == 1:
+        return f"1 {noun}"
+    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
+    last = noun.rsplit(maxsplit=1)[-1]
+    return f"{count} {noun.removesuffix(last)}{plural.get(last, last + 's')}"

@@ -11,8 +11,7 @@ import numpy as np
 from struck.model.arrays import Array
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import edges_of
-from struck.solids.filling.lattice import Lattice
-from struck.solids.filling.stuffing import stuffed
+from struck.solids.filling.stuffing import Lattice, stuffed
 from struck.solids.volume_mesh import VolumeMesh
 
 if TYPE_CHECKING:
@@ -178,8 +177,7 @@ class Rim:
         return np.einsum("kad,kae,ke->kd", plane, plane, points - nearest)
 
 
-# Share of an edge that counts as its end.
-_AT_CORNER = 1e-9
+_AT_CORNER = 1e-9  # share of an edge that counts as its end
 
 
 def _unit(vectors: Array) -> Array:

@@ -1,8 +1,8 @@
 """A new surface of the material, where the old one crosses itself.
 
-The sign of the distance is that of the winding number (Barill et al. 2018); the new surface is
-the boundary of tetrahedra that fill the material (Labelle & Shewchuk 2007), moved onto the faces
-of the old one that part material from air.
+Material is where the winding number exceeds one half (Barill et al. 2018); the new surface is the
+boundary of tetrahedra that fill it (Labelle & Shewchuk 2007), moved onto those old faces that
+part material from air.
 """
 
 from __future__ import annotations
@@ -17,19 +17,15 @@ from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
 from struck.model.mesh_topology import edges_of, pieces, submesh, volumes_of
-from struck.solids.filling.lattice import Lattice
-from struck.solids.filling.stuffing import Cells, warped
+from struck.solids.filling.stuffing import Cells, Lattice, warped
 from struck.solids.surface.closedness import is_closed
 from struck.solids.surface.shells import INSIDE, halves, winding
 from struck.solids.volume_mesh import side_keys
 
-# Which points of a lattice lie within the material that a surface winds around.
-#
-# The winding number (Barill et al. 2018) of a surface without rims only changes across faces: one
-# value serves all points that faces do not part.
+# The winding number of a surface without rims only changes across faces: one value serves all
+# lattice points that faces do not part.
 
-# Of pieces of faces, in voxels: their boxes reach into three along each axis.
-_LONGEST = 1.99
+_LONGEST = 1.99  # of pieces of faces, in voxels: their boxes reach into three along each axis
 _STEPS = np.stack(np.meshgrid(*[range(3)] * 3), axis=-1).reshape(-1, 3)
 _MOST = 1_000_000
 _ROUNDING = 1e-9
@@ -100,9 +96,6 @@ def _small(triangles: Array, shape: Index) -> Array | None:
     return np.concatenate([np.empty((0, 3, 3)), *done])
 
 
-# A surface between inside and outside of a lattice: the boundary of stuffed tetrahedra (Labelle &
-# Shewchuk 2007), of which only those on the surface are made.
-
 Distances = Callable[[Array], Array]
 _LEAST = 0.1  # depth of points that do not move, in cells
 
@@ -165,13 +158,10 @@ def _skin(cells: Cells) -> Mesh | None:
     return Mesh(points=cells.points[used], faces=local.reshape(-1, 3))
 
 
-# Cells of the lattice on the surface, from coarse to fine, until the volume stays.
-_CELLS = (4_000, 9_000, 16_000)
-# A long way through air takes more of them than memory holds.
-_MOST_CELLS, _MOST_CELLS_WITH_RIMS = 1_000_000, 100_000
+_CELLS = (4_000, 9_000, 16_000)  # on the surface, from coarse to fine, until the volume stays
+_MOST_CELLS, _MOST_CELLS_WITH_RIMS = 1_000_000, 100_000  # a long way through air takes more
 _WIDER = 1.05
-# Faces within the material cost as those in the open do: from here on, cells grow with their area.
-_MOST_LAYERS = 4
+_MOST_LAYERS = 4  # area of all faces over that in the open from which on cells grow with it
 _LARGEST_CHANGE = 0.003
 _CRUMB = 1e-3
 
@@ -200,11 +190,11 @@ def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebu
         _affordable(float(np.sqrt(area / cells)), bounding.bounds, most)
         for cells in (_CELLS[:1] if roughly else _CELLS)
     ]
-    limits = RebuildingLimits(bounding)
-    made = [_boundary(mesh, limits, spacings[0])]
+    limits = Surface(bounding)
+    made = [_boundary(mesh, bounding.bounds, limits, spacings[0])]
     change = np.inf
     for spacing in spacings[1:]:
-        made.append(_boundary(mesh, limits, spacing))
+        made.append(_boundary(mesh, bounding.bounds, limits, spacing))
         before, after = (each.volume for each in made[-2:])
         change = after / before - 1
         if abs(change) <= _LARGEST_CHANGE:
@@ -212,15 +202,14 @@ def rebuilt(mesh: Mesh, bounding: Mesh | None, *, roughly: bool = False) -> Rebu
     return Rebuilt(mesh=made[-1], spacing=float(spacings[len(made) - 1]), change=float(change))
 
 
-def _boundary(mesh: Mesh, limits: RebuildingLimits, spacing: float) -> Mesh:
-    lattice = Lattice.over(limits.bounds, spacing)
+def _boundary(mesh: Mesh, bounds: Array, limits: Surface, spacing: float) -> Mesh:
+    lattice = Lattice.over(bounds, spacing)
     within = inside(mesh, lattice)
     for moved in (True, False):
-        found = isosurface(lattice, within, limits.distances, moved=moved)
+        found = isosurface(lattice, within, lambda at: limits.closest(at)[0], moved=moved)
         if found is not None and is_closed(found):
-            return _largest(
-                Mesh(points=limits.nearest(found.points), faces=found.faces, up=mesh.up)
-            )
+            points = limits.closest(found.points)[2]
+            return _without_crumbs(Mesh(points=points, faces=found.faces, up=mesh.up))
     raise MeshError(
         f"the body is too thin for a lattice of {spacing:.3g} m: join its pieces in a mesh editor"
     )
@@ -233,23 +222,7 @@ def _affordable(spacing: float, bounds: Array, most: int) -> float:
     return spacing
 
 
-class RebuildingLimits:
-    """Faces that part material from air, prepared for many distances to them."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self.bounds = mesh.bounds
-        self._surface = Surface(mesh)
-
-    def distances(self, points: Array) -> Array:
-        """Return distances to the faces, m (K,)."""
-        return self._surface.closest(points)[0]
-
-    def nearest(self, points: Array) -> Array:
-        """Return the nearest points on the faces (K, 3)."""
-        return self._surface.closest(points)[2]
-
-
-def _largest(mesh: Mesh) -> Mesh:
+def _without_crumbs(mesh: Mesh) -> Mesh:
     """Return the mesh without crumbs of the lattice."""
     labels = pieces(mesh)
     volumes = np.abs(volumes_of(mesh, labels))

@@ -14,7 +14,13 @@ from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, volumes_of
-from struck.solids.surface.closedness import is_closed, require_closed
+from struck.solids.surface.closedness import (
+    ONE_SIDED,
+    THINNEST,
+    counted,
+    is_closed,
+    require_closed,
+)
 from struck.solids.surface.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
 from struck.solids.surface.shells import (
     Shells,
@@ -35,13 +41,9 @@ from struck.solids.surface.welding import (
     without_lines,
 )
 
-# Mending: a surface closed and turned outward with its faces left where they are.
-
 # A surface bounds a body while what closes it is small against it. The cap of an open cup,
 # of a dome or of a dish is above a sixth of its wall; holes of scans are a few hundredths.
 LARGEST_OPENING = 0.1
-# Thinner than the rounding of single precision encloses nothing.
-THINNEST = 1e-6
 
 
 @dataclass(slots=True)
@@ -102,13 +104,14 @@ def mended(mesh: Mesh, diary: Diary) -> Mended:
     mesh, repeated = single(mesh)
     if repeated:
         diary.note(
-            f"{counted(repeated, 'face')} {_repeat(repeated)} others.",
+            f"{counted(repeated, 'face')} {'repeats' if repeated == 1 else 'repeat'} others.",
             f"{counted(repeated, 'repeated face')} removed.",
         )
     mesh, leaning = without_fins(mesh)
     if leaning:
+        meet = "meets" if leaning == 1 else "meet"
         diary.note(
-            f"{counted(leaning, 'face')} in fins or inner walls {_meet(leaning)} the surface.",
+            f"{counted(leaning, 'face')} in fins or inner walls {meet} the surface.",
             f"{counted(leaning, 'face')} of fins and inner walls removed.",
         )
     mesh = _apart(mesh, diary)
@@ -143,10 +146,7 @@ def _apart(mesh: Mesh, diary: Diary) -> Mesh:
 def _alike(mesh: Mesh, diary: Diary) -> Mesh:
     found = alike(mesh)
     if found is None:
-        raise MeshError(
-            "the mesh cannot be oriented (it is one-sided, like a Klein bottle) and so has no "
-            "inside: rebuild it as the boundary of a solid"
-        )
+        raise MeshError(ONE_SIDED)
     result, turned = found
     if turned:
         diary.note(
@@ -174,27 +174,9 @@ def largest_piece(mesh: Mesh) -> tuple[Mesh, int]:
     return submesh(mesh, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
 
 
-def counted(count: int, noun: str) -> str:
-    """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
-    if count == 1:
-        return f"1 {noun}"
-    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
-    last = noun.rsplit(maxsplit=1)[-1]
-    return f"{count} {noun.removesuffix(last)}{plural.get(last, last + 's')}"
-
-
-def _repeat(count: int) -> str:
-    return "repeats" if count == 1 else "repeat"
-
-
-def _meet(count: int) -> str:
-    return "meets" if count == 1 else "meet"
-
-
 # Bodies among the pieces of a mended surface: what is loose, hidden or beside the largest.
 
-# Bodies below this share of the largest are debris.
-_DEBRIS = 0.01
+_DEBRIS = 0.01  # share of the largest body below which others are crumbs
 
 
 def solid_shells(surface: Mended, solid: Mask, diary: Diary) -> Shells:
@@ -255,12 +237,9 @@ def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
     return shells.only(body == largest)
 
 
-# Crossing faces matter when more than this share of the area lies within the material.
-_BURIED = 1e-3
-# What a rebuilt surface may lose of the old one, or have where there was none.
-_LOST, _INVENTED = 0.05, 0.1
-# Smaller pieces of an open surface are crumbs and no patches of a body.
-_PATCH = 0.02
+_BURIED = 1e-3  # share of the area within the material from which on crossing faces matter
+_LOST, _INVENTED = 0.05, 0.1  # share that a rebuilt surface may lose, or have in excess
+_PATCH = 0.02  # share of the area below which pieces of an open surface are crumbs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

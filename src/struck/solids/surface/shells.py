@@ -164,18 +164,13 @@ class Shells:
         return Shells.of(submesh(self.mesh, np.flatnonzero(chosen[self.labels])))
 
 
-# Which faces of a surface part material from air, where faces cross.
-#
-# Material is where the surface winds around a point more than half a time (Jacobson et al. 2013).
 # Faces that cross others are cut up along them, as only parts of them may lie in the open.
 
-INSIDE = 0.5
-# How far beside a face one looks for material, over the extent.
-_HAIR = 1e-4
-# Length over the extent down to which crossing faces are cut.
-_FINEST = 1 / 50
+INSIDE = 0.5  # winding number from which on a point lies in material (Jacobson et al. 2013)
+_HAIR = 1e-4  # how far beside a face to look for material, over the extent
+_FINEST = 1 / 50  # length over the extent down to which crossing faces are cut
 _ROUNDING = 1e-9
-_MOST, _EXPOSURE_MOST_PAIRS = 30_000, 300_000
+_MOST_PARTS, _MOST_CUT_PAIRS = 30_000, 300_000
 
 
 def winding(mesh: Mesh, points: Array) -> Array:
@@ -252,7 +247,7 @@ def _halved(faces: Array, pairs: Index, extent: float) -> Array:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     parts, done = faces, []
     part, partner = np.concatenate([pairs, pairs[:, ::-1]]).T
-    if len(part) > _EXPOSURE_MOST_PAIRS:
+    if len(part) > _MOST_CUT_PAIRS:
         return faces
     while len(parts):
         near = _may_meet(
@@ -263,7 +258,7 @@ def _halved(faces: Array, pairs: Index, extent: float) -> Array:
         cut = np.zeros(len(parts), bool)
         cut[part] = True
         cut &= longest > _FINEST * extent
-        cut &= len(parts) + sum(map(len, done)) <= _MOST and len(part) <= _EXPOSURE_MOST_PAIRS
+        cut &= len(parts) + sum(map(len, done)) <= _MOST_PARTS and len(part) <= _MOST_CUT_PAIRS
         done.append(parts[~cut])
         number = np.cumsum(cut) - 1
         part, partner = number[part[cut[part]]], partner[cut[part]]

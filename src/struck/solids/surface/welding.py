@@ -1,4 +1,4 @@
-"""Faces sewn together: near-coincident vertices, repeated faces, faces without area."""
+"""Openings of a surface filled, near vertices merged, repeated and flat faces removed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import components, edges_of, submesh
 
-# Openings of a surface: the loops of its open edges, and faces that close them.
-
-_REFLEX = 1e3  # such ears come last
+_REFLEX = 1e3  # factor on the cost of ears that point inward, so that they come last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -151,12 +149,9 @@ class _Polygon:
         return around
 
 
-# Distances within which vertices may become one, over the extent: from single precision upwards.
-_SHARES = (1e-7, 1e-6, 1e-5, 1e-4)
-# Vertices may move by this share of a typical edge and no more.
-_SHARE_OF_EDGE = 0.1
-# Below this height over its longest side a triangle is a line but for rounding.
-_THINNEST_FACE = 1e-12
+_SHARES = (1e-7, 1e-6, 1e-5, 1e-4)  # distances of vertices that may become one, over the extent
+_SHARE_OF_EDGE = 0.1  # of a typical edge, by which vertices may move
+_THINNEST_FACE = 1e-12  # height over longest side of a triangle below which it is a line
 
 
 def open_edges(mesh: Mesh) -> int:
