@@ -22,7 +22,7 @@ def _shell() -> VolumeMesh:
 
 
 BODIES = {
-    "tube": (Tube(length=0.2, radius=0.02, wall=0.004, elements=(16, 16, 1)), 20_000.0),
+    "tube": (Tube(length=0.2, radius=0.02, wall=0.004, elements=(12, 14, 1)), 16_000.0),
     "bar": (Block(size=(0.3, 0.03, 0.005), elements=(24, 3, 1)), 12_000.0),
     "plate": (Block(size=(0.3, 0.3, 0.005), elements=(12, 12, 1)), 3_000.0),
     "hollow sphere": (_shell, 20_000.0),

@@ -479,6 +479,7 @@ ALUMINIUM = {"youngs_modulus": 68.3518e9, "poisson_ratio": 0.3298013, "density":
 SHEAR_SPEED = np.sqrt(68.3518e9 / 2 / 1.3298013 / 2700)
 
 
+@pytest.mark.prove
 def test_a_chime_rings_as_converged_elasticity() -> None:
     # D3 of 2002, Table 2; references converged on 48 x 120 x 2 triquadratic elements. scikit-fem
     # integrates in full, which tells the mesh apart from our own rule.
@@ -511,6 +512,7 @@ def torsion_of_hollow_sphere(order: int, inner: float, outer: float) -> float:
     return float(k * SHEAR_SPEED / (2 * np.pi))
 
 
+@pytest.mark.prove
 def test_hollow_sphere_twists_at_the_closed_form() -> None:
     exact = torsion_of_hollow_sphere(2, 0.042, 0.05)
     sphere = replace(SOLIDS["hollow sphere"], elements=(12, 12, 1))

@@ -20,7 +20,7 @@ from struck.solids.surface.distance import FilledBody
 from tests.solids.surface.dirty_bodies import CLEAN, VERSIONS
 
 EVERY = [(name, number) for name in CLEAN for number in range(5)]
-COSTLY = {"cube", "bracket", "hollow ball", "capsule"}
+COSTLY = {"ball", "bracket", "capsule", "cube", "hollow ball", "ring"}
 SAMPLE = [
     pytest.param(name, place % 5, marks=[pytest.mark.prove] if name in COSTLY else [])
     for place, name in enumerate(CLEAN)

@@ -202,6 +202,7 @@ def test_rod_pushed_through_a_block() -> None:
     assert result.mesh.extent == pytest.approx(3e-3, rel=1e-3)
 
 
+@pytest.mark.prove
 def test_touching_blocks_are_one_body() -> None:
     result = closed_repair(mesh(box(1, 1, 1), box(1, 0.5, 0.5, at=(1, 0, 0))))
     assert result.volume_after == pytest.approx(1.25, rel=0.005)

@@ -13,7 +13,14 @@ import numpy as np
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
-from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, volumes_of
+from struck.model.mesh_topology import (
+    boxes_of,
+    edges_of,
+    pieces,
+    submesh,
+    turned_faces,
+    volumes_of,
+)
 from struck.solids.surface.closedness import (
     ONE_SIDED,
     THINNEST,
@@ -24,11 +31,11 @@ from struck.solids.surface.closedness import (
 from struck.solids.surface.rebuilding import Rebuilt, invented_share, lost_share, rebuilt
 from struck.solids.surface.shells import (
     Shells,
-    alike,
     apart,
     bared,
     crossings,
     exposed,
+    flipped,
     without_fins,
 )
 from struck.solids.surface.welding import (
@@ -114,7 +121,13 @@ def mended(mesh: Mesh, diary: Diary) -> Mended:
             f"{counted(leaning, 'face')} in fins or inner walls {meet} the surface.",
             f"{counted(leaning, 'face')} of fins and inner walls removed.",
         )
-    mesh = _apart(mesh, diary)
+    crowded = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
+    if crowded:
+        mesh = apart(mesh)
+        diary.note(
+            f"{counted(crowded, 'edge')} shared by more than two faces.",
+            f"Pieces taken apart at {counted(crowded, 'edge')}.",
+        )
     mesh = without_needles(_alike(mesh, diary), diary)
     filled = closed(mesh)
     return Mended(open=mesh, closed=filled, labels=pieces(filled.mesh))
@@ -132,28 +145,17 @@ def sewn_up(mesh: Mesh, diary: Diary) -> Mesh:
     return result
 
 
-def _apart(mesh: Mesh, diary: Diary) -> Mesh:
-    crowded = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
-    if not crowded:
-        return mesh
-    diary.note(
-        f"{counted(crowded, 'edge')} shared by more than two faces.",
-        f"Pieces taken apart at {counted(crowded, 'edge')}.",
-    )
-    return apart(mesh)
-
-
 def _alike(mesh: Mesh, diary: Diary) -> Mesh:
-    found = alike(mesh)
-    if found is None:
+    turned = turned_faces(edges_of(mesh.faces), len(mesh.faces))
+    if turned is None:
         raise MeshError(ONE_SIDED)
-    result, turned = found
-    if turned:
+    if turned.any():
+        faces = counted(np.count_nonzero(turned), "face")
         diary.note(
-            f"{counted(turned, 'face')} of {len(mesh.faces)} flipped against their neighbours.",
-            f"{counted(turned, 'face')} turned to agree with the others.",
+            f"{faces} of {len(mesh.faces)} flipped against their neighbours.",
+            f"{faces} turned to agree with the others.",
         )
-    return result
+    return flipped(mesh, turned)
 
 
 def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
@@ -165,13 +167,6 @@ def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
             f"{counted(flat, 'face')} without area removed, their neighbours split.",
         )
     return mesh
-
-
-def largest_piece(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return the piece of the largest area, and how many others there are."""
-    labels = pieces(mesh)
-    areas = np.bincount(labels, weights=mesh.areas)
-    return submesh(mesh, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
 
 
 # Bodies among the pieces of a mended surface: what is loose, hidden or beside the largest.
@@ -431,7 +426,9 @@ def _joined(surface: Mended, diary: Diary) -> Mesh | None:
 
 
 def _sheet(surface: Mended, wall: float | None, diary: Diary) -> Mesh:
-    sheet, others = largest_piece(surface.open)
+    labels = pieces(surface.open)
+    areas = np.bincount(labels, weights=surface.open.areas)
+    sheet, others = submesh(surface.open, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
     if not open_edges(sheet):
         raise MeshError(
             "the mesh encloses no volume: its faces lie back to back; give the body a thickness, "

@@ -18,7 +18,6 @@ from struck.model.mesh_topology import (
     nesting,
     pieces,
     submesh,
-    turned_faces,
     volumes_of,
 )
 from struck.solids.surface.welding import single
@@ -61,12 +60,6 @@ def without_fins(mesh: Mesh) -> tuple[Mesh, int]:
             left[own] -= counts
             kept[faces] = False
     return submesh(mesh, np.flatnonzero(kept)), int(np.count_nonzero(~kept))
-
-
-def alike(mesh: Mesh) -> tuple[Mesh, int] | None:
-    """Return the mesh with each piece's faces turned alike and their count; None if one-sided."""
-    turned = turned_faces(edges_of(mesh.faces), len(mesh.faces))
-    return None if turned is None else (flipped(mesh, turned), int(np.count_nonzero(turned)))
 
 
 def flipped(mesh: Mesh, chosen: Mask) -> Mesh:
