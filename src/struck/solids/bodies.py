@@ -36,8 +36,6 @@ from struck.solids.resolution import (
 )
 from struck.solids.volume_mesh import VolumeMesh
 
-# Plates and prisms: a polygon, meshed flat and laid in layers.
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrusion:
@@ -106,7 +104,7 @@ class Extrusion:
             "corner": (*_near_corner(loops), self.height),
             "side": (*side, self.height / 2),
         }
-        return MappingProxyType({name: np.array(at) for name, at in places.items()})
+        return _frozen(places)
 
     def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
         """Return 20-node hexahedra in layers.

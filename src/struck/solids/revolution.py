@@ -241,9 +241,6 @@ def _spindle(points: Array, *, smooth: bool) -> Spindle:
     return Spindle(side=side, breaks=side.knots[[0, -1]] if smooth else side.knots)
 
 
-# Bodies of revolution that people strike: bowls, bells, wine glasses, in sensible proportions.
-
-
 def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> Revolution:
     """Return a bowl that opens upward: half an ellipsoid of even thickness.
 

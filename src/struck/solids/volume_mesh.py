@@ -165,9 +165,6 @@ def _triangles(sides: Index) -> Index:
     return sides[:, np.array(_TILES[sides.shape[1]])].reshape(-1, 3)
 
 
-# Linear tetrahedra on the corners of any elements: what the paper of 2002 computes with.
-
-
 def linear_tetrahedra(mesh: VolumeMesh) -> VolumeMesh:
     """Return tetrahedra between the corners of any elements, as the paper of 2002 uses."""
     # Hexahedra and wedges get a node in each side and one within, so that neighbours agree on

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import importlib
 import os
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy import sparse
@@ -20,14 +22,12 @@ from struck.errors import OptionError, SolverError
 from struck.model.arrays import Array
 
 if TYPE_CHECKING:
-    from rslab import Ldlt, LdltSymbolic
+    from rslab import LdltSymbolic
 
 
 GIB = 2**30
-# Bytes for each stored entry while a matrix is put together and handed over, measured.
-_ENTRY = 64
-# Vectors that iterating works on, over and above those it keeps.
-_WORKING_VECTORS = 64
+_ENTRY = 64  # bytes of a stored entry while a matrix is put together and handed over, measured
+_WORKING_VECTORS = 64  # that iterating works on, over and above those it keeps
 
 
 def forecast(
@@ -110,62 +110,12 @@ def _lines(path: Path) -> list[str]:
         return []
 
 
-class Factor(Protocol):
-    """A factorised symmetric matrix."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Factor:
+    """A factorised symmetric matrix: how many eigenvalues are negative, and how it is solved."""
 
-    @property
-    def negative(self) -> int:
-        """Count of negative eigenvalues."""
-        ...
-
-    def solve(self, right: Array) -> Array:
-        """Return the solutions of a block of right-hand sides (n, b)."""
-        ...
-
-
-class RslabFactor:
-    """L D L^T with Bunch-Kaufman pivots, supernodal (rslab)."""
-
-    def __init__(self, factor: Ldlt) -> None:
-        self._factor = factor
-
-    @property
-    def negative(self) -> int:
-        """Count of negative eigenvalues."""
-        return int(self._factor.inertia[1])
-
-    def solve(self, right: Array) -> Array:
-        """Return the solutions of a block of right-hand sides (n, b)."""
-        return np.asarray(self._factor.solve_many(np.ascontiguousarray(right)))
-
-
-class SuperluFactor:
-    """L U without row exchanges, so that the signs of U's diagonal are those of D (SuperLU)."""
-
-    def __init__(self, lower: sparse.csc_matrix) -> None:
-        from scipy.sparse.linalg import splu
-
-        full = (lower + sparse.tril(lower, -1).T).tocsc()
-        try:
-            self._factor = splu(
-                full,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as error:
-            raise SolverError(_singular(str(error))) from error
-        if np.any(self._factor.perm_r != self._factor.perm_c):
-            raise SolverError(_singular("a pivot vanished"))
-
-    @property
-    def negative(self) -> int:
-        """Count of negative eigenvalues."""
-        return int(np.count_nonzero(self._factor.U.diagonal() < 0))
-
-    def solve(self, right: Array) -> Array:
-        """Return the solutions of a block of right-hand sides (n, b)."""
-        return np.ascontiguousarray(self._factor.solve(np.asfortranarray(right)))
+    negative: int
+    solve: Callable[[Array], Array]  # from a block of right-hand sides (n, b) to solutions
 
 
 class Factoriser:
@@ -179,7 +129,7 @@ class Factoriser:
 
     def __call__(self, lower: sparse.csc_matrix) -> Factor:
         """Factorise a matrix given by its lower triangle; SolverError when it is singular."""
-        return SuperluFactor(lower) if self._backend == "superlu" else self._by_rslab(lower)
+        return _by_superlu(lower) if self._backend == "superlu" else self._by_rslab(lower)
 
     def memory(self, lower: sparse.csc_matrix) -> tuple[int, int]:
         """Return the bytes that a factorisation will take: at its peak, and afterwards."""
@@ -190,12 +140,17 @@ class Factoriser:
         plan = self._analysed(lower).memory_plan(threads=thread_count(), nrhs=_RIGHT_HAND_SIDES)
         return int(plan["peak_bytes"]), int(plan["resident_bytes"] + plan["solve_bytes"])
 
-    def _by_rslab(self, lower: sparse.csc_matrix) -> RslabFactor:
+    def _by_rslab(self, lower: sparse.csc_matrix) -> Factor:
+        # Bunch-Kaufman pivots, supernodal.
         analysis = self._analysed(lower)
         try:
-            return RslabFactor(analysis.factor(lower, threads=thread_count()))
+            factor = analysis.factor(lower, threads=thread_count())
         except RuntimeError as error:
             raise SolverError(_singular(str(error))) from error
+        return Factor(
+            negative=int(factor.inertia[1]),
+            solve=lambda right: np.asarray(factor.solve_many(np.ascontiguousarray(right))),
+        )
 
     def _analysed(self, lower: sparse.csc_matrix) -> LdltSymbolic:
         import rslab
@@ -204,6 +159,28 @@ class Factoriser:
             analysis = rslab.analyze(lower, path="ldlt", threads=thread_count())
             self._analysis = cast("LdltSymbolic", analysis)
         return self._analysis
+
+
+def _by_superlu(lower: sparse.csc_matrix) -> Factor:
+    """Factorise without row exchanges, so that the signs of U's diagonal are those of D."""
+    from scipy.sparse.linalg import splu
+
+    full = (lower + sparse.tril(lower, -1).T).tocsc()
+    try:
+        factor = splu(
+            full,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        raise SolverError(_singular(str(error))) from error
+    if np.any(factor.perm_r != factor.perm_c):
+        raise SolverError(_singular("a pivot vanished"))
+    return Factor(
+        negative=int(np.count_nonzero(factor.U.diagonal() < 0)),
+        solve=lambda right: np.ascontiguousarray(factor.solve(np.asfortranarray(right))),
+    )
 
 
 _BACKENDS = ("auto", "rslab", "superlu")

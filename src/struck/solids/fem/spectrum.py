@@ -60,11 +60,9 @@ def largest_residual(system: System, pairs: Eigenpairs) -> float:
     return worst
 
 
-# Modes that one factorisation finds at most; beyond, keeping all vectors apart takes over.
-SLICE_LIMIT = 200
+SLICE_LIMIT = 200  # modes of one factorisation; beyond, keeping all vectors apart takes over
 _TRIES = 12
-# Equal eigenvalues come out closer to each other than this share of them.
-_SPLIT = 1e-7
+_SPLIT = 1e-7  # share of equal eigenvalues by which they may come out apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
