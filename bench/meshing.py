@@ -123,7 +123,8 @@ CONTENDERS = {PEER: by_ftetwild, LINEAR: as_tetrahedra, WHOLE: checked}
 def job_of(path: str | None, size: float, wall: float) -> Job:
     """Return the bird, or the body of a file scaled to `size`, with its wall, m."""
     outer = bird() if path is None else load_body(path, size=size).mesh
-    faces, _ = FilledBody(mesh=outer, wall=wall).stuffed(_FINENESS * wall).surface()
+    body = FilledBody(mesh=outer, wall=wall)
+    faces, _ = stuffed(body.depths, body.bounds, _FINENESS * wall, outer.up).surface()
     return Job(outer=outer, wall=wall, faces=faces)
 
 

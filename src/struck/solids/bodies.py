@@ -15,7 +15,7 @@ import numpy as np
 from struck.errors import OptionError
 from struck.model.arrays import Array
 from struck.solids.hexahedra import divided, lattice, quadrilaterals, stacked
-from struck.solids.meridian import Patch, revolved
+from struck.solids.meridian import INSET, Patch, revolved
 from struck.solids.polygon_mesh import (
     Loops,
     Pairs,
@@ -169,9 +169,6 @@ def _near_corner(loops: Loops) -> Array:
 
 Places = Mapping[str, Array]
 
-# Places near an edge stand off it by this share, so that their normal is that of one face.
-_INSET = 0.01
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tube:
@@ -225,7 +222,7 @@ class Tube:
     @property
     def places(self) -> Places:
         """Contacts on the outer side: "middle", "quarter" of the length, "end" 1 % off it."""
-        heights = {"middle": 0.0, "quarter": 0.25, "end": 0.5 - _INSET}
+        heights = {"middle": 0.0, "quarter": 0.25, "end": 0.5 - INSET}
         return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
     def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
@@ -302,7 +299,7 @@ class Block:
         "top" (also "middle"), "bottom", "side" (towards +y); on the top face "end" (towards +x)
         and "corner" (+x, +y), both 1 % off the edges.
         """
-        edge = 0.5 - _INSET
+        edge = 0.5 - INSET
         shares = {
             "top": (0, 0, 0.5),
             "middle": (0, 0, 0.5),

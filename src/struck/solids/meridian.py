@@ -47,6 +47,7 @@ class MeridianCurve:
         return list(pairwise([low, *inner.tolist(), high]))
 
 
+_WHOLE = np.array([0.0, 1.0])
 _DEGREE = 32  # of the interpolant between knots: its error is that of rounding
 
 
@@ -61,9 +62,7 @@ def _swept(at: Callable[[Array], Array], low: float, high: float) -> float:
 
 def segment(start: Array, end: Array) -> MeridianCurve:
     """Return the straight curve from `start` to `end`, positions 0 to 1."""
-    return MeridianCurve(
-        at=lambda s: start + np.multiply.outer(s, end - start), knots=np.array([0.0, 1.0])
-    )
+    return _polyline(_WHOLE, np.stack([start, end]))
 
 
 def smooth_curve(points: Array) -> MeridianCurve:
@@ -74,16 +73,18 @@ def smooth_curve(points: Array) -> MeridianCurve:
 
 def straight_curve(points: Array) -> MeridianCurve:
     """Return the polyline through `points` (n, 2)."""
-    chord = _chord(points)
-    return MeridianCurve(at=lambda s: _interpolated(s, chord, points), knots=chord)
+    return _polyline(_chord(points), points)
 
 
 def _chord(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def _interpolated(s: Array, chord: Array, points: Array) -> Array:
-    return np.stack([np.interp(s, chord, column) for column in points.T], axis=-1)
+def _polyline(chord: Array, points: Array) -> MeridianCurve:
+    def at(s: Array) -> Array:
+        return np.stack([np.interp(s, chord, column) for column in points.T], axis=-1)
+
+    return MeridianCurve(at=at, knots=chord)
 
 
 def _spline(points: Array, chord: Array) -> CubicSpline:
@@ -159,12 +160,7 @@ def straight_wall(points: Array, thickness: Array) -> Wall:
     """Return the wall about the polyline through `points`, mitred at its corners."""
     chord = _chord(points)
     offsets = _mitres(points) * thickness[:, None] / 2
-    edges = (points - offsets, points + offsets)
-    right, left = (
-        MeridianCurve(at=lambda s, edge=edge: _interpolated(s, chord, edge), knots=chord)
-        for edge in edges
-    )
-    return Wall(right=right, left=left)
+    return Wall(right=_polyline(chord, points - offsets), left=_polyline(chord, points + offsets))
 
 
 def _mitres(points: Array) -> Array:
@@ -257,9 +253,7 @@ def check_contour(contour: Array) -> None:
 Contour = list[tuple[MeridianCurve, float, float]]
 Points = dict[str, Array]
 
-# Places near an edge stand off it by this share, so that their normal is that of one face.
-_INSET = 0.01
-_WHOLE = np.array([0.0, 1.0])
+INSET = 0.01  # share by which places stand off an edge, so that their normal is that of one face
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -349,7 +343,7 @@ class Shell:
 
     def _rim_and_side(self, outer: MeridianCurve) -> Points:
         length = self.wall.length
-        ends = [length * (1 - _INSET), length * _INSET]
+        ends = [length * (1 - INSET), length * INSET]
         free = [end for end, pole in zip(ends, reversed(self.on_axis), strict=True) if not pole]
         rim = {"rim": _at(outer, free[0])} if free else {}
         return rim | {"side": _at(outer, length / 2)}
@@ -398,7 +392,7 @@ class Spindle:
             "top": _at(self.side, length) * (0, 1),
             "bottom": _at(self.side, 0.0) * (0, 1),
             "side": _at(self.side, length / 2),
-            "rim": _at(self.side, length * (1 - _INSET)),
+            "rim": _at(self.side, length * (1 - INSET)),
         }
 
 

@@ -13,7 +13,7 @@ from struck.errors import MeshError, OptionError
 from struck.report.gallery import bird
 from struck.solids import VolumeMesh
 from struck.solids.filling.filling import ACCURACIES, curved, filled, flatness, piece_count
-from struck.solids.filling.stuffing import cells_in
+from struck.solids.filling.stuffing import cells_in, stuffed
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import unique_rows
@@ -95,7 +95,8 @@ def test_a_box_keeps_its_edges() -> None:
 
 
 def test_tetrahedra_are_of_good_shape() -> None:
-    mesh = FilledBody(mesh=ball(0.05, 4), wall=0.008).stuffed(0.006)
+    body = FilledBody(mesh=ball(0.05, 4), wall=0.008)
+    mesh = stuffed(body.depths, body.bounds, 0.006)
     corners = mesh.nodes[mesh.elements]
     normals = [
         np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh
 from struck.solids.filling.stuffing import Lattice
+from struck.solids.surface.closedness import INSIDE, winding
 from struck.solids.surface.repair import inside, isosurface
-from struck.solids.surface.shells import INSIDE, winding
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 

@@ -145,10 +145,8 @@ def _components(
         if a == b:
             yield a, a, (material.first_lame + material.shear_modulus) * g[a][a] + trace
         else:
-            straight, crossed = (
-                np.where(turned, g[b][a], g[a][b]),
-                np.where(turned, g[a][b], g[b][a]),
-            )
+            straight = np.where(turned, g[b][a], g[a][b])
+            crossed = np.where(turned, g[a][b], g[b][a])
             yield a, b, material.first_lame * straight + material.shear_modulus * crossed
 
 
@@ -176,10 +174,8 @@ def _node_pairs(first: Index, second: Index, nodes: int) -> tuple[Index, Index]:
 def _scalar_lower(blocks: Array, rows: Index, starts: Index) -> sparse.csc_matrix:
     """Expand 3x3 blocks (3, 3, P) on the lower triangle to scalars, column after column."""
     nodes, counts = len(starts) - 1, np.diff(starts)
-    columns, slot = (
-        np.repeat(np.arange(nodes), counts),
-        np.arange(len(rows)) - np.repeat(starts[:-1], counts),
-    )
+    columns = np.repeat(np.arange(nodes), counts)
+    slot = np.arange(len(rows)) - np.repeat(starts[:-1], counts)
     # The diagonal block comes first in its column and loses its b entries above the diagonal.
     ends = np.cumsum((3 * counts[:, None] - np.arange(3)).ravel())
     begins = np.concatenate([[0], ends[:-1]]).reshape(nodes, 3)

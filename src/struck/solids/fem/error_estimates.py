@@ -20,8 +20,7 @@ from struck.solids.volume_mesh import VolumeMesh
 
 _COLUMNS = 32
 _CHUNK = 512
-# Derivatives by complex steps are exact.
-_STEP = 1e-30
+_STEP = 1e-30  # derivatives by complex steps are exact
 # Hexahedra are integrated by few points. Half of what they yield is no error, as their stresses
 # are better there than in between; and where an element is too large for a thin or curved wall,
 # the energy that those points do not see tells it, much too loudly.

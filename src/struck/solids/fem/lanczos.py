@@ -100,8 +100,7 @@ def block_lanczos(
 
 
 _TOO_FEW = "only {} of {} modes exist on this mesh: lower the band's end"
-# Factors are solved eight right-hand sides at a time: fewer cost as much, more need more steps.
-_WIDTH = 8
+_WIDTH = 8  # right-hand sides solved at a time: fewer cost as much, more need more steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -40,8 +40,7 @@ ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
         "fine": Accuracy(nodes=25_000, most=130_000, error=0.001),
     }
 )
-# Quadratic nodes a lattice cell, in solid bodies and in walls two or three tetrahedra thick.
-_NODES_SOLID, _NODES_WALL = 18, 26
+_NODES_SOLID, _NODES_WALL = 18, 26  # quadratic nodes a cell: solid, in a wall of 2 or 3 elements
 _NODES_HALVED = 15  # quadratic nodes that halving an edge adds, neighbours included
 _SPACING_OF_SOLID = 0.75  # over thickness: a solid part thinner than its lattice tears
 _FLATTEST_LAYER = 8  # spacing over wall at which one layer bends well; more if nodes run out

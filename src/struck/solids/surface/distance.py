@@ -11,15 +11,13 @@ import numpy as np
 from struck.model.arrays import Array
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import edges_of
-from struck.solids.filling.stuffing import Lattice, stuffed
-from struck.solids.volume_mesh import VolumeMesh
+from struck.solids.filling.stuffing import Lattice
+from struck.solids.surface.closedness import INSIDE
 
 if TYPE_CHECKING:
     import igl
 
-_INSIDE = 0.5
-# Order of the expansion far away, and how many radii away that is: libigl's own.
-_ORDER, _ACCURACY = 2, 2.0
+_ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away: libigl's own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +58,7 @@ class FilledBody:
         # The sign is that of the winding number (Barill et al. 2018).
         winding = self._winding.winding_number(np.ascontiguousarray(points), _ACCURACY)
         length, _, _ = self._surface.closest(points)
-        return np.where(np.atleast_1d(winding) > _INSIDE, -length, length)
+        return np.where(np.atleast_1d(winding) > INSIDE, -length, length)
 
     def depths(self, points: Array) -> Array:
         """Return 1-Lipschitz functions, all negative in the material alone, m (K, 1 or 2)."""
@@ -75,10 +73,6 @@ class FilledBody:
             return nearest
         share = np.divide(surface * self.wall, length, out=np.zeros_like(length), where=length > 0)
         return nearest + (points - nearest) * share[:, None]
-
-    def stuffed(self, spacing: float) -> VolumeMesh:
-        """Fill the body with linear tetrahedra on a lattice of `spacing`, m."""
-        return stuffed(self.depths, self.bounds, spacing, self.mesh.up)
 
     def volume(self, spacing: float) -> float:
         """Return the volume of the material, m^3: a wall's by samples `spacing` m apart."""
@@ -201,5 +195,5 @@ def sampled_volume(body: FilledBody | WalledSheet, spacing: float) -> float:
     return total * float(np.prod(lattice.cell)) / 2
 
 
-# Spacing over the wall, samples a square of the spacing, and most samples.
-_SAMPLES_OF_WALL, _COST, _MOST = 1.5, 32, 600_000
+_SAMPLES_OF_WALL = 1.5  # spacing over the wall
+_COST, _MOST = 32, 600_000  # samples a square of the spacing, and most samples

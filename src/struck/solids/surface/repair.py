@@ -27,21 +27,19 @@ from struck.model.mesh_topology import (
 )
 from struck.solids.filling.stuffing import Cells, Lattice, warped
 from struck.solids.surface.closedness import (
+    INSIDE,
     ONE_SIDED,
     THINNEST,
-    counted,
-    is_closed,
-    require_closed,
-)
-from struck.solids.surface.shells import (
-    INSIDE,
     Shells,
     apart,
     bared,
+    counted,
     crossings,
     exposed,
     flipped,
     halves,
+    is_closed,
+    require_closed,
     winding,
     without_fins,
 )
@@ -107,8 +105,14 @@ def repaired(mesh: Mesh, *, wall: float | None = None) -> Repair:
     before = _volume(mesh)
     if _is_clean(mesh):
         return Repair(mesh=mesh, volume_before=before, volume_after=before)
-    diary = Diary()
-    result, sheet = _result(sewn_up(mesh, diary), wall, diary)
+    diary, (together, distance) = Diary(), sewn(mesh)
+    if distance:
+        merged = counted(len(mesh.points) - len(together.points), "vertex")
+        diary.note(
+            f"Faces stand apart by up to {distance:.1e} m.",
+            f"{merged} within {distance:.1e} m of others merged.",
+        )
+    result, sheet = _result(together, wall, diary)
     return Repair(
         mesh=result,
         found=tuple(diary.found),
@@ -180,7 +184,7 @@ class Crossing:
 
     @classmethod
     def of(cls, shells: Shells) -> Crossing:
-        """Look for it among closed pieces."""
+        """Find the faces that cross among closed pieces."""
         pairs = crossings(shells.mesh)
         if not len(pairs):
             return cls(pairs=pairs, limits=shells.mesh, buried=0.0)
@@ -361,18 +365,6 @@ def mended(mesh: Mesh, diary: Diary) -> Mended:
     mesh = without_needles(_alike(mesh, diary), diary)
     filled = closed(mesh)
     return Mended(open=mesh, closed=filled, labels=pieces(filled.mesh))
-
-
-def sewn_up(mesh: Mesh, diary: Diary) -> Mesh:
-    """Return the mesh with near vertices merged, and say so."""
-    result, distance = sewn(mesh)
-    if distance:
-        merged = len(mesh.points) - len(result.points)
-        diary.note(
-            f"Faces stand apart by up to {distance:.1e} m.",
-            f"{counted(merged, 'vertex')} within {distance:.1e} m of others merged.",
-        )
-    return result
 
 
 def _alike(mesh: Mesh, diary: Diary) -> Mesh:
