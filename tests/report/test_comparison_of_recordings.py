@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from struck.files.sampled_field import SampledField
 
 import struck
 from struck import InternalFriction, ModalModel, Rayleigh, Sound, Strike
 from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.files.sampled_field import SampledField
 from struck.model.timbre_table import SinglePoint
 from struck.recordings.takes import Take
 from struck.report.comparison import Side, compare
