@@ -22,28 +22,14 @@ from struck.radiation.spherical import sphere_efficiency, sphere_impedance
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Skin:
-    """The part of a surface that meets free air: all but the walls of closed cavities.
+    """Part of a surface that meets free air: all but the walls of closed cavities."""
 
-    Parameters
-    ----------
-    mesh : Mesh
-        That part, F faces, none without area, and the vertices that they use.
-    faces : array (F,)
-        The number of each face in the whole surface.
-    """
-
-    mesh: Mesh
-    faces: NDArray[np.int64]
+    mesh: Mesh  # F faces, none without area, and the vertices that they use
+    faces: NDArray[np.int64]  # (F,), the number of each face in the whole surface
 
     @classmethod
     def of(cls, surface: Mesh, centre: Array) -> Skin:
-        """Find the skin of a surface.
-
-        Raises
-        ------
-        MeshError
-            When no piece of the surface encloses a positive volume.
-        """
+        """Return the skin of a surface; MeshError where no piece encloses a positive volume."""
         cones = np.einsum("fd,fd->f", surface.centroids - centre, surface.area_vectors)
         labels = pieces(surface)
         exposed = np.bincount(labels, weights=cones)[labels] > 0
@@ -62,20 +48,7 @@ class Skin:
 
 
 def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
-    """Return the normal component of `shapes` (V, 3, M) at each face, mean of its corners (F, M).
-
-    Parameters
-    ----------
-    surface : Mesh
-        A surface of V vertices and F faces.
-    shapes : array (V, 3, M)
-        Displacements or velocities.
-
-    Returns
-    -------
-    array (F, M)
-        In the unit of `shapes`.
-    """
+    """Return normal components (F, M) at the faces of vertex motions `shapes` (V, 3, M)."""
     faces = surface.faces
     columns = (3 * faces[:, :, None] + np.arange(3)).ravel()
     weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
@@ -96,57 +69,30 @@ _SEED = 1  # of the vector that the iteration starts from
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Split:
-    """Normal velocities, split into surface harmonics and a rest.
+    """Normal velocities, split into surface harmonics and a rest."""
 
-    Parameters
-    ----------
-    parts : array (H, M)
-        Coefficients of the harmonics, m^2/s; their squares are the share in the integral of the
-        square, m^4/s^2.
-    rest : array (V, M)
-        What the harmonics leave, at the vertices, m/s.
-    rest_orders : array (M,)
-        The order that stands for all of the rest.
-    rest_powers : array (M,)
-        Its share in the integral of the square, m^4/s^2.
-    """
-
+    # (H, M), coefficients of the harmonics, m^2/s; their squares are shares of the whole
     parts: Array
-    rest: Array
-    rest_orders: Array
-    rest_powers: Array
+    rest: Array  # (V, M), what remains at the vertices, m/s
+    rest_orders: Array  # (M,), the order ascribed to all of the rest
+    rest_powers: Array  # (M,), its share in the integral of the square, m^4/s^2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurfaceHarmonics:
-    """Eigenfunctions of the surface Laplacian, the smoothest ones.
+    """Smoothest eigenfunctions of the surface Laplacian.
 
-    On a sphere of radius a, they are the spherical harmonics, and the eigenvalue is
-    n (n + 1) / a^2. Elsewhere the same formula with the radius of the sphere of the same area
-    gives each its order, a real number.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        V vertices, all of them used, and F faces, none without area.
-    stiffness : sparse (V, V)
-        Integral of the product of gradients, for linear functions on the faces.
-    masses : array (V,)
-        Area that belongs to each vertex, m^2.
-    functions : array (V, H)
-        Orthonormal, 1/m: their squares integrate to 1.
-    orders : array (H,)
-        From 0 on.
-    radius : float
-        Of the sphere of the same area, m.
+    On a sphere of radius a, they are the spherical harmonics, and the eigenvalue is n (n + 1) /
+    a^2. Elsewhere the same formula with the radius of the sphere of the same area gives each its
+    order, a real number.
     """
 
-    mesh: Mesh
-    stiffness: sparse.csc_array
-    masses: Array
-    functions: Array
-    orders: Array
-    radius: float
+    mesh: Mesh  # V vertices, all of them used, and F faces, none without area
+    stiffness: sparse.csc_array  # (V, V), integrals of products of gradients
+    masses: Array  # (V,), area that belongs to each vertex, m^2
+    functions: Array  # (V, H), 1/m, orthonormal: their squares integrate to 1
+    orders: Array  # (H,), from 0 on
+    radius: float  # of the sphere of the same area, m
 
     @classmethod
     def of(cls, mesh: Mesh, radius: float) -> SurfaceHarmonics:
@@ -163,10 +109,10 @@ class SurfaceHarmonics:
         )
 
     def split(self, velocities: Array) -> Split:
-        """Split normal velocities of the faces (F, M).
+        """Split normal velocities of the faces (F, M) into harmonics and a rest.
 
-        The order of the rest is that of its mean squared gradient over its mean square
-        (Rayleigh's quotient), for which it is averaged at the vertices and linear in between.
+        The order of the rest is that of its mean squared gradient over its mean square (Rayleigh's
+        quotient), for which it is averaged at the vertices and linear in between.
         """
         flows = _at_corners(self.mesh) @ velocities
         parts = self.functions.T @ flows
@@ -183,21 +129,9 @@ class SurfaceHarmonics:
 
 
 def laplacian(mesh: Mesh) -> tuple[sparse.csc_array, Array]:
-    """Return the stiffness (V, V) and the lumped mass (V,) of the surface Laplacian.
+    """Return stiffness (V, V) and lumped mass (V,), m^2, of the surface Laplacian.
 
     Linear finite elements on the faces (the cotangent Laplacian; Pinkall & Polthier 1993).
-
-    Parameters
-    ----------
-    mesh : Mesh
-        No face without area.
-
-    Returns
-    -------
-    stiffness : sparse (V, V)
-        Of no unit.
-    masses : array (V,)
-        m^2.
     """
     corners = mesh.points[mesh.faces]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
@@ -246,24 +180,12 @@ _WIDEST = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Radiator:
-    """A skin, prepared for the power of many modes.
+    """Vibrating skin in air, prepared for the power of many modes."""
 
-    Parameters
-    ----------
-    radius : float
-        Of the sphere of the same area, m.
-    harmonics : SurfaceHarmonics
-        Of the skin, H of them.
-    sources : PointSources
-        Its faces, in K bundles.
-    forces : array (K, 3, H)
-        Integral of the harmonics times the normal over each bundle, m.
-    """
-
-    radius: float
-    harmonics: SurfaceHarmonics
-    sources: PointSources
-    forces: Array
+    radius: float  # of the sphere of the same area, m
+    harmonics: SurfaceHarmonics  # H of them
+    sources: PointSources  # the faces, in K bundles
+    forces: Array  # (K, 3, H), integrals of the harmonics times the normal over each bundle, m
 
     @classmethod
     def of(cls, mesh: Mesh, radius: float) -> Radiator:
@@ -277,20 +199,7 @@ class Radiator:
         )
 
     def mean_squares(self, velocities: Array, wave_numbers: Array) -> Array:
-        """Return mean squares over directions of the pressure at 1 m, in units of (rho c)^2.
-
-        Parameters
-        ----------
-        velocities : array (F, M)
-            Normal velocities of the faces, m/s.
-        wave_numbers : array (M,)
-            1/m.
-
-        Returns
-        -------
-        array (M,)
-            m^2/s^2.
-        """
+        """Return mean squares over directions (M,) of the pressure at 1 m, in (rho c)^2 m^2/s^2."""
         split, sizes = self.harmonics.split(velocities), wave_numbers * self.radius
         near = self._through_skin(split, sizes)
         far = self._far_away(velocities, split, np.minimum(sizes, _WIDEST))

@@ -20,23 +20,14 @@ DIRECTIONS = 128
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointSources:
-    """Bundles of neighbouring faces, each a source and a dipole at one point.
+    """Bundles of neighbouring faces, each a source and a dipole at one point."""
 
-    Parameters
-    ----------
-    positions : array (K, 3)
-        Centres of area, m.
-    flows : sparse (K, F)
-        From normal velocities of the faces to the volume flow of each bundle, m^2.
-    moments : sparse (3 K, F)
-        From the same to the first moment of that flow about the centre, m^3.
-    forces : sparse (3 K, V)
-        From pressures at the vertices to the force on each bundle, along the normal, m^2.
-    """
-
-    positions: Array
+    positions: Array  # (K, 3), centres of area, m
+    # (K, F), from normal velocities of the faces to volume flows of the bundles, m^2
     flows: sparse.csr_array
+    # (3 K, F), to the first moments of these flows about the centres, m^3
     moments: sparse.csr_array
+    # (3 K, V), from pressures at the vertices to forces on the bundles, m^2
     forces: sparse.csr_array
 
     @classmethod
@@ -61,19 +52,8 @@ class PointSources:
     def mean_square(self, wave_number: float, flows: Array, dipoles: Complex) -> float:
         """Return the mean square over all directions of what the sources send there.
 
-        Parameters
-        ----------
-        wave_number : float
-            1/m.
-        flows : array (K,)
-            Strengths of the sources.
-        dipoles : array (K, 3), complex
-            Strengths of the dipoles, in the same unit.
-
-        Returns
-        -------
-        float
-            Of the sum of (flow + direction . dipole) exp(-i k direction . position).
+        That is the sum of (flow + direction . dipole) exp(-i k direction . position) with the wave
+        number k, 1/m, flows (K,) and dipoles (K, 3) in one unit.
         """
         directions = _half_of_all_directions(DIRECTIONS)
         phases = wave_number * directions @ self.positions.T
@@ -88,23 +68,9 @@ class PointSources:
 
 
 def bundles(points: Array, weights: Array, count: int) -> Index:
-    """Return to which of at most `count` compact groups of equal weight each point belongs.
+    """Return the group of each point: at most `count` (a power of two) groups of equal weight.
 
     Groups are halved across their longest extent, whichever way the points are turned.
-
-    Parameters
-    ----------
-    points : array (F, 3)
-        Positions.
-    weights : array (F,)
-        Above 0.
-    count : int
-        A power of two.
-
-    Returns
-    -------
-    array (F,)
-        Group of each point, from 0, none empty.
     """
     # Rounded, so that neither the body's size nor its place decides between equals.
     arms = points - points.mean(axis=0)

@@ -10,22 +10,11 @@ from struck.model.arrays import Array, Complex
 
 
 def sphere_impedance(order: ArrayLike, ka: ArrayLike) -> Complex:
-    """Return pressure over normal velocity on a sphere, in units of rho c (Williams 1999, ch. 6).
+    """Return pressure over normal velocity on a sphere, in rho c (Williams 1999, chapter 6).
 
-    For a velocity that is one spherical harmonic of order n, it is i h_n(x) / h_n'(x) at x = ka,
-    with the spherical Hankel function of the first kind: time goes as exp(-i omega t).
-
-    Parameters
-    ----------
-    order : array_like
-        Any real order of at least 0.
-    ka : array_like
-        Wave number times radius, above 0.
-
-    Returns
-    -------
-    array, complex
-        Its real part is the radiation efficiency, its imaginary part is negative: mass.
+    For a velocity that is one spherical harmonic of real order n >= 0, it is i h_n(x) / h_n'(x) at
+    x = ka, with the spherical Hankel function of the first kind: time goes as exp(-i omega t). The
+    real part is the radiation efficiency, the imaginary part is negative: mass.
     """
     value, slope = _hankel_and_slope(order, ka)
     mass = -1j * np.asarray(ka, float) / (np.asarray(order, float) + 1)  # for small ka
@@ -35,22 +24,10 @@ def sphere_impedance(order: ArrayLike, ka: ArrayLike) -> Complex:
 
 
 def sphere_efficiency(order: ArrayLike, ka: ArrayLike) -> Array:
-    """Return the radiation efficiency of a spherical order (Williams 1999, chapter 6).
+    """Return the radiation efficiency of a spherical order n >= 0 (Williams 1999, chapter 6).
 
     A sphere whose normal velocity is a harmonic of one order n radiates sigma rho c S <v^2>, with
     <v^2> the mean square over surface and time, and sigma = 1 / |x h_n'(x)|^2 at x = ka.
-
-    Parameters
-    ----------
-    order : array_like
-        Any real order of at least 0.
-    ka : array_like
-        Wave number times radius, above 0.
-
-    Returns
-    -------
-    array
-        From 0 (also where it is smaller than the smallest number) to somewhat above 1.
     """
     slope = _hankel_and_slope(order, ka)[1]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -21,10 +21,9 @@ from struck.shapes.shape import (
     Shape,
     Turn,
     Vibration,
-    places_along,
     require_clamped_or_free,
 )
-from struck.shapes.skins import rectangle, slab, sleeve
+from struck.shapes.skins import Rod, rectangle, slab, sleeve
 from struck.solids import Block, Tube
 from struck.solids.resolution import require_length
 
@@ -307,6 +306,8 @@ class Bar(Shape):
     motion by 1. One mode of a bar with two hinged ends, at the critical frequency, has no
     deflection at all.
 
+    Places: "middle" (also "top"), "quarter" of the length, "end" 1 % off x = length.
+
     Examples
     --------
     >>> bar = Bar(length=0.3, width=0.03, thickness=0.005)
@@ -321,8 +322,6 @@ class Bar(Shape):
     section: Section | None = None
     ends: str | tuple[str, str] = "free"
     theory: str = "timoshenko"
-
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)",)
 
     def __post_init__(self) -> None:
         require_length("length of the bar", self.length)
@@ -373,24 +372,12 @@ class Bar(Shape):
         return self.pair != ("free", "free")
 
     @property
-    def tensioned(self) -> bool:
-        """False: its stiffness drives it back."""
-        return False
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return self.profile.area * self.length
-
-    @property
-    def extent(self) -> float:
-        """Length, m."""
-        return self.length
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top: "middle" (also "top"), "quarter", "end" 1 % off x = length."""
-        return places_along(self.length, self.profile.height)
+    def geometry(self) -> Rod:
+        """Its surface, and places on it by name."""
+        section = self.profile
+        return Rod(
+            length=self.length, area=section.area, height=section.height, mantle=section.skin
+        )
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every bending mode along z up to `highest` Hz."""
@@ -407,10 +394,6 @@ class Bar(Shape):
             references=references,
             details=self._details(material),
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart along x."""
-        return self.profile.skin(self.length, spacing)
 
     def solid(self) -> Counterpart:
         """Return the block or tube it stands for, in this frame.

@@ -28,18 +28,10 @@ _TINY = 1e-200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beam:
-    """A uniform beam of unit length.
+    """Uniform beam of unit length (Timoshenko; both numbers are 0 for Euler and Bernoulli)."""
 
-    Parameters
-    ----------
-    rotary : float
-        I / (A L^2): turning sections are heavy. 0 in the theory of Euler and Bernoulli.
-    shear : float
-        E I / (kappa G A L^2): sections slip. 0 in the theory of Euler and Bernoulli.
-    """
-
-    rotary: float
-    shear: float
+    rotary: float  # I / (A L^2), the inertia of turning sections
+    shear: float  # E I / (kappa G A L^2), the compliance in shear
 
     def first(self, wave: Array) -> Array:
         """Return the squared frequencies of bending waves with wave numbers `wave`."""
@@ -60,7 +52,7 @@ class Beam:
 
 
 class Values(NamedTuple):
-    """The four waves at a distance from their origin: first and second, even and odd."""
+    """Values of the four waves at a distance from their origin: first and second, even and odd."""
 
     cosine: Array
     level: Array
@@ -70,34 +62,19 @@ class Values(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StandingWaves:
-    """Waves at M frequencies (Timoshenko 1921; Huang 1961).
+    """Standing waves of a uniform beam at M frequencies (Timoshenko 1921; Huang 1961).
 
-    Even and odd ones about an origin are cos(a u) and cosh(b u), sin(a u) and sinh(b u). The
-    second wave number b is imaginary beyond the critical frequency, where that wave stops decaying.
-
-    Parameters
-    ----------
-    beam : Beam
-    squared : array (M,)
-        Squared frequencies, above 0.
-    span : float
-        How far u reaches.
-    first : array (M,)
-        Wave number a.
-    second : array (M,)
-        Signed square b^2 of the second wave number, below 0 where that wave travels.
-    ratio : array (M,)
-        Quotient b^2 / a^2.
-    turnings : pair of arrays (M,)
-        Turning of sections over slope, of the first wave and (times b^2 / a^2) the second.
+    Even and odd ones about an origin are cos(a u) and cosh(b u), sin(a u) and sinh(b u). The second
+    wave number b is imaginary beyond the critical frequency, where that wave stops decaying.
     """
 
     beam: Beam
-    squared: Array
-    span: float
-    first: Array
-    second: Array
-    ratio: Array
+    squared: Array  # (M,), squared frequencies, above 0, in E I / (rho A L^4)
+    span: float  # largest u
+    first: Array  # (M,), wave number a
+    second: Array  # (M,), b^2, below 0 where that wave travels
+    ratio: Array  # (M,), b^2 / a^2
+    # (M,) each: turning of sections over slope, of the first wave and (times b^2 / a^2) the second
     turnings: tuple[Array, Array]
 
     @classmethod
@@ -132,7 +109,7 @@ class StandingWaves:
         )
 
     def products(self) -> tuple[Array, Array]:
-        """Return the mean products (M, 2, 2) of the even waves, and of the odd ones."""
+        """Return mean products (M, 2, 2) of the even waves, and of the odd ones."""
         cosine, high, sine, rise = self.at_end()
         phase = self.first * self.span
         swing, growth = cosine * sine / phase, high * rise / phase
@@ -214,29 +191,16 @@ _HALVINGS = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """Motions about an origin, with conditions at an end of the beam.
+    """Motions of one symmetry about an origin, with conditions at an end of the beam."""
 
-    Parameters
-    ----------
-    kind : str
-        "even" or "odd"; "both" where no mirror tells them apart: then the other end is "free"
-        where this one is "clamped", and the reverse.
-    end : str
-        One of `ENDS`.
-    span : float
-        From the origin to the end, in lengths of the beam.
-    """
-
+    # "even" or "odd"; "both" where no mirror tells them apart: then one end is free, the other
+    # clamped
     kind: str
-    end: str
-    span: float
+    end: str  # one of ENDS
+    span: float  # from the origin to the end, in lengths of the beam
 
     def frequencies(self, beam: Beam, highest: float) -> tuple[Array, Array]:
-        """Return squared frequencies (M,) up to `highest`, and amplitudes of the waves (M, 4).
-
-        The waves are those of `Waves.at_end`, first and second, even and odd; amplitudes are not
-        normalised, frequencies of a family not sorted.
-        """
+        """Return squared frequencies (M,) up to `highest`, unsorted, and wave amplitudes (M, 4)."""
         if self.end in _MIRRORS:
             return self._between_mirrors(beam, highest)
         squared = self._counted(beam, highest)
@@ -284,12 +248,10 @@ class Family:
     def count(self, waves: StandingWaves) -> Index:
         """Return how many frequencies lie below those of the waves, rigid motions included.
 
-        Notes
-        -----
         With the end hinged the count is known. To free the end, or to clamp it, moves each
         frequency at most to its neighbour, and the characteristic determinant changes its sign at
-        each frequency: which of two neighbouring counts is right follows from its sign. This is
-        the count of Wittrick and Williams 1971 for one member.
+        each frequency, which decides between two neighbouring counts (Wittrick and Williams 1971,
+        one member).
         """
         if self.kind == "both":
             hinged = Family(kind="odd", end="clamped", span=2 * self.span)
@@ -314,7 +276,7 @@ class Family:
         return counts.astype(np.int64)
 
     def _conditions(self, waves: StandingWaves) -> Array:
-        """Return what must vanish for each wave of the family, (M, 2, 2) or (M, 4, 4)."""
+        """Return matrices (M, n, n) whose determinants vanish at natural frequencies, n = 2 or 4."""
         rows = _at(self.end, waves)
         if self.kind == "both":
             other = "free" if self.end == "clamped" else "clamped"
@@ -323,13 +285,7 @@ class Family:
 
 
 def families(ends: tuple[str, str]) -> tuple[float, list[Family]]:
-    """Return the origin of the motions that a beam has, in lengths from x = 0, and their families.
-
-    Parameters
-    ----------
-    ends : pair of str
-        Of `ENDS`, at x = 0 and at x = length.
-    """
+    """Return the origin, in lengths from x = 0, and the families of motions of a beam."""
     near, far = ends
     if near in _MIRRORS:
         return 0.0, [Family(kind=_MIRRORS[near], end=far, span=1.0)]
@@ -360,7 +316,7 @@ def _at(end: str, waves: StandingWaves) -> Array:
 
 
 def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: Array) -> Array:
-    """Return where the count reaches each number, between bounds."""
+    """Return the values at which a count first reaches each of `numbers`, by bisection."""
     below, above = np.full(len(numbers), low[0]), np.full(len(numbers), high[0])
     for _ in range(_HALVINGS):
         middle = (below + above) / 2
@@ -374,27 +330,14 @@ def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BendingForms:
-    """Deflections along a bar: two standing waves each, even and odd about an origin.
+    """Deflections along a bar: two standing waves each, even and odd about an origin."""
 
-    Parameters
-    ----------
-    length : float
-        m.
-    origin, span : float
-        Of u, and how far it reaches from there, in lengths.
-    first : array (M,)
-        Wave numbers a of cos(a u) and sin(a u), in units of 1 / length.
-    second : array (M,)
-        Signed squares b^2 of those of cosh(b u) and sinh(b u), below 0 where that wave travels.
-    amplitudes : array (M, 4)
-        Of cos(a u), cosh(b u) / cosh(b span), sin(a u), and sinh(b u) / (b cosh(b span)).
-    """
-
-    length: float
-    origin: float
-    span: float
-    first: Array
-    second: Array
+    length: float  # m
+    origin: float  # of u, in lengths
+    span: float  # largest u, in lengths
+    first: Array  # (M,), wave numbers a of cos(a u) and sin(a u), in 1 / length
+    second: Array  # (M,), b^2 of cosh(b u) and sinh(b u), below 0 where that wave travels
+    # (M, 4), of cos(a u), cosh(b u) / cosh(b span), sin(a u), sinh(b u) / (b cosh(b span))
     amplitudes: Array
 
     @property
@@ -430,37 +373,15 @@ class BendingForms:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bending:
-    """Modes of a beam.
+    """Bending modes of a beam."""
 
-    Parameters
-    ----------
-    squared : array (M,)
-        Squared frequencies, ascending, in units of E I / (rho A L^4).
-    forms : BendingForms
-        Normalised to the kinetic energy of a rigid motion by 1, all along and turning included.
-    shear_shares : array (M,)
-        Potential energy of shear over all potential energy.
-    """
-
-    squared: Array
-    forms: BendingForms
-    shear_shares: Array
+    squared: Array  # (M,), squared frequencies, ascending, in E I / (rho A L^4)
+    forms: BendingForms  # normalised to the kinetic energy of a rigid motion by 1, turning included
+    shear_shares: Array  # (M,), potential energy of shear over all potential energy
 
 
 def bending(beam: Beam, ends: tuple[str, str], highest: float, length: float) -> Bending:
-    """Return all elastic modes with squared frequencies up to `highest`.
-
-    Parameters
-    ----------
-    beam : Beam
-        At least as long as its radius of gyration.
-    ends : pair of str
-        Of `ENDS`, at x = 0 and at x = length.
-    highest : float
-        Squared frequency in units of E I / (rho A L^4).
-    length : float
-        m.
-    """
+    """Return all elastic modes with squared frequencies up to `highest`, E I / (rho A L^4)."""
     origin, kinds = families(ends)
     found = [family.frequencies(beam, highest) for family in kinds]
     squared = np.concatenate([one for one, _ in found])

@@ -52,7 +52,7 @@ def _by_recurrence(order: float, x: float, work: Array) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _neumann_sum(lowest: float, quarter: float, top: int, work: Array) -> float:
-    """Return what the recurrence's values must sum to 1 for."""
+    """Return the sum by which the values of the recurrence must be divided."""
     total, weight = work[0], quarter / (lowest + 1)
     for k in range(1, top // 2 + 1):
         total += weight * work[2 * k]
@@ -131,28 +131,10 @@ _TERMS = 13
 
 @lru_cache(maxsize=64)
 def regular(step: float, count: int, cells: int) -> Array:
-    """Tabulate Bessel functions freed from their power of x, J_nu(x) Gamma(nu + 1) (2 / x)^nu.
+    """Return a Chebyshev table (cells, _TERMS, count) of Bessel functions without their power of x.
 
-    These are 0F1(; nu + 1; -x^2 / 4): 1 at x = 0, at most 1 beyond, smooth for every order.
-
-    Parameters
-    ----------
-    step : float
-        The orders are nu = step * (1, 2, ...).
-    count : int
-        How many.
-    cells : int
-        The table reaches from 0 to x = cells.
-
-    Returns
-    -------
-    array (cells, _TERMS, count)
-        Chebyshev coefficients in 2 (x - cell) - 1.
-
-    Notes
-    -----
-    Miller's recurrence downwards from a high order, normalised by Neumann's series for
-    (x / 2)^nu (Watson 1944, section 5.2; Olver et al. 2010, sections 10.23 and 10.74).
+    J_nu(x) Gamma(nu + 1) (2 / x)^nu = 0F1(; nu + 1; -x^2 / 4) for nu = step (1, 2, ...), from x = 0
+    to `cells`: 1 at x = 0, at most 1 beyond, smooth for every order.
     """
     orders, samples = step * np.arange(1, count + 1, dtype=np.float64), _samples(cells)
     values = np.empty((len(samples), count))
@@ -162,7 +144,7 @@ def regular(step: float, count: int, cells: int) -> Array:
 
 @lru_cache(maxsize=16)
 def irregular(cells: int) -> Array:
-    """Tabulate J_0 and what is left of Y_0 without its logarithm: (cells, _TERMS, 2).
+    """Return a Chebyshev table (cells, _TERMS, 2) of J_0 and of Y_0 without its logarithm.
 
     Y_0(x) = (2 / pi) ln(x / 2) J_0(x) + an entire function (Olver et al. 2010, 10.8.2).
     """
@@ -189,7 +171,7 @@ _UNHEARD = 1e-18
 
 
 class AtEdge(NamedTuple):
-    """J_m(x), J_{m+1}(x) and I_{m+1}(x) / I_m(x)."""
+    """Values J_m(x), J_{m+1}(x) and I_{m+1}(x) / I_m(x)."""
 
     wave: Array
     following: Array
@@ -197,15 +179,10 @@ class AtEdge(NamedTuple):
 
 
 def at_edge(orders: Array, x: Array) -> AtEdge:
-    """Return the Bessel functions of a disk's edge, for whole orders of at most about 1.1 x.
+    """Return J and I at the edge of a disk, for whole orders (N,) of at most about 1.1 x.
 
-    Both recurrences run downwards, where they are stable, from orders at which J_m vanishes
-    (Miller's algorithm; Abramowitz and Stegun 9.12, 9.1.46).
-
-    Parameters
-    ----------
-    orders, x : array (N,)
-        m from 0 on; positive arguments.
+    scipy.special.jv and ive take 6 times as long. Both recurrences run downwards, where they are
+    stable, from orders at which J_m vanishes (Miller; Abramowitz and Stegun 9.12, 9.1.46).
     """
     top = np.maximum(orders, x)
     starts = (top + 12 * np.cbrt(top) + 24).astype(np.int64)
@@ -216,7 +193,7 @@ def at_edge(orders: Array, x: Array) -> AtEdge:
 
 
 def _downwards(orders: Array, x: Array, starts: NDArray[np.int64]) -> Array:
-    """Return J_m, J_{m+1} and I_{m+1} / I_m, given in the order of falling starts."""
+    """Return J_m, J_{m+1} and I_{m+1} / I_m (3, N), given in the order of falling starts."""
     highest = int(starts[0]) if len(starts) else -1
     running = len(x) - np.searchsorted(starts[::-1], np.arange(highest + 1))
     owners = _owners(orders, highest)
@@ -237,25 +214,17 @@ def _downwards(orders: Array, x: Array, starts: NDArray[np.int64]) -> Array:
 
 
 def _owners(orders: Array, highest: int) -> list[NDArray[np.int64]]:
-    """Return which elements want each order up to `highest`."""
+    """Return the indices of the arguments with each order up to `highest`."""
     ranked = np.argsort(orders, kind="stable")
     bounds = np.searchsorted(orders[ranked], np.arange(highest + 1))
     return np.split(ranked, bounds[1:])
 
 
 def ring_parts(orders: Array, inner: Array) -> tuple[Array, Array, Array]:
-    """Return what J_m and Y_m contribute to a form that vanishes where their argument is `inner`.
+    """Return factors of J_m and Y_m in forms that vanish at the argument `inner`, and their size.
 
-    Parameters
-    ----------
-    orders, inner : array (N,)
-
-    Returns
-    -------
-    regular, singular, size : arrays (N,)
-        The sum of squares of the first two is 1. The third is (J_m^2 + Y_m^2)^(1/2) there,
-        infinite where Y_m exceeds all numbers. The second is 0 where nobody can tell: the whole
-        contribution of Y_m is at most J_m(inner).
+    The squares of the factors sum to 1. The size is (J_m^2 + Y_m^2)^(1/2) there, infinite where Y_m
+    exceeds all numbers; its factor is 0 then, as it contributes at most J_m(inner).
     """
     first, second = special.jv(orders, inner), special.yv(orders, inner)
     size = np.hypot(first, second)
@@ -279,23 +248,10 @@ _PAST_A_ZERO = 0.4
 def enclosed(
     function: Function, places: Array, highest: float, precision: float = ROUNDING
 ) -> Array:
-    """Return the roots of ``function(m, x)`` in x between successive places, up to `highest`.
+    """Return the roots (rows, K) of ``function(m, x)`` between successive places (rows, K + 1).
 
-    Parameters
-    ----------
-    function : callable
-    places : array (rows, K + 1)
-        Of order m = 0, 1, ... in each row, ascending; one root lies between any two that are
-        finite. Behind infinity there are none.
-    highest : float
-        Where the search ends; between it and the last place before it there may be one.
-    precision : float
-        Relative.
-
-    Returns
-    -------
-    array (rows, K)
-        Infinity where there is no root, or none up to `highest`.
+    Row m holds order m = 0, 1, ...; one root lies between any two finite, ascending places, and
+    perhaps one between the last of them and `highest`. Infinity where there is none.
     """
     orders = np.broadcast_to(np.arange(len(places), dtype=float)[:, None], places.shape)[:, 1:]
     low, high = places[:, :-1], np.minimum(places[:, 1:], highest)
@@ -324,20 +280,6 @@ def narrowed(
 
     Inverse quadratic interpolation where it may be trusted, else halves (T. R. Chandrupatla,
     Advances in Engineering Software 28, 145, 1997), until each interval has shrunk.
-
-    Parameters
-    ----------
-    function : callable
-        Of places (N,), one in each interval.
-    ends, levels : pairs of arrays (N,)
-        The intervals, and the function there.
-    precision : float
-        Largest width of an interval at the end, over its place; half of it, in fact.
-
-    Raises
-    ------
-    SolverError
-        When an interval does not shrink.
     """
     (near, far), (at_near, at_far) = ends, levels
     share = np.full(near.shape, 0.5)
@@ -372,27 +314,10 @@ def _interpolated(places: tuple[Array, Array, Array], values: tuple[Array, Array
 
 
 def membrane_roots(highest: float, ratio: float = 0.0) -> Array:
-    """Return every root up to `highest` of a round membrane that is held at its edges.
+    """Return the roots x(m, k) up to `highest` of a round membrane (rows, K), infinity beyond.
 
     They are the zeros of J_m(x) for a disk, and of J_m(b x) Y_m(x) - J_m(x) Y_m(b x) for a ring
-    whose hole has b times its radius.
-
-    Parameters
-    ----------
-    highest : float
-        Largest radius times wavenumber.
-    ratio : float
-        b, from 0 (a disk) to below 1.
-
-    Returns
-    -------
-    array (rows, K)
-        x(m, k) ascending in each row, infinity beyond `highest`.
-
-    Raises
-    ------
-    SolverError
-        When roots are not as many as theory demands.
+    whose hole has `ratio` = b times its radius; `highest` bounds radius times wavenumber.
     """
     orders = np.arange(int(highest) + 1, dtype=float)
     places = separators(orders, highest, _PAST_A_ZERO, ratio)
@@ -402,7 +327,7 @@ def membrane_roots(highest: float, ratio: float = 0.0) -> Array:
 
 
 def membrane_edge(orders: Array, x: Array, ratio: float) -> Array:
-    """Return the form of wavenumber x / radius at the outer edge, of those 0 at the inner."""
+    """Return forms at the outer edge, for wavenumber x / radius, that vanish at the inner one."""
     if ratio == 0:
         return at_edge(orders, x).wave
     regular, singular, _ = ring_parts(orders, ratio * x)
@@ -412,10 +337,10 @@ def membrane_edge(orders: Array, x: Array, ratio: float) -> Array:
 def zeros_below(orders: Array, highest: float, ratio: float = 0.0) -> Index:
     """Return how many roots a round membrane has up to `highest`, by order from 0 on.
 
-    Those of successive orders interlace, x(m, k) < x(m + 1, k) < x(m, k + 1), and those of order
-    1/2 are k pi / (1 - b) (Watson, "Theory of Bessel Functions", 2nd ed., 1944, sections 15.22 and
-    15.24; for rings by Sturm's comparison of successive orders). So an order has as many roots as
-    the one before, or one less, as the sign at `highest` tells: a Sturm sequence.
+    Roots of successive orders interlace, x(m, k) < x(m + 1, k) < x(m, k + 1), and those of order
+    1/2 are k pi / (1 - b) (Watson 1944, sections 15.22 and 15.24; for rings by Sturm's comparison).
+    So an order has as many roots as the one before, or one less, as the sign at `highest` decides:
+    a Sturm sequence.
     """
     start = -1 if ratio else 1
     signs = start * np.sign(membrane_edge(orders, np.full(len(orders), highest), ratio))
@@ -429,13 +354,7 @@ def zeros_below(orders: Array, highest: float, ratio: float = 0.0) -> Index:
 
 
 def require_counts(roots: Array, counts: Index) -> None:
-    """Refuse roots that are not as many as theory demands, by order.
-
-    Raises
-    ------
-    SolverError
-        Where they are not.
-    """
+    """Refuse roots that are not as many as theory demands, by order."""
     found = np.isfinite(roots).sum(axis=1)
     wrong = np.flatnonzero(found != counts)
     if len(wrong):
@@ -446,16 +365,11 @@ def require_counts(roots: Array, counts: Index) -> None:
 
 
 def separators(orders: Array, highest: float, past: float, ratio: float = 0.0) -> Array:
-    """Return places up to `highest` at which waves reach phases of (k + past) pi, k = 0, 1, ...
+    """Return places (orders, K) where waves reach phases (k + past) pi, infinity past `highest`.
 
     Roots of a membrane lie near phases of k pi, or (k - 1/4) pi where the wave turns before it
-    meets the hole or the centre (Wentzel, Kramers and Brillouin). Whoever takes these places for
-    ends of intervals has to see the sign change in each, and to count.
-
-    Returns
-    -------
-    array (orders, K)
-        Infinity beyond `highest`.
+    meets the hole or the centre (Wentzel, Kramers and Brillouin): intervals between these places
+    hold one root each, to be confirmed by signs and counts.
     """
     steps = np.arange(int(highest * (1 - ratio) / np.pi) + 2, dtype=np.float64)
     targets: Array = np.tile(np.pi * (steps + past), (len(orders), 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Self
@@ -14,10 +14,9 @@ from scipy import special
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 from struck.model.material import Material
-from struck.model.mesh import Mesh
 from struck.shapes.bessel import at_edge, membrane_roots, ring_parts
 from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
-from struck.shapes.skins import annulus, disk, places_on_disk, slab
+from struck.shapes.skins import Disk, Sheet
 from struck.solids.resolution import require_length
 
 # Forms of round bodies: Bessel functions of the radius times waves around.
@@ -27,34 +26,16 @@ Radial = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoundForms:
-    """Functions of a disk or ring: [a J_m(x r) + b Y_m(x r) + c I_m(x r) / I_m(x)] cos or sin.
+    """Forms of a disk or ring: [a J_m(x r) + b Y_m(x r) + c I_m(x r) / I_m(x)] cos or sin."""
 
-    r is the distance from the centre over the radius; the angle is that from the x axis, times m.
-
-    Parameters
-    ----------
-    radius : float
-        m.
-    ratio : float
-        Radius of the hole over that of the body; 0 for none.
-    orders : array (M,)
-        Nodal diameters m.
-    sines : array (M,)
-        1 where the wave around is a sine, 0 where it is a cosine.
-    wavenumbers : array (M,)
-        x, times the radius.
-    regular, singular, growing : array (M,)
-        a, b and c.
-    """
-
-    radius: float
-    ratio: float = 0.0
-    orders: Index
-    sines: Index
-    wavenumbers: Array
-    regular: Array
-    singular: Array
-    growing: Array
+    radius: float  # m
+    ratio: float = 0.0  # radius of the hole over that of the body; r is in radii of the body
+    orders: Index  # (M,), nodal diameters m
+    sines: Index  # (M,), 1 for a sine around, 0 for a cosine
+    wavenumbers: Array  # (M,), x, times the radius
+    regular: Array  # (M,), a
+    singular: Array  # (M,), b
+    growing: Array  # (M,), c
 
     @property
     def dimensions(self) -> int:
@@ -116,10 +97,10 @@ def _growing(orders: Index, wavenumbers: Array, distances: Array) -> Array:
 
 
 def _enough(wavenumber: float, ratio: float) -> int:
-    """Return how many of Chebyshev's points carry J_m and I_m to rounding.
+    """Return how many Chebyshev points carry J_m and I_m to rounding.
 
-    Waves need two points a wavelength and some more (Trefethen, "Approximation Theory and
-    Approximation Practice", 2013, chapter 8).
+    Two a wavelength and some more (Trefethen, "Approximation Theory and Approximation Practice",
+    2013, chapter 8).
     """
     half = wavenumber * (1 - ratio) / 2
     return int(half + 12 * np.cbrt(half)) + 25
@@ -150,10 +131,10 @@ def _interpolation(nodes: Array, places: Array) -> Array:
 
 
 def with_pairs(roots: Array) -> tuple[Index, Index, Array]:
-    """Return orders, 1 for sines, and roots of all modes (M,), ascending.
+    """Return orders, 1 for sines, and roots of all modes (M,), ascending, from roots (orders, K).
 
-    Each of the roots (orders, K) that is finite is a mode that goes as a cosine around and, but for
-    order 0, another that goes as a sine.
+    Each finite root is a mode that goes as a cosine around and, but for order 0, another that goes
+    as a sine.
     """
     orders, columns = np.nonzero(np.isfinite(roots))
     turned = np.flatnonzero(orders > 0)
@@ -178,23 +159,7 @@ def round_membrane(
     thickness: float,
     tension: float,
 ) -> Vibration:
-    """Return every mode up to `highest` Hz of a membrane held at its edges.
-
-    Parameters
-    ----------
-    material : Material
-    highest : float
-        Hz.
-    radius, hole, thickness : float
-        m; no hole: 0.
-    tension : float
-        N/m.
-
-    Raises
-    ------
-    OptionError
-        When they are more than 100,000.
-    """
+    """Return every mode up to `highest` Hz of a disk or ring held at its edges; tension in N/m."""
     speed = math.sqrt(tension / (material.density * thickness))
     ratio, wavenumber = hole / radius, 2 * math.pi * highest / speed
     require_countable("membrane", math.pi * (radius**2 - hole**2), wavenumber, highest)
@@ -272,6 +237,9 @@ class AnnularMembrane(Shape):
     J_m(b x) Y_m(x) = J_m(x) Y_m(b x), where b = hole / radius; with m > 0 nodal diameters each
     comes twice, as cosine and sine of m times the angle (Morse 1948, section 19).
 
+    Places, at y = 0: "middle" of the ring (also "top"), "quarter" of its width from the outer edge,
+    "edge" (also "rim") 1 % off it.
+
     Examples
     --------
     >>> ring = AnnularMembrane(radius=0.2, hole=0.05, thickness=0.0005, tension=2000.0)
@@ -285,7 +253,7 @@ class AnnularMembrane(Shape):
     thickness: float
     tension: float
 
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+    tensioned: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("radius", "hole", "thickness"):
@@ -298,33 +266,9 @@ class AnnularMembrane(Shape):
         require_tension("membrane", self.tension)
 
     @property
-    def supported(self) -> bool:
-        """True: its edges are held."""
-        return True
-
-    @property
-    def tensioned(self) -> bool:
-        """True: tension drives it back."""
-        return True
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return math.pi * (self.radius**2 - self.hole**2) * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Outer diameter, m."""
-        return 2 * self.radius
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top, at y = 0.
-
-        "middle" of the ring (also "top"), "quarter" of its width from the outer edge, "edge" (also
-        "rim") 1 % off it.
-        """
-        return places_on_disk(self.radius, self.hole, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(Disk(self.radius, self.hole), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz.
@@ -342,10 +286,6 @@ class AnnularMembrane(Shape):
             thickness=self.thickness,
             tension=self.tension,
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*annulus(self.radius, self.hole, spacing), self.thickness)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -370,6 +310,8 @@ class CircularMembrane(Shape):
     Bessel function J_m; with m > 0 nodal diameters each comes twice, as cosine and sine of m times
     the angle (Morse 1948, section 19; 1998, section 6, without its load of air).
 
+    Places, at y = 0: "middle" (also "top"), "quarter" of the diameter, "edge" (also "rim") 1 % off.
+
     Examples
     --------
     >>> drum = CircularMembrane(radius=0.16, thickness=0.0005, tension=2000.0)
@@ -382,7 +324,7 @@ class CircularMembrane(Shape):
     thickness: float
     tension: float
 
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+    tensioned: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_length("radius of the membrane", self.radius)
@@ -390,32 +332,9 @@ class CircularMembrane(Shape):
         require_tension("membrane", self.tension)
 
     @property
-    def supported(self) -> bool:
-        """True: its edge is held."""
-        return True
-
-    @property
-    def tensioned(self) -> bool:
-        """True: tension drives it back."""
-        return True
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return math.pi * self.radius**2 * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Diameter, m."""
-        return 2 * self.radius
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top: "middle" (also "top"), "quarter" of the diameter, "edge" 1 % off.
-
-        "edge" is also "rim".
-        """
-        return places_on_disk(self.radius, 0.0, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz.
@@ -433,7 +352,3 @@ class CircularMembrane(Shape):
             thickness=self.thickness,
             tension=self.tension,
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*disk(self.radius, spacing), self.thickness)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 from struck.model.material import Material
-from struck.model.mesh import Mesh
 from struck.shapes.bessel import (
     Function,
     at_edge,
@@ -29,7 +27,7 @@ from struck.shapes.shape import (
     require_clamped_or_free,
     require_countable,
 )
-from struck.shapes.skins import disk, places_on_disk, slab
+from struck.shapes.skins import Disk, Sheet
 from struck.solids import Tube
 from struck.solids.resolution import require_length
 
@@ -45,40 +43,19 @@ _COARSE = 1e-7
 
 
 def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
-    """Return every root up to `highest` of a circular plate.
+    """Return lambda (M, K) up to `highest` of a plate with m nodal diameters, infinity beyond.
 
-    Parameters
-    ----------
-    edge : str
-        "free", "supported" or "clamped".
-    highest : float
-        Largest radius times wavenumber.
-    poisson_ratio : float
+    Rows of a free plate with m below 2 begin with infinity: rigid motions are left out. The ratio
+    of a load on the edge to its displacement falls, or rises, with lambda between its poles, by
+    Green's identity, however the edge is held otherwise. So the roots of plates that differ by one
+    constraint alternate strictly. Seen from the zeros j(m, k) of J_m, which belong to an edge with
+    w = 0 and no Laplacian of w:
 
-    Returns
-    -------
-    array (M, K)
-        lambda of m nodal diameters in ascending order, infinity beyond `highest` (of a free plate
-        with m below 2 behind one more infinity: its motions as a rigid one are left out).
+    - clamped: one root between j(m, k) and j(m, k + 1); - supported: one root between j(m, k) and
+    j(m, k + 1), and one below j(m, 1); - free: one root between successive roots of the supported
+    plate, and, with two or more nodal diameters, one below them all.
 
-    Raises
-    ------
-    SolverError
-        When roots are not as many as theory demands.
-
-    Notes
-    -----
-    The ratio of a load on the edge to its displacement falls, or rises, with lambda between its
-    poles, by Green's identity, however the edge is held otherwise. So the roots of plates that
-    differ by one constraint alternate strictly. Seen from the zeros j(m, k) of J_m, which belong
-    to an edge with w = 0 and no Laplacian of w:
-
-    - clamped: one root between j(m, k) and j(m, k + 1);
-    - supported: one root between j(m, k) and j(m, k + 1), and one below j(m, 1);
-    - free: one root between successive roots of the supported plate, and, with two or more nodal
-      diameters, one below them all.
-
-    With signs at `highest` this tells how many there are below.
+    The signs at `highest` decide how many there are below.
     """
     orders = np.arange(int(highest / _RIM_WAVE) + 2, dtype=float)
     held = zeros_below(orders, highest)
@@ -108,21 +85,14 @@ def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
 
 
 def _counts(edge: Function, highest: float, least: Index, start: int | Index) -> Index:
-    """Return how many roots lie up to `highest`: `least` or one more, as the sign there tells.
-
-    `start` is the sign before the first root.
-    """
+    """Return how many roots lie up to `highest`: `least` or one more, as the sign there decides."""
     orders = np.arange(len(least), dtype=float)
     signs = np.sign(edge(orders, np.full(len(least), highest))) * start
     return np.maximum(least + (signs != np.where(least % 2, -1, 1)), 0)
 
 
 def _below_supported(orders: Array, highest: float, poisson_ratio: float) -> Array:
-    """Return places below the first root and between successive ones of supported plates.
-
-    By the series of both quotients of Bessel functions, the first root exceeds m, and for m = 0
-    (1 + nu)^(1/4).
-    """
+    """Return places below the first root and between successive ones of supported plates."""
     first = orders.copy()
     first[0] = (1 + poisson_ratio) ** 0.25
     return np.column_stack([first, separators(orders, highest, _PAST_SUPPORTED)])
@@ -141,13 +111,13 @@ def clamped_edge(orders: Array, x: Array) -> Array:
 
 
 def supported_edge(orders: Array, x: Array, poisson_ratio: float) -> Array:
-    """Return what is zero where w and the bending moment can vanish on the edge."""
+    """Return a function whose zeros let w and the bending moment vanish on the edge."""
     wave, following, growth = at_edge(orders, x)
     return following + wave * (growth - 2 * x / (1 - poisson_ratio))
 
 
 def free_edge(orders: Array, x: Array, poisson_ratio: float) -> Array:
-    """Return what is zero where moment and Kirchhoff's shear force can vanish on the edge."""
+    """Return a function whose zeros let moment and Kirchhoff's shear force vanish on the edge."""
     wave, wave_slope, growing_slope = edge_slopes(orders, x)
     moment = bending_moment(orders, -(x**2), wave, wave_slope, poisson_ratio)
     growing_moment = bending_moment(orders, x**2, np.ones_like(x), growing_slope, poisson_ratio)
@@ -176,20 +146,7 @@ def bending_moment(
 def plate_forms(
     edge: str, radius: float, waves: tuple[Index, Index], roots: Array, poisson_ratio: float
 ) -> tuple[RoundForms, Array]:
-    """Return the forms, and the slopes of ln lambda^2 over Poisson's ratio.
-
-    Parameters
-    ----------
-    edge : str
-        "free", "supported" or "clamped".
-    radius : float
-        m.
-    waves : pair of arrays (M,)
-        Nodal diameters, and 1 for sines.
-    roots : array (M,)
-        lambda.
-    poisson_ratio : float
-    """
+    """Return forms with roots lambda, and the slopes of ln lambda^2 over Poisson's ratio."""
     orders, sines = waves
     m = orders.astype(float)
     wave, wave_slope, growing_slope = edge_slopes(m, roots)
@@ -224,7 +181,7 @@ def _mean_square(m: Array, roots: Array, edge: tuple[Array, Array, Array], growi
 
 
 def _twisting(m: Array, deflection: Array, slope: Array) -> Array:
-    """Return the integral over the plate of what 1 - nu multiplies in the energy of bending.
+    """Return the integral over the plate of the factor of 1 - nu in the energy of bending.
 
     That is 2 w_rr (w_r / r + w_tt / r^2) - 2 [(w_t / r)_r]^2, a divergence, so that the edge alone
     counts. Where the integral of w^2 is 1, it is the slope of lambda^4 over nu (Rayleigh).
@@ -261,6 +218,8 @@ class CircularPlate(Shape):
     leaves out, lower frequencies by about (lambda thickness / radius)^2 [1/24 + 1/(10 (1 - nu))]
     (Mindlin 1951).
 
+    Places, at y = 0: "middle" (also "top"), "quarter" of the diameter, "edge" (also "rim") 1 % off.
+
     Examples
     --------
     >>> plate = CircularPlate(radius=0.1, thickness=0.001, edge="clamped")
@@ -272,8 +231,6 @@ class CircularPlate(Shape):
     radius: float
     thickness: float
     edge: str = "free"
-
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
 
     def __post_init__(self) -> None:
         require_length("radius of the plate", self.radius)
@@ -287,27 +244,9 @@ class CircularPlate(Shape):
         return self.edge != "free"
 
     @property
-    def tensioned(self) -> bool:
-        """False: its stiffness drives it back."""
-        return False
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return math.pi * self.radius**2 * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Diameter, m."""
-        return 2 * self.radius
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top: "middle" (also "top"), "quarter" of the diameter, "edge" 1 % off.
-
-        "edge" is also "rim".
-        """
-        return places_on_disk(self.radius, 0.0, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz, but for the motions of a free plate as a rigid one.
@@ -332,10 +271,6 @@ class CircularPlate(Shape):
             references=("leissa1969", "mindlin1951"),
             details=self._details(roots, nu),
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*disk(self.radius, spacing), self.thickness)
 
     def solid(self) -> Counterpart:
         """Return the disk it stands for.

@@ -32,26 +32,13 @@ _PLACES_AT_ONCE = 2048
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """Which solutions are summed.
-
-    Parameters
-    ----------
-    plan : Plan
-    centres : array (S,)
-        Corners with Fourier-Bessel functions.
-    counts : array (S,)
-        How many about each.
-    sources : array (C, 2)
-        Centres of fundamental solutions, m.
-    highest : float
-        Wavenumber up to which the functions are needed, 1/m.
-    """
+    """Solutions of the Helmholtz equation in a polygon that trial functions are summed of."""
 
     plan: Polygon
-    centres: Index
-    counts: Index
-    sources: Array
-    highest: float
+    centres: Index  # (S,), corners with Fourier-Bessel functions
+    counts: Index  # (S,), numbers of functions about each
+    sources: Array  # (C, 2), centres of fundamental solutions, m
+    highest: float  # largest wavenumber, 1/m
 
     @property
     def size(self) -> int:
@@ -60,13 +47,13 @@ class Basis:
 
     @property
     def steepest(self) -> float:
-        """How far the orders exceed those of waves."""
+        """Largest excess of the orders over those of waves."""
         plan = self.plan
         orders = self.counts * plan.powers[self.centres]
         return float(np.max(orders - self.highest * plan.reaches[self.centres], initial=0.0))
 
     def sight(self, points: Array, ears: Index) -> Sight:
-        """Return what the functions need to know of points (K, 2) in ears (K,) of the plan."""
+        """Return the functions at points (K, 2) in ears (K,) of the plan, for any wavenumber."""
         fans = []
         for centre, count in zip(self.centres.tolist(), self.counts.tolist(), strict=True):
             radii, angles = self.plan.polar(centre, points, ears)
@@ -162,34 +149,18 @@ class _Fan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PolygonForms:
-    """Mode shapes of a membrane held along a polygon: sums of Helmholtz solutions.
+    """Mode shapes of a membrane held along a polygon: sums of Helmholtz solutions."""
 
-    Parameters
-    ----------
-    corners : array (n, 2)
-        Of the polygon, counter-clockwise, m.
-    centres : array (S,)
-        Corners with Fourier-Bessel functions.
-    counts : array (S,)
-        How many about each.
-    sources : array (C, 2)
-        Centres of fundamental solutions outside, m.
-    wavenumbers : array (M,)
-        1/m.
-    coefficients : array (M, F)
-        Of all functions.
-    """
-
-    corners: Array
-    centres: Index
-    counts: Index
-    sources: Array
-    wavenumbers: Array
-    coefficients: Array
+    corners: Array  # (n, 2), counter-clockwise, m
+    centres: Index  # (S,), corners with Fourier-Bessel functions
+    counts: Index  # (S,), numbers of functions about each
+    sources: Array  # (C, 2), centres of fundamental solutions outside, m
+    wavenumbers: Array  # (M,), 1/m
+    coefficients: Array  # (M, F), of all functions
 
     @property
     def dimensions(self) -> int:
-        """How many coordinates a place in the plan has: x and y."""
+        """Coordinates of a place: x and y."""
         return 2
 
     def values(self, places: Array) -> Array:
@@ -231,29 +202,16 @@ _UNSURE = 100.0  # times the square of a relative step: how unsure a value still
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Found:
-    """An eigenvalue with its function.
+    """An eigenvalue with its function."""
 
-    Parameters
-    ----------
-    value : float
-        1/m^2.
-    wavenumber : float
-        With which the function solves the Helmholtz equation: the root of the value, but for
-        rounding and the last, small step, 1/m.
-    coefficients : array (F,)
-        The function in the basis, with a mean square of 1.
-    error : float
-        The distance to a true eigenvalue is at most this share of it.
-    """
-
-    value: float
-    wavenumber: float
-    coefficients: Array
-    error: float
+    value: float  # 1/m^2
+    wavenumber: float  # of the function, 1/m: root of the value, but for rounding and the last step
+    coefficients: Array  # (F,), the function in the basis, with a mean square of 1
+    error: float  # bound of the distance to a true eigenvalue, relative
 
 
 class Trial:
-    """Particular solutions, looked at along the boundary and inside."""
+    """Trial functions of a basis along the boundary and inside."""
 
     def __init__(self, basis: Basis) -> None:
         self._basis = basis
@@ -264,7 +222,7 @@ class Trial:
 
     @property
     def _counts(self) -> Array:
-        """How many nodes edges need (n,): for steep functions, for waves and for near sources."""
+        """Numbers of nodes on the edges (n,): for steep functions, waves and near sources."""
         plan = self._basis.plan
         near = np.bincount(plan.nearest_edges(self._basis.sources), minlength=len(plan.corners))
         waves = self._basis.highest * plan.lengths
@@ -281,7 +239,7 @@ class Trial:
         return self._basis.sight(nodes.points, nodes.ears)
 
     def smallest(self, value: float, count: int) -> tuple[Array, Array]:
-        """Return the smallest tensions (count,) at a trial value, and the functions (F, count).
+        """Return the smallest tensions (count,) at a trial value, and their functions (F, count).
 
         A tension is the root of the mean square along the boundary, over that over boundary and
         inside together.
@@ -322,10 +280,10 @@ class Trial:
         return values.T @ (weights[:, None] * values)
 
     def error(self, value: float, functions: Array) -> Array:
-        """Return bounds of the relative distances to true eigenvalues (m,), for mean squares of 1.
+        """Return bounds of relative distances to true eigenvalues (m,), for mean squares of 1.
 
-        An eigenvalue lies within |u|max / rms(u) of a trial value, relative to itself, the
-        largest along the boundary (Moler & Payne 1968); here among about as many places again.
+        An eigenvalue lies within |u|max / rms(u) of a trial value, relative to itself, the largest
+        along the boundary (Moler & Payne 1968); here among about as many places again.
         """
         largest = np.abs(self._between.sums(np.sqrt(value), functions)).max(axis=0)
         return largest + np.finfo(np.float64).eps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.model.arrays import Array, Index
+from struck.shapes.skins import INSET
 from struck.solids.fem.factorisation import Factoriser
 from struck.solids.fem.lanczos import Mass, block_lanczos
 from struck.solids.polygon_mesh import (
@@ -36,15 +38,7 @@ _AT_ONCE = 120  # eigenvalues a slice
 
 
 class Triangulation:
-    """Triangles that fill a polygon.
-
-    Parameters
-    ----------
-    points : array (N, 2)
-        m.
-    triangles : array (T, 3)
-        Counter-clockwise.
-    """
+    """Triangles (T, 3), counter-clockwise, between points (N, 2), m, that fill a polygon."""
 
     def __init__(self, points: Array, triangles: Index) -> None:
         self.points = points
@@ -71,7 +65,7 @@ class Triangulation:
 
     @cached_property
     def _edges(self) -> tuple[Index, Index, NDArray[np.bool_]]:
-        """Edges (E, 2), the edges opposite the triangles' corners (T, 3), which are inner."""
+        """Edges (E, 2), those opposite the triangles' corners (T, 3), and which are inner (E,)."""
         every = np.sort(sides(self.triangles), axis=2)[:, [1, 2, 0]]
         edges, numbers, counts = np.unique(
             every.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
@@ -124,9 +118,9 @@ class Triangulation:
 
     @property
     def slack(self) -> float:
-        """How far a true eigenvalue lies at most below a Crouzeix-Raviart one.
+        """Bound of how far a true eigenvalue lies below a Crouzeix-Raviart one, m^2 (Liu 2015).
 
-        lambda >= raviart / (1 + slack * raviart), m^2 (Liu 2015).
+        lambda >= raviart / (1 + slack * raviart).
         """
         return (_INTERPOLATION * self.longest) ** 2
 
@@ -192,7 +186,7 @@ class Pencil:
         return np.concatenate(found)
 
     def _slice(self, low: float, high: float, under: int, up_to: int) -> Array:
-        """Return the eigenvalues between two values below which so many lie."""
+        """Return the eigenvalues between two values with known numbers of eigenvalues below."""
         middle = (low + high) / 2
         factor = self.factorise(self._shifted(middle))
         if up_to == under:
@@ -212,32 +206,42 @@ class Pencil:
 
 
 _SMALLEST_BEND = 1e-12  # rad
+_GRID = 61  # points a side of the search for the deepest place
 _WHOLE = 1e-9  # how near to a whole number pi / angle counts as one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Polygon:
-    """A simple polygon, cut into ears.
+    """Simple polygon, cut into ears."""
 
-    Parameters
-    ----------
-    corners : array (n, 2)
-        Counter-clockwise, none of them straight.
-    ears : array (n - 2, 3)
-        Triangles between corners, counter-clockwise, which fill the polygon.
-    bearings : array (n, n - 2)
-        Angles at which corners see the ears' centroids, from the edge that leaves the corner,
-        followed through the inside; those of a spiral exceed 2 pi.
-    """
-
-    corners: Array
-    ears: Index
+    corners: Array  # (n, 2), counter-clockwise, none of them straight, m
+    ears: Index  # (n - 2, 3), triangles between corners, counter-clockwise, which fill the polygon
+    # (n, n - 2), angles at which corners see the ears' centroids, from the edge that leaves the
+    # corner, followed through the inside; those of a spiral exceed 2 pi
     bearings: Array
 
     @property
     def area(self) -> float:
         """Area, m^2."""
         return signed_area(self.corners)
+
+    @property
+    def extent(self) -> float:
+        """Longer side of its box, m."""
+        return float(np.ptp(self.corners, axis=0).max())
+
+    def marks(self) -> Mapping[str, tuple[float, float]]:
+        """Return its places by name, m: deep inside, and 1 % of the extent off the boundary."""
+        top, edge = _deepest(self.corners), int(np.argmax(self.lengths))
+        middle = (self.corners[edge] + self.corners[(edge + 1) % len(self.corners)]) / 2
+        corner = self.corners[np.argmax(np.linalg.norm(self.corners - top, axis=1))]
+        near = {"edge": _inside(self, middle), "corner": _inside(self, corner)}
+        places = {"top": top, "middle": top, **near}
+        return {name: (float(x), float(y)) for name, (x, y) in places.items()}
+
+    def filled(self, spacing: float) -> tuple[Array, Index]:
+        """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
+        return triangulated((self.corners,), spacing)[:2]
 
     @property
     def lengths(self) -> Array:
@@ -251,7 +255,7 @@ class Polygon:
 
     @property
     def powers(self) -> Array:
-        """Pi / angle of each corner: along its edges, solutions rise with multiples of these."""
+        """Pi over each inner angle: along the edges, solutions rise with multiples of these."""
         return np.pi / self.angles
 
     @property
@@ -411,6 +415,30 @@ def _doors(ears: Index) -> list[list[tuple[int, list[int]]]]:
     return doors
 
 
+def _deepest(corners: Array) -> Array:
+    """Return the place farthest from the edges; of several, that nearest the box's middle."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    shares = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
+    points, edges = low + shares * (high - low), edges_of((corners,))
+    points = points[contains(edges, points)]
+    depths = distance_to_edges(edges, points)
+    deep = points[depths > 0.98 * depths.max()]
+    return deep[np.argmin(np.linalg.norm(deep - (low + high) / 2, axis=1))]
+
+
+def _inside(plan: Polygon, place: Array) -> Array:
+    """Return a place near one on the boundary: the deepest of those at a small distance."""
+    radius = INSET * plan.extent
+    turns = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    edges = edges_of((plan.corners,))
+    while True:
+        ring = place + radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        ring = ring[contains(edges, ring)]
+        if len(ring):
+            return ring[np.argmax(distance_to_edges(edges, ring))]
+        radius /= 2
+
+
 # Where functions over a plan are looked at: along its edges, inside, all over for integrals.
 
 # Nodes crowd towards corners, where solutions rise with a broken power of the distance.
@@ -422,24 +450,12 @@ _SPARE, _SPARE_AT_CORNERS = 7, 10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nodes:
-    """Places in a plan.
+    """Places in a plan with weights for integrals."""
 
-    Parameters
-    ----------
-    points : array (K, 2)
-        m.
-    ears : array (K,)
-        Ears of the plan that hold them.
-    weights : array (K,)
-        For integrals, m or m^2.
-    normals : array (K, 2)
-        Pointing out of the plan; zero inside.
-    """
-
-    points: Array
-    ears: Index
-    weights: Array
-    normals: Array
+    points: Array  # (K, 2), m
+    ears: Index  # (K,), ears of the plan that hold them
+    weights: Array  # (K,), m or m^2
+    normals: Array  # (K, 2), out of the plan; zero inside
 
     @classmethod
     def joined(cls, parts: list[Nodes]) -> Nodes:
@@ -453,7 +469,7 @@ class Nodes:
 
 
 def along_edges(plan: Polygon, counts: Array, crowded: float = _CROWDED_ON_EDGES) -> Nodes:
-    """Return nodes on all edges, so many on each (n,), for integrals along them.
+    """Return nodes on all edges, `counts` (n,) of them on each, for integrals along them.
 
     Gauss-Legendre points drawn towards the corners by Kress' substitution (Kress 1990).
     """
@@ -529,18 +545,7 @@ _RECEDING, _SOURCES_A_DISTANCE = 0.5, 4
 
 
 def around(plan: Polygon, farthest: float, share: float, widest: float) -> Array:
-    """Return points (C, 2) outside a plan, about as dense as they are far from its edges.
-
-    Parameters
-    ----------
-    plan : Plan
-    farthest : float
-        Distance from the edges far from all corners, m.
-    share : float
-        Distance near a corner, as a share of its clearance.
-    widest : float
-        Largest spacing, m.
-    """
+    """Return points (C, 2) outside a plan, about as dense as they are far from its edges."""
 
     def distances(points: Array) -> Array:
         ways = np.linalg.norm(points[:, None] - plan.corners, axis=2)

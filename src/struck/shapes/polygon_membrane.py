@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -12,19 +12,14 @@ import numpy as np
 from struck.errors import MeshError, OptionError, SolverError
 from struck.model.arrays import Array
 from struck.model.material import Material
-from struck.model.mesh import Mesh
 from struck.shapes.particular_solutions import Basis, Found, PolygonForms, Trial, refined
 from struck.shapes.polygon import Polygon, Triangulation, around, edge_for, plan_of
-from struck.shapes.shape import INSET, Shape, Vibration, places_on, require_tension
-from struck.shapes.skins import slab
+from struck.shapes.shape import Shape, Vibration, require_tension
+from struck.shapes.skins import Sheet
 from struck.solids.polygon_mesh import (
     Pairs,
     as_points,
     check_loops,
-    contains,
-    distance_to_edges,
-    edges_of,
-    triangulated,
 )
 from struck.solids.resolution import require_length
 
@@ -37,34 +32,16 @@ from struck.solids.resolution import require_length
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LaplacianSpectrum:
-    """Eigenvalues of the Laplacian in a polygon, held along its edges.
+    """Eigenvalues of the Laplacian in a polygon, held along its edges."""
 
-    Parameters
-    ----------
-    values : array (M,)
-        Ascending, 1/m^2.
-    errors : array (M,)
-        Each lies within this share of itself of a true eigenvalue.
-    forms : PolygonForms
-        The eigenfunctions, with mean squares of 1.
-    proved_to : float
-        Up to here it is proved that no eigenvalue is missing, 1/m^2; 0 where it is not.
-    """
-
-    values: Array
-    errors: Array
-    forms: PolygonForms
-    proved_to: float
+    values: Array  # (M,), ascending, 1/m^2
+    errors: Array  # (M,), relative distances to true eigenvalues at most
+    forms: PolygonForms  # with mean squares of 1
+    proved_to: float  # no eigenvalue is missing below, 1/m^2; 0 where that is not proved
 
 
 def spectrum(corners: Array, highest: float) -> LaplacianSpectrum:
-    """Return all eigenvalues up to `highest`, 1/m^2, of a polygon (n, 2), m.
-
-    Raises
-    ------
-    SolverError
-        When as many eigenvalues as there must be cannot be told apart, or counted.
-    """
+    """Return all eigenvalues up to `highest`, 1/m^2, of a polygon (n, 2), m."""
     plan = plan_of(corners)
     rough = _upper_bounds(plan, highest)
     rough = rough[: _cut(rough, highest) + 2]
@@ -219,7 +196,7 @@ _MOST_EDGES, _FINER = 1_000_000, 4  # unknowns of a count; how often it is tried
 
 
 def _proved(plan: Polygon, found: list[Found], highest: float, following: float) -> float:
-    """Return up to where no eigenvalue can be missing, 0 where the count is too large to take.
+    """Return the value up to which no eigenvalue is missing, 0 where the count is too large.
 
     With m Crouzeix-Raviart eigenvalues below s, the next true one exceeds s / (1 + slack s).
     """
@@ -262,7 +239,6 @@ def _packed(
 
 # A few minutes in simple polygons; each mode takes longer, the more there are.
 _MOST_MODES = 1000
-_GRID = 61  # points a side of the search for the deepest place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -301,6 +277,10 @@ class PolygonMembrane(Shape):
     the largest value on the boundary from samples; ``details`` of the vibration tell up to which
     frequency the proof reaches, 0 where it was too large to try.
 
+    Places: "top" (also "middle"): the place farthest from all edges, the one nearest the middle of
+    the box where several are; "edge" and "corner": 1 % of the extent off the middle of the longest
+    edge and off the corner farthest from "top".
+
     Examples
     --------
     >>> drum = PolygonMembrane.l_shape(side=0.2, thickness=0.00025, tension=3000.0)
@@ -313,7 +293,7 @@ class PolygonMembrane(Shape):
     thickness: float
     tension: float
 
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+    tensioned: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_length("thickness of the membrane", self.thickness)
@@ -347,42 +327,9 @@ class PolygonMembrane(Shape):
         return plan_of(self._loop)
 
     @property
-    def supported(self) -> bool:
-        """True: its edges are held."""
-        return True
-
-    @property
-    def tensioned(self) -> bool:
-        """True: tension drives it back."""
-        return True
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return self._plan.area * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Longer side of the polygon's box, m."""
-        return float(np.ptp(self._loop, axis=0).max())
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on its top.
-
-        "top" (also "middle"): the place farthest from all edges, the one nearest the middle of the
-        box where several are; "edge" and "corner": 1 % of the extent off the middle of the longest
-        edge and off the corner farthest from "top".
-        """
-        plan = self._plan
-        top = _deepest(plan.corners)
-        edge = int(np.argmax(plan.lengths))
-        middle = (plan.corners[edge] + plan.corners[(edge + 1) % len(plan.corners)]) / 2
-        corner = plan.corners[np.argmax(np.linalg.norm(plan.corners - top, axis=1))]
-        near = {name: _inside(plan, at) for name, at in (("edge", middle), ("corner", corner))}
-        plan_places = {"top": top, "middle": top, **near}
-        flat = {name: (float(x), float(y)) for name, (x, y) in plan_places.items()}
-        return places_on(flat, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(self._plan, self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz.
@@ -422,40 +369,11 @@ class PolygonMembrane(Shape):
             details=_details(found, speed),
         )
 
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        points, triangles, _ = triangulated((self._plan.corners,), spacing)
-        return slab(points, triangles, self.thickness)
-
 
 def _details(found: LaplacianSpectrum, speed: float) -> dict[str, object]:
-    """Return what a person would ask for."""
+    """Return figures for the reader."""
     return {
         "functions a mode": int(found.forms.coefficients.shape[1]),
         "fundamental solutions among them": len(found.forms.sources),
         "proved complete up to (Hz)": float(np.sqrt(found.proved_to) * speed / (2 * np.pi)),
     }
-
-
-def _deepest(corners: Array) -> Array:
-    """Return the place farthest from the edges; of several, that nearest the box's middle."""
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    shares = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
-    points, edges = low + shares * (high - low), edges_of((corners,))
-    points = points[contains(edges, points)]
-    depths = distance_to_edges(edges, points)
-    deep = points[depths > 0.98 * depths.max()]
-    return deep[np.argmin(np.linalg.norm(deep - (low + high) / 2, axis=1))]
-
-
-def _inside(plan: Polygon, place: Array) -> Array:
-    """Return a place near one on the boundary: the deepest of those at a small distance."""
-    radius = INSET * float(np.ptp(plan.corners, axis=0).max())
-    turns = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    edges = edges_of((plan.corners,))
-    while True:
-        ring = place + radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        ring = ring[contains(edges, ring)]
-        if len(ring):
-            return ring[np.argmax(distance_to_edges(edges, ring))]
-        radius /= 2

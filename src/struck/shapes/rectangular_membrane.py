@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -11,16 +10,8 @@ import numpy as np
 
 from struck.model.arrays import Array, Index
 from struck.model.material import Material
-from struck.model.mesh import Mesh
-from struck.shapes.shape import (
-    INSET,
-    Shape,
-    Vibration,
-    places_on,
-    require_countable,
-    require_tension,
-)
-from struck.shapes.skins import rectangle, slab
+from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
+from struck.shapes.skins import Rectangle, Sheet
 from struck.solids.resolution import require_length
 
 _ROUNDING = 1e-14
@@ -28,20 +19,12 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SineForms:
-    """Forms of a rectangle that is held all around: 2 sin(i pi x / length) sin(j pi y / width).
+    """Forms of a rectangle that is held all around: 2 sin(i pi x / length) sin(j pi y / width)."""
 
-    Parameters
-    ----------
-    length, width : float
-        m.
-    along, across : array (M,)
-        Half waves i and j.
-    """
-
-    length: float
-    width: float
-    along: Index
-    across: Index
+    length: float  # m
+    width: float  # m
+    along: Index  # (M,), half waves i
+    across: Index  # (M,), half waves j
 
     @property
     def dimensions(self) -> int:
@@ -86,6 +69,9 @@ class RectangularMembrane(Shape):
     f_ij = c / 2 [(i / length)^2 + (j / width)^2]^(1/2) with c^2 = tension / (density thickness)
     (1998, section 2; Morse 1948, section 18).
 
+    Places: "middle" (also "top"), "quarter" of both lengths, "edge" 1 % off x = length, "corner"
+    1 % off both far edges.
+
     Examples
     --------
     >>> drum = RectangularMembrane(length=0.3, width=0.3, thickness=0.0005, tension=2000.0)
@@ -99,7 +85,7 @@ class RectangularMembrane(Shape):
     thickness: float
     tension: float
 
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
+    tensioned: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "thickness"):
@@ -107,36 +93,9 @@ class RectangularMembrane(Shape):
         require_tension("membrane", self.tension)
 
     @property
-    def supported(self) -> bool:
-        """True: its edges are held."""
-        return True
-
-    @property
-    def tensioned(self) -> bool:
-        """True: tension drives it back."""
-        return True
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return self.length * self.width * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Longest edge, m."""
-        return max(self.length, self.width)
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top.
-
-        "middle" (also "top"), "quarter" of both lengths, "edge" 1 % off x = length, "corner" 1 %
-        off both far edges.
-        """
-        shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
-        shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
-        plan = {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
-        return places_on(plan, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz.
@@ -160,10 +119,6 @@ class RectangularMembrane(Shape):
             references=("morse1948",),
             details={"speed of waves": speed},
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*rectangle(self.length, self.width, spacing), self.thickness)
 
     def _grid(self, speed: float, highest: float) -> tuple[Index, Index, Array]:
         """Return half waves along and across and frequencies, ascending, up to `highest`."""

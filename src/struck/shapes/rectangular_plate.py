@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import scipy.linalg
@@ -17,16 +16,8 @@ from scipy.special import eval_jacobi
 from struck.errors import OptionError, SolverError
 from struck.model.arrays import Array, Index
 from struck.model.material import Material
-from struck.model.mesh import Mesh
-from struck.shapes.shape import (
-    INSET,
-    Counterpart,
-    Shape,
-    Vibration,
-    places_on,
-    require_clamped_or_free,
-)
-from struck.shapes.skins import rectangle, slab
+from struck.shapes.shape import Counterpart, Shape, Vibration, require_clamped_or_free
+from struck.shapes.skins import Rectangle, Sheet
 from struck.solids import Block
 from struck.solids.resolution import require_length
 
@@ -37,24 +28,10 @@ _AT_ONCE = 2**22
 
 
 def edge_polynomials(count: int, ends: tuple[int, int], u: Array, order: int = 0) -> Array:
-    """Return orthonormal polynomials on [-1, 1] that vanish at the ends, or derivatives of them.
+    """Return orthonormal polynomials (K, count) with zeros at -1 and 1, or their derivatives.
 
-    They are (1 + u)^a (1 - u)^b P_n^(2b, 2a)(u), with P_n the polynomials of Jacobi: of all
-    polynomials with zeros of orders a and b at the ends, these are orthonormal.
-
-    Parameters
-    ----------
-    count : int
-        How many, from n = 0.
-    ends : pair of int
-        Orders a and b of the zeros at u = -1 and u = 1.
-    u : array (K,)
-    order : int
-        Of the derivative: 0, 1 or 2.
-
-    Returns
-    -------
-    array (K, count)
+    They are (1 + u)^a (1 - u)^b P_n^(2b, 2a)(u), n from 0 on, with P_n Jacobi's polynomials and
+    `ends` the orders a and b of the zeros; `order` is that of the derivative.
     """
     a, b = ends
     factor = np.polynomial.Polynomial([1.0, 1.0]) ** a * np.polynomial.Polynomial([1.0, -1.0]) ** b
@@ -66,7 +43,7 @@ def edge_polynomials(count: int, ends: tuple[int, int], u: Array, order: int = 0
 
 
 def _jacobi(count: int, powers: tuple[int, int], u: Array, order: int) -> Array:
-    """Return derivatives of Jacobi's polynomials at u (K, count)."""
+    """Return derivatives of Jacobi's polynomials at u: (K, count)."""
     numbers, (alpha, beta) = np.arange(count), powers
     factors = np.ones(count)
     for taken in range(order):
@@ -86,27 +63,14 @@ def _norms(count: int, ends: tuple[int, int]) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RitzForms:
-    """Sums of products of `edge_polynomials` along x and y, with a mean square of 1.
+    """Sums of products of `edge_polynomials` along x and y, with a mean square of 1."""
 
-    Parameters
-    ----------
-    length, width : float
-        m.
-    ends : array (2, 2)
-        Orders of the zeros at both ends, along x and along y.
-    stride : array (2,)
-        2 where only even or only odd polynomials occur in a mode, 1 elsewhere; along x and y.
-    starts : array (M, 2)
-        Numbers of the first polynomials of each mode.
-    coefficients : array (M, I, J)
-    """
-
-    length: float
-    width: float
-    ends: Index
-    stride: Index
-    starts: Index
-    coefficients: Array
+    length: float  # m
+    width: float  # m
+    ends: Index  # (2, 2), orders of the zeros at both ends, along x and along y
+    stride: Index  # (2,), 2 where a mode has only even or only odd polynomials, else 1
+    starts: Index  # (M, 2), first polynomials of each mode
+    coefficients: Array  # (M, I, J)
 
     @property
     def dimensions(self) -> int:
@@ -164,21 +128,11 @@ _ZERO = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolynomialAxis:
-    """Integrals over one axis, [-1, 1], of products of its polynomials' derivatives.
+    """Integrals over one axis, [-1, 1], of products of its polynomials' derivatives."""
 
-    Parameters
-    ----------
-    ends : pair of int
-        Zeros of the polynomials there: 0 free, 1 supported, 2 clamped.
-    count : int
-        Polynomials.
-    scale : float
-        du / dx, 1/m.
-    """
-
-    ends: Ends
-    count: int
-    scale: float
+    ends: Ends  # zeros of the polynomials there: 0 free, 1 supported, 2 clamped
+    count: int  # number of polynomials
+    scale: float  # du / dx, 1/m
 
     @cached_property
     def _derivatives(self) -> tuple[Array, Array, Array, Array]:
@@ -192,25 +146,25 @@ class PolynomialAxis:
 
     @cached_property
     def slopes(self) -> Array:
-        """Of first derivatives with first derivatives, 1/m^2."""
+        """Products of first derivatives, 1/m^2."""
         _, first, _, _ = self._derivatives
         return first.T @ first
 
     @cached_property
     def curvatures(self) -> Array:
-        """Of second derivatives with second derivatives, 1/m^4."""
+        """Products of second derivatives, 1/m^4."""
         _, _, second, _ = self._derivatives
         return second.T @ second
 
     @cached_property
     def mixed(self) -> Array:
-        """Of functions with second derivatives, 1/m^2."""
+        """Products of functions with second derivatives, 1/m^2."""
         values, _, second, _ = self._derivatives
         return values.T @ second
 
     @property
     def stride(self) -> int:
-        """2 where equal ends make even and odd functions strangers, else 1."""
+        """Number 2 where equal ends make even and odd functions orthogonal, else 1."""
         return 2 if self.ends[0] == self.ends[1] else 1
 
     def rigid(self) -> int:
@@ -220,35 +174,17 @@ class PolynomialAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plate:
-    """Modes of a plate whose bending stiffness equals its mass per area.
+    """Modes of a plate whose bending stiffness equals its mass per area."""
 
-    Parameters
-    ----------
-    squared : array (M,)
-        Squares of the angular frequencies, 1/m^4, ascending, without rigid motions.
-    slopes : array (M,)
-        Their derivatives by Poisson's ratio.
-    starts : array (M, 2)
-    stride : array (2,)
-    coefficients : array (M, I, J)
-        As of `RitzForms`, the sum of their squares 1.
-    """
-
-    squared: Array
-    slopes: Array
+    squared: Array  # (M,), squared angular frequencies, 1/m^4, ascending, without rigid motions
+    slopes: Array  # (M,), their derivatives by Poisson's ratio
     starts: Index
     stride: Index
-    coefficients: Array
+    coefficients: Array  # starts, stride and coefficients as of RitzForms, the sum of squares 1
 
 
 def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) -> Plate:
-    """Return all modes that the polynomials can form.
-
-    Raises
-    ------
-    SolverError
-        When rigid motions do not stand apart.
-    """
+    """Return all modes of the polynomials; SolverError where rigid motions do not stand apart."""
     stride = np.array([along.stride, across.stride])
     blocks = [
         _Block.of(along, across, poisson_ratio, start)
@@ -316,11 +252,7 @@ class _Block:
 
 
 def _solved(stiffness: Array, scale: float) -> tuple[Array, Array]:
-    """Return eigenvalues, ascending, and vectors of length one.
-
-    Solved for their inverses, with all functions equally stiff: then the lowest do not drown in
-    the rounding of the highest, which are larger by the eighth power of the degree.
-    """
+    """Return eigenvalues, ascending, and vectors of length one."""
     shift = scale**4
     shifted = stiffness + shift * np.eye(len(stiffness))
     weights = 1 / np.sqrt(np.diag(shifted))
@@ -388,6 +320,9 @@ class RectangularPlate(Shape):
     down to the true ones faster than any power of their number. `errors` is what they still moved
     from one number to a higher one.
 
+    Places: "middle" (also "top"), "quarter" of both lengths, "edge" 1 % off x = length, "corner"
+    1 % off both far edges.
+
     Examples
     --------
     >>> plate = RectangularPlate(length=0.3, width=0.3, thickness=0.003, edges="clamped")
@@ -400,8 +335,6 @@ class RectangularPlate(Shape):
     width: float
     thickness: float
     edges: str | tuple[str, str, str, str] = "free"
-
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)", "y (m)")
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "thickness"):
@@ -420,31 +353,9 @@ class RectangularPlate(Shape):
         return set(self.around) != {"free"}
 
     @property
-    def tensioned(self) -> bool:
-        """False: its stiffness drives it back."""
-        return False
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return self.length * self.width * self.thickness
-
-    @property
-    def extent(self) -> float:
-        """Longest edge, m."""
-        return max(self.length, self.width)
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top.
-
-        "middle" (also "top"), "quarter" of both lengths, "edge" 1 % off x = length, "corner" 1 %
-        off both far edges.
-        """
-        shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
-        shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
-        plan = {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
-        return places_on(plan, self.thickness)
+    def geometry(self) -> Sheet:
+        """Its surface, and places on it by name."""
+        return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz, but for the motions of the plate as a rigid one.
@@ -469,10 +380,6 @@ class RectangularPlate(Shape):
             references=("leissa1969",),
             details={"polynomials": degrees},
         )
-
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*rectangle(self.length, self.width, spacing), self.thickness)
 
     def solid(self) -> Counterpart:
         """Return the block it stands for.

@@ -1,4 +1,4 @@
-"""What every closed-form body tells: how its plan vibrates, and what it looks like."""
+"""Bodies in closed form: how they vibrate, what they look like, and the solids they idealise."""
 
 from __future__ import annotations
 
@@ -19,178 +19,32 @@ from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.modes import Modes
 from struck.model.provenance import Provenance
+from struck.shapes.skins import Rod, Sheet
 from struck.solids import Block, Tube
 from struck.solids.volume_mesh import VolumeMesh
 
-# The solid that a closed-form body stands for, to compute it by finite elements instead.
-
-Turn = tuple[tuple[float, ...], ...]
-Held = Callable[[Array], NDArray[np.bool_]]
-
-# Turns the axis of a tube, z, towards x.
-ALONG_X: Turn = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-UPRIGHT: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# Share of the body's extent within which a node counts as on its end.
-_NEAR = 1e-9
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Counterpart:
-    """A solid in the frame of a closed-form body: turned, then moved by `offset`.
-
-    Parameters
-    ----------
-    solid : Block or Tube
-    turn : matrix (3, 3)
-        Of a rotation.
-    offset : vector (3,)
-        m.
-    ends : tuple of (axis, m)
-        Where the solid is held: at the planes across the axis (0 or 1) at these places.
-    rim : float or None
-        Where it is held, too: at this distance from the axis z, m.
-    """
-
-    solid: Block | Tube
-    turn: Turn = UPRIGHT
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ends: tuple[tuple[int, float], ...] = ()
-    rim: float | None = None
-    places: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
-        """Return the solid's elements in this frame."""
-        mesh = self.solid.volume_mesh(accuracy)
-        return replace(mesh, nodes=mesh.nodes @ np.array(self.turn).T + np.array(self.offset))
-
-    @property
-    def fixed(self) -> Held | None:
-        """Where it is held, as `struck.analyze` asks for it."""
-        return self._held if self.ends or self.rim else None
-
-    def _held(self, points: Array) -> NDArray[np.bool_]:
-        near = _NEAR * float(np.ptp(points, axis=0).max())
-        held = np.zeros(len(points), bool)
-        for axis, place in self.ends:
-            held |= np.abs(points[:, axis] - place) <= near
-        if self.rim is not None:
-            held |= np.hypot(points[:, 0], points[:, 1]) >= self.rim - near
-        return held
-
-
-def require_clamped_or_free(kind: str, ends: tuple[str, ...]) -> None:
-    """Refuse supports that no surface of a solid can have.
-
-    Raises
-    ------
-    OptionError
-        Where an end is neither clamped nor free.
-    """
-    for end in ends:
-        if end not in {"clamped", "free"}:
-            raise OptionError(
-                f"an end of the {kind} is {end!r}: elements can only be held ('clamped') or let "
-                "go ('free'); take method='formula'"
-            )
-
-
-# Places along slender bodies.
-
-# Places near an end stand off it by this share.
-_INSET = 0.01
-
-
-def places_along(length: float, height: float) -> Mapping[str, Array]:
-    """Return contacts on the top of a body along x from 0 to `length`, its middle line at z = 0.
-
-    "middle" (also "top"), "quarter" of the length, and "end" 1 % off the end at x = length.
-    """
-    shares = {"top": 0.5, "middle": 0.5, "quarter": 0.25, "end": 1 - _INSET}
-    places = {name: np.array([share * length, 0.0, height / 2]) for name, share in shares.items()}
-    for place in places.values():
-        place.setflags(write=False)
-    return MappingProxyType(places)
-
-
-# What bodies with a plan in x and y share: places by name, and how many modes are too many.
-
-# Places near an edge stand off it by this share.
-INSET = 0.01
-_MOST_PLAN_MODES = 100_000
-
-
-def places_on(plan: Mapping[str, tuple[float, float]], thickness: float) -> Mapping[str, Array]:
-    """Return contacts on the top face of a body whose middle plane is z = 0, by name, m (3,)."""
-    places = {name: np.array([x, y, thickness / 2]) for name, (x, y) in plan.items()}
-    for place in places.values():
-        place.setflags(write=False)
-    return MappingProxyType(places)
-
-
-def require_tension(body: str, tension: float) -> None:
-    """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
-    if not (math.isfinite(tension) and tension > 0):
-        raise OptionError(f"tension of the {body} is {tension} N/m: it must exceed 0")
-
-
-def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
-    """Refuse bands with more modes than a file can hold, by Weyl's law.
-
-    Raises
-    ------
-    OptionError
-        When about area wavenumber^2 / (4 pi) exceeds 100,000.
-    """
-    count = area * wavenumber**2 / (4 * math.pi)
-    if not count <= _MOST_PLAN_MODES:
-        raise OptionError(
-            f"the {body} has about {count:.2g} modes up to {highest:g} Hz: "
-            f"at most {_MOST_PLAN_MODES} "
-            "are computed; end the band lower, or check the lengths (m)"
-        )
-
-
-BAND = (20.0, 20_000.0)
+BAND = (20.0, 20_000.0)  # Hz
 # Vertices across the shortest half wave: what a picture and the estimate of radiation need.
 _ACROSS_A_HALF_WAVE = 4
 # Vertices along one side of a plan at most and at least: beyond, files grow to hundreds of MB.
 _MOST, _LEAST = 56, 12
 # Modes of a model at most: their shapes at the vertices take gigabytes.
 _MOST_MODES = 3000
+_MOST_PLAN_MODES = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Vibration:
-    """How the plan of a body vibrates across itself, along z.
+    """Natural modes of a body that moves along z, over its plan."""
 
-    Parameters
-    ----------
-    frequencies : array (M,)
-        Natural, ascending, Hz: all up to the asked-for highest.
-    forms : Forms
-        Psi_n of 1998, eq. 3, each with a mean square of 1 over the mass.
-    poisson_slopes : array (M,)
-        d ln f / d(Poisson's ratio) at constant Young's modulus.
-    errors : array (M,)
-        Bounds or estimates of the relative error of each frequency.
-    half_wave : float
-        About the shortest distance between nodal lines, m.
-    method : str
-        What computed them, in a line.
-    references : tuple of str
-        Keys in ``references.toml``.
-    details : mapping
-        Figures that a person would ask for.
-    """
-
-    frequencies: Array
-    forms: Forms
-    poisson_slopes: Array
-    errors: Array
-    half_wave: float
-    method: str
-    references: tuple[str, ...] = ()
-    details: Mapping[str, object] = field(default_factory=dict)
+    frequencies: Array  # (M,), Hz, ascending: all up to the asked-for highest
+    forms: Forms  # Psi_n of 1998, eq. 3, each with a mean square of 1 over the mass
+    poisson_slopes: Array  # (M,), d ln f / d(Poisson's ratio) at constant Young's modulus
+    errors: Array  # (M,), bounds or estimates of the relative errors of the frequencies
+    half_wave: float  # about the shortest distance between nodal lines, m
+    method: str  # in a line
+    references: tuple[str, ...] = ()  # keys in references.toml
+    details: Mapping[str, object] = field(default_factory=dict)  # figures for the reader
 
 
 class Shape(ABC):
@@ -200,50 +54,44 @@ class Shape(ABC):
     """
 
     __slots__ = ()
-    coordinates: ClassVar[tuple[str, ...]]
+    # Whether tension, not the material's stiffness, drives it back.
+    tensioned: ClassVar[bool] = False
 
     @property
-    @abstractmethod
     def supported(self) -> bool:
-        """Whether it is held somewhere, so that it cannot move as a rigid one."""
-        ...
+        """Whether it is held somewhere, so that it cannot move as a rigid body."""
+        return True
 
     @property
     @abstractmethod
-    def tensioned(self) -> bool:
-        """Whether tension, not the material's stiffness, drives it back."""
-        ...
+    def geometry(self) -> Rod | Sheet:
+        """Its surface, and places on it by name."""
 
     @property
-    @abstractmethod
     def volume(self) -> float:
         """m^3."""
-        ...
+        return self.geometry.volume
 
     @property
-    @abstractmethod
     def extent(self) -> float:
         """Longest edge of its plan, m."""
-        ...
+        return self.geometry.extent
 
     @property
-    @abstractmethod
     def places(self) -> Mapping[str, Array]:
         """Contacts by name on its top, m (3,)."""
-        ...
+        return self.geometry.places
 
     @abstractmethod
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz."""
-        ...
 
-    @abstractmethod
     def skin(self, spacing: float) -> Mesh:
         """Return its closed surface with vertices about `spacing` m apart over the plan."""
-        ...
+        return self.geometry.skin(spacing)
 
     def solid(self) -> Counterpart:
-        """Return the solid it stands for.
+        """Return the solid that it idealises, for finite elements.
 
         Raises
         ------
@@ -263,38 +111,35 @@ class Shape(ABC):
         OptionError
             When no mode lies within the band.
         """
-        return modes_of(self, material, band)
-
-
-def modes_of(shape: Shape, material: Material, band: tuple[float, float]) -> Modes:
-    """Return the modes of a shape; see `Shape.modes`."""
-    vibration = shape.vibration(material, band[1])
-    if not np.any(vibration.frequencies >= band[0]):
-        raise OptionError(_silent(shape, material, vibration, band))
-    _require_few(vibration.frequencies, band[1])
-    surface = shape.skin(_spacing(shape, vibration.half_wave))
-    mass = shape.volume * material.density
-    centre, gyration = _spread(surface)
-    formula = TransverseShapes.of(vibration.forms, len(vibration.frequencies), mass)
-    return Modes(
-        frequencies=vibration.frequencies,
-        surface=surface,
-        shapes=formula.displacements(surface.points),
-        formula=formula,
-        mass=mass,
-        centre=centre,
-        inertia=mass * gyration,
-        complete_to=band[1],
-        poisson_slopes=vibration.poisson_slopes,
-        errors=vibration.errors,
-        supported=shape.supported,
-        tensioned=shape.tensioned,
-        provenance=Provenance(
-            method=vibration.method,
-            references=("doel1998", *vibration.references),
-            details=vibration.details,
-        ),
-    )
+        vibration = self.vibration(material, band[1])
+        if not np.any(vibration.frequencies >= band[0]):
+            raise OptionError(_silent(self, material, vibration, band))
+        _require_few(vibration.frequencies, band[1])
+        # As far apart as the mode shapes need, within what a file should hold.
+        wanted = vibration.half_wave / _ACROSS_A_HALF_WAVE
+        surface = self.skin(float(np.clip(wanted, self.extent / _MOST, self.extent / _LEAST)))
+        mass = self.volume * material.density
+        centre, gyration = _spread(surface)
+        formula = TransverseShapes.of(vibration.forms, len(vibration.frequencies), mass)
+        return Modes(
+            frequencies=vibration.frequencies,
+            surface=surface,
+            shapes=formula.displacements(surface.points),
+            formula=formula,
+            mass=mass,
+            centre=centre,
+            inertia=mass * gyration,
+            complete_to=band[1],
+            poisson_slopes=vibration.poisson_slopes,
+            errors=vibration.errors,
+            supported=self.supported,
+            tensioned=self.tensioned,
+            provenance=Provenance(
+                method=vibration.method,
+                references=("doel1998", *vibration.references),
+                details=vibration.details,
+            ),
+        )
 
 
 def _require_few(frequencies: Array, highest: float) -> None:
@@ -305,15 +150,10 @@ def _require_few(frequencies: Array, highest: float) -> None:
         )
 
 
-def _spacing(shape: Shape, half_wave: float) -> float:
-    """Return how far apart vertices lie: as the shapes need, within what a file should hold."""
-    wanted = half_wave / _ACROSS_A_HALF_WAVE
-    return float(np.clip(wanted, shape.extent / _MOST, shape.extent / _LEAST))
-
-
 def _silent(
     shape: Shape, material: Material, vibration: Vibration, band: tuple[float, float]
 ) -> str:
+    """Return the message for a band without modes: where the nearest mode lies."""
     low, high = band
     if len(vibration.frequencies):
         return (
@@ -328,7 +168,7 @@ def _silent(
 
 
 def _spread(surface: Mesh) -> tuple[Array, Array]:
-    """Return the centre (3,) and the inertia about it for unit mass (3, 3) of what it encloses."""
+    """Return centre (3,) and inertia about it (3, 3) of the enclosed volume with unit mass."""
     corners = surface.points[surface.faces]  # with the origin, each face spans a tetrahedron
     volumes = np.einsum("fd,fd->f", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
     shares, sums = volumes / volumes.sum(), corners.sum(axis=1)
@@ -337,3 +177,72 @@ def _spread(surface: Mesh) -> tuple[Array, Array]:
     moments = (squares + np.einsum("f,fd,fe->de", shares, sums, sums)) / 20
     moments -= np.outer(centre, centre)
     return centre, np.trace(moments) * np.eye(3) - moments
+
+
+def require_tension(body: str, tension: float) -> None:
+    """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
+    if not (math.isfinite(tension) and tension > 0):
+        raise OptionError(f"tension of the {body} is {tension} N/m: it must exceed 0")
+
+
+def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
+    """Refuse bands with over 100,000 modes by Weyl's law: about area wavenumber^2 / (4 pi)."""
+    count = area * wavenumber**2 / (4 * math.pi)
+    if not count <= _MOST_PLAN_MODES:
+        raise OptionError(
+            f"the {body} has about {count:.2g} modes up to {highest:g} Hz: "
+            f"at most {_MOST_PLAN_MODES} "
+            "are computed; end the band lower, or check the lengths (m)"
+        )
+
+
+Turn = tuple[tuple[float, ...], ...]
+Held = Callable[[Array], NDArray[np.bool_]]
+
+# Turns the axis of a tube, z, towards x.
+ALONG_X: Turn = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+UPRIGHT: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+# Share of the body's extent within which a node counts as on its end.
+_NEAR = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counterpart:
+    """A solid in the frame of a closed-form body: turned, then moved by `offset`."""
+
+    solid: Block | Tube
+    turn: Turn = UPRIGHT  # matrix (3, 3) of a rotation
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+    # Held at the planes across an axis (0 or 1) at these places, m.
+    ends: tuple[tuple[int, float], ...] = ()
+    rim: float | None = None  # held from this distance from the axis z on, m
+    places: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+
+    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+        """Return the solid's elements in this frame."""
+        mesh = self.solid.volume_mesh(accuracy)
+        return replace(mesh, nodes=mesh.nodes @ np.array(self.turn).T + np.array(self.offset))
+
+    @property
+    def fixed(self) -> Held | None:
+        """Which points are held, as `struck.analyze` asks for it."""
+        return self._held if self.ends or self.rim else None
+
+    def _held(self, points: Array) -> NDArray[np.bool_]:
+        near = _NEAR * float(np.ptp(points, axis=0).max())
+        held = np.zeros(len(points), bool)
+        for axis, place in self.ends:
+            held |= np.abs(points[:, axis] - place) <= near
+        if self.rim is not None:
+            held |= np.hypot(points[:, 0], points[:, 1]) >= self.rim - near
+        return held
+
+
+def require_clamped_or_free(kind: str, ends: tuple[str, ...]) -> None:
+    """Refuse supports that no surface of a solid can have."""
+    for end in ends:
+        if end not in {"clamped", "free"}:
+            raise OptionError(
+                f"an end of the {kind} is {end!r}: elements can only be held ('clamped') or let "
+                "go ('free'); take method='formula'"
+            )

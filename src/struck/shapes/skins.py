@@ -1,66 +1,190 @@
-"""Closed surfaces of flat bodies: a plan, its twin below, and the rims between."""
+"""Geometry of slender and of flat bodies: their closed surfaces, and places on them by name."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
 from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
-from struck.shapes.shape import INSET, places_on
 
-# Plans of disks and rings: triangles between circles, and places by name.
-
-_FEWEST_AROUND = 12
-
-
-def disk(radius: float, spacing: float) -> tuple[Array, Index]:
-    """Return points (N, 2) and counter-clockwise triangles (T, 3) of a disk around the origin.
-
-    Vertices lie about `spacing` m apart, the outer ones on the circle.
-    """
-    steps = max(2, math.ceil(radius / spacing))
-    radii = radius * np.arange(1, steps + 1) / steps
-    points, triangles = _between(radii, _around(radii, spacing))
-    first = np.arange(_around(radii[:1], spacing)[0])
-    fan = np.column_stack([np.zeros_like(first), first + 1, np.roll(first, -1) + 1])
-    return np.vstack([np.zeros((1, 2)), points]), np.vstack([fan, triangles + 1])
+# Places near an edge stand off it by this share.
+INSET = 0.01
+_FEWEST_AROUND = 12  # vertices of the circles of a disk
+_AROUND = 24  # of those of a rod
 
 
-def annulus(radius: float, hole: float, spacing: float) -> tuple[Array, Index]:
-    """Return points (N, 2) and counter-clockwise triangles (T, 3) of a ring around the origin."""
-    steps = math.ceil((radius - hole) / spacing)
-    radii = np.linspace(hole, radius, max(2, steps) + 1)
-    counts = _around(radii, spacing)
-    if steps < 2:  # chords of unequal polygons might cross
-        counts[:] = counts.max()
-    return _between(radii, counts)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rod:
+    """A body along x from 0 to its length, its middle line at z = 0."""
+
+    length: float  # m
+    area: float  # of its section, m^2
+    height: float  # from bottom to top, m
+    mantle: Callable[[float, float], Mesh]  # closed surface by length and spacing, m
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return self.area * self.length
+
+    @property
+    def extent(self) -> float:
+        """Length, m."""
+        return self.length
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the top: "middle" (also "top"), "quarter" of the length, and "end"."""
+        shares = {"top": 0.5, "middle": 0.5, "quarter": 0.25, "end": 1 - INSET}
+        return _on_top({name: (u * self.length, 0.0) for name, u in shares.items()}, self.height)
+
+    def skin(self, spacing: float) -> Mesh:
+        """Return its closed surface with vertices about `spacing` m apart along x."""
+        return self.mantle(self.length, spacing)
 
 
-def places_on_disk(radius: float, hole: float, thickness: float) -> Mapping[str, Array]:
-    """Return contacts on a disk or ring by name, at y = 0.
+class Plan(Protocol):
+    """A region in the plane of x and y."""
 
-    "middle" (also "top") of the disk, or between the edges of the ring; "quarter" of its breadth
-    from the edge; "edge" (also "rim") 1 % off it.
-    """
-    if hole == 0:
-        distances = {"middle": 0.0, "quarter": radius / 2, "edge": radius * (1 - INSET)}
-    else:
-        breadth = radius - hole
-        inward = {"middle": 0.5, "quarter": 0.25, "edge": INSET}
-        distances = {name: radius - share * breadth for name, share in inward.items()}
-    distances |= {"top": distances["middle"], "rim": distances["edge"]}
-    return places_on({name: (x, 0.0) for name, x in distances.items()}, thickness)
+    @property
+    def area(self) -> float:
+        """m^2."""
+        ...
+
+    @property
+    def extent(self) -> float:
+        """Longest edge or diameter, m."""
+        ...
+
+    def marks(self) -> Mapping[str, tuple[float, float]]:
+        """Return its places by name, m."""
+        ...
+
+    def filled(self, spacing: float) -> tuple[Array, Index]:
+        """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
+        ...
 
 
-def _around(radii: Array, spacing: float) -> Index:
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """A flat body: a plan of constant thickness, m, whose middle plane is z = 0."""
+
+    plan: Plan
+    thickness: float
+
+    @property
+    def volume(self) -> float:
+        """m^3."""
+        return self.plan.area * self.thickness
+
+    @property
+    def extent(self) -> float:
+        """Longest edge or diameter of the plan, m."""
+        return self.plan.extent
+
+    @property
+    def places(self) -> Mapping[str, Array]:
+        """Contacts on the top by name, m (3,)."""
+        return _on_top(self.plan.marks(), self.thickness)
+
+    def skin(self, spacing: float) -> Mesh:
+        """Return its closed surface with vertices about `spacing` m apart over the plan."""
+        return slab(*self.plan.filled(spacing), self.thickness)
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """A rectangle from the origin to (length, width), m."""
+
+    length: float
+    width: float
+
+    @property
+    def area(self) -> float:
+        """m^2."""
+        return self.length * self.width
+
+    @property
+    def extent(self) -> float:
+        """Longest edge, m."""
+        return max(self.length, self.width)
+
+    def marks(self) -> Mapping[str, tuple[float, float]]:
+        """Return its places by name, m."""
+        shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
+        shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
+        return {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
+
+    def filled(self, spacing: float) -> tuple[Array, Index]:
+        """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
+        return rectangle(self.length, self.width, spacing)
+
+
+@dataclass(frozen=True, slots=True)
+class Disk:
+    """A disk around the origin, or a ring where it has a round hole; radii in m."""
+
+    radius: float
+    hole: float = 0.0
+
+    @property
+    def area(self) -> float:
+        """m^2."""
+        return math.pi * (self.radius**2 - self.hole**2)
+
+    @property
+    def extent(self) -> float:
+        """Outer diameter, m."""
+        return 2 * self.radius
+
+    def marks(self) -> Mapping[str, tuple[float, float]]:
+        """Return its places by name, m, at y = 0."""
+        inward = {"middle": 0.5, "quarter": 0.25} if self.hole else {"middle": 1.0, "quarter": 0.5}
+        inward |= {"edge": INSET, "top": inward["middle"], "rim": INSET}
+        breadth = self.radius - self.hole
+        return {name: (self.radius - share * breadth, 0.0) for name, share in inward.items()}
+
+    def filled(self, spacing: float) -> tuple[Array, Index]:
+        """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
+        return self._ring(spacing) if self.hole else self._full(spacing)
+
+    def _full(self, spacing: float) -> tuple[Array, Index]:
+        steps = max(2, math.ceil(self.radius / spacing))
+        radii = self.radius * np.arange(1, steps + 1) / steps
+        points, triangles = _between_circles(radii, _counts_around(radii, spacing))
+        first = np.arange(_counts_around(radii[:1], spacing)[0])
+        fan = np.column_stack([np.zeros_like(first), first + 1, np.roll(first, -1) + 1])
+        return np.vstack([np.zeros((1, 2)), points]), np.vstack([fan, triangles + 1])
+
+    def _ring(self, spacing: float) -> tuple[Array, Index]:
+        steps = math.ceil((self.radius - self.hole) / spacing)
+        radii = np.linspace(self.hole, self.radius, max(2, steps) + 1)
+        counts = _counts_around(radii, spacing)
+        if steps < 2:  # chords of unequal polygons might cross
+            counts[:] = counts.max()
+        return _between_circles(radii, counts)
+
+
+def _on_top(plan: Mapping[str, tuple[float, float]], height: float) -> Mapping[str, Array]:
+    """Return contacts (3,), m, half the height above places in the plan."""
+    places = {name: np.array([x, y, height / 2]) for name, (x, y) in plan.items()}
+    for place in places.values():
+        place.setflags(write=False)
+    return MappingProxyType(places)
+
+
+def _counts_around(radii: Array, spacing: float) -> Index:
     return np.maximum(_FEWEST_AROUND, np.ceil(2 * np.pi * radii / spacing)).astype(np.int64)
 
 
-def _between(radii: Array, counts: Index) -> tuple[Array, Index]:
+def _between_circles(radii: Array, counts: Index) -> tuple[Array, Index]:
     """Return points on circles and the triangles between each and the next."""
     starts = np.append(0, np.cumsum(counts))
     points = np.vstack([_circle(r, n) for r, n in zip(radii, counts, strict=True)])
@@ -74,11 +198,9 @@ def _circle(radius: float, count: int) -> Array:
 
 
 def _belt(inner: int, outer: int, inner_start: int, outer_start: int) -> Index:
-    """Return the triangles between two circles whose points start at the same angle.
-
-    Each edge of one circle meets that point of the other which is reached at its middle when one
-    walks around both: fractions of a turn are compared as whole numbers.
-    """
+    """Return the triangles between two circles whose points start at the same angle."""
+    # Each edge of one circle meets that point of the other which is reached at its middle when
+    # one walks around both: fractions of a turn are compared as whole numbers.
     i, j = np.arange(inner), np.arange(outer)
     # How many middles of outer edges come before that of each inner edge, and the reverse.
     apex_outside = -((outer * (2 * i + 1) - inner) // (-2 * inner)) % outer
@@ -86,103 +208,6 @@ def _belt(inner: int, outer: int, inner_start: int, outer_start: int) -> Index:
     inward = [i + inner_start, apex_outside + outer_start, (i + 1) % inner + inner_start]
     outward = [j + outer_start, (j + 1) % outer + outer_start, apex_inside + inner_start]
     return np.vstack([np.column_stack(inward), np.column_stack(outward)])
-
-
-# Closed surfaces of round bars: rods and tubes along x.
-
-_AROUND = 24
-
-
-def sleeve(
-    length: float, radius: float, bore: float, spacing: float, *, around: int = _AROUND
-) -> Mesh:
-    """Return the surface of a rod or tube along x from 0 to `length` m.
-
-    Parameters
-    ----------
-    length, radius : float
-        m.
-    bore : float
-        Inner radius of a tube, m; 0 makes a rod with flat ends.
-    spacing : float
-        About how far apart vertices lie along x, m.
-    around : int
-        Sides of the polygon, one vertex of which points up; it has the area of the circle, so
-        that the body keeps its volume.
-    """
-    x = np.linspace(0, length, max(2, int(np.ceil(length / spacing))) + 1)
-    sides = np.arange(len(x) * around).reshape(len(x), around)
-    outer, outside = _tube(x, radius, sides)
-    if bore:
-        inner, inside = _tube(x, bore, sides + sides.size)
-        first, last = (_sleeves_between(sides[k], sides[k] + sides.size) for k in (0, -1))
-        ends = [first, last[:, ::-1]]
-        return _joined([outer, inner], [outside, inside[:, ::-1], *ends])
-    middles = np.array([[0, 0, 0], [length, 0, 0]], dtype=float)
-    first, last = (_fan(sides[k], sides.size + number) for number, k in enumerate((0, -1)))
-    return _joined([outer, middles], [outside, first, last[:, ::-1]])
-
-
-def _joined(points: list[Array], faces: list[Index]) -> Mesh:
-    return Mesh(points=np.vstack(points), faces=np.vstack(faces))
-
-
-def _tube(x: Array, radius: float, numbers: Index) -> tuple[Array, Index]:
-    """Return points and outward triangles of a cylinder's mantle."""
-    around = numbers.shape[1]
-    angles = 2 * np.pi * np.arange(around) / around
-    reach = radius * np.sqrt(angles[1] / np.sin(angles[1]))
-    points = np.empty((len(x), around, 3))
-    points[..., 0] = x[:, None]
-    points[..., 1] = reach * np.sin(angles)
-    points[..., 2] = reach * np.cos(angles)
-    rings = [_sleeves_between(second, first) for first, second in itertools.pairwise(numbers)]
-    return points.reshape(-1, 3), np.vstack(rings)
-
-
-def _sleeves_between(first: Index, second: Index) -> Index:
-    """Return the triangles between two rings of as many vertices."""
-    following, across = np.roll(first, -1), np.roll(second, -1)
-    halves = [np.column_stack([first, following, across]), np.column_stack([first, across, second])]
-    return np.vstack(halves)
-
-
-def _fan(ring: Index, middle: int) -> Index:
-    return np.column_stack([ring, np.roll(ring, -1), np.full(len(ring), middle)])
-
-
-def slab(points: Array, triangles: Index, thickness: float) -> Mesh:
-    """Return the surface of a plate.
-
-    Parameters
-    ----------
-    points : array (N, 2)
-        Of its plan, m.
-    triangles : array (T, 3)
-        Of the plan, counter-clockwise; open edges become rims.
-    thickness : float
-        m, half of it above the plan.
-    """
-    count = len(points)
-    heights = np.repeat([thickness / 2, -thickness / 2], count)
-    both = np.column_stack([np.vstack([points, points]), heights])
-    start, end = rim(triangles).T
-    walls = np.vstack(
-        [
-            np.column_stack([start, start + count, end + count]),
-            np.column_stack([start, end + count, end]),
-        ]
-    )
-    return Mesh(points=both, faces=np.vstack([triangles, triangles[:, ::-1] + count, walls]))
-
-
-def rim(triangles: Index) -> Index:
-    """Return the edges (E, 2) that one triangle alone has, in its sense of rotation."""
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    _, kinds, counts = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    return edges[counts[kinds.ravel()] == 1]
 
 
 def rectangle(
@@ -201,3 +226,76 @@ def rectangle(
 
 def _steps(length: float, spacing: float) -> int:
     return max(2, int(np.ceil(length / spacing)))
+
+
+def slab(points: Array, triangles: Index, thickness: float) -> Mesh:
+    """Return the surface of a plate with its middle plane at z = 0: two faces, and their rims.
+
+    The plan has points (N, 2), m, and counter-clockwise triangles (T, 3).
+    """
+    count = len(points)
+    heights = np.repeat([thickness / 2, -thickness / 2], count)
+    both = np.column_stack([np.vstack([points, points]), heights])
+    start, end = _rim(triangles).T
+    walls = np.vstack(
+        [
+            np.column_stack([start, start + count, end + count]),
+            np.column_stack([start, end + count, end]),
+        ]
+    )
+    return Mesh(points=both, faces=np.vstack([triangles, triangles[:, ::-1] + count, walls]))
+
+
+def _rim(triangles: Index) -> Index:
+    """Return the edges (E, 2) that one triangle alone has, in its sense of rotation."""
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    _, kinds, counts = np.unique(
+        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    return edges[counts[kinds.ravel()] == 1]
+
+
+def sleeve(
+    length: float, radius: float, bore: float, spacing: float, *, around: int = _AROUND
+) -> Mesh:
+    """Return the surface of a rod along x, or of a tube where the `bore` (inner radius) is not 0.
+
+    Its polygon, one vertex of which points up, has the area of the circle, so that the body keeps
+    its volume.
+    """
+    x = np.linspace(0, length, _steps(length, spacing) + 1)
+    sides = np.arange(len(x) * around).reshape(len(x), around)
+    outer, outside = _tube(x, radius, sides)
+    if bore:
+        inner, inside = _tube(x, bore, sides + sides.size)
+        first, last = (_between_rings(sides[k], sides[k] + sides.size) for k in (0, -1))
+        parts = [outer, inner], [outside, inside[:, ::-1], first, last[:, ::-1]]
+    else:
+        middles = np.array([[0, 0, 0], [length, 0, 0]], dtype=float)
+        first, last = (_fan(sides[k], sides.size + number) for number, k in enumerate((0, -1)))
+        parts = [outer, middles], [outside, first, last[:, ::-1]]
+    return Mesh(points=np.vstack(parts[0]), faces=np.vstack(parts[1]))
+
+
+def _tube(x: Array, radius: float, numbers: Index) -> tuple[Array, Index]:
+    """Return points and outward triangles of a cylinder's mantle."""
+    around = numbers.shape[1]
+    angles = 2 * np.pi * np.arange(around) / around
+    reach = radius * np.sqrt(angles[1] / np.sin(angles[1]))
+    points = np.empty((len(x), around, 3))
+    points[..., 0] = x[:, None]
+    points[..., 1] = reach * np.sin(angles)
+    points[..., 2] = reach * np.cos(angles)
+    rings = [_between_rings(second, first) for first, second in itertools.pairwise(numbers)]
+    return points.reshape(-1, 3), np.vstack(rings)
+
+
+def _between_rings(first: Index, second: Index) -> Index:
+    """Return the triangles between two rings of as many vertices."""
+    following, across = np.roll(first, -1), np.roll(second, -1)
+    halves = [np.column_stack([first, following, across]), np.column_stack([first, across, second])]
+    return np.vstack(halves)
+
+
+def _fan(ring: Index, middle: int) -> Index:
+    return np.column_stack([ring, np.roll(ring, -1), np.full(len(ring), middle)])

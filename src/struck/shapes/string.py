@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -13,8 +13,8 @@ from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.shape import Shape, Vibration, places_along
-from struck.shapes.skins import sleeve
+from struck.shapes.shape import Shape, Vibration
+from struck.shapes.skins import Rod, sleeve
 from struck.solids.resolution import require_length
 
 _AROUND = 12
@@ -23,18 +23,10 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StringForms:
-    """Deflections of a string: sqrt(2) sin(n pi x / length).
+    """Deflections of a string: sqrt(2) sin(n pi x / length)."""
 
-    Parameters
-    ----------
-    length : float
-        m.
-    numbers : array (M,)
-        Half waves n of each mode.
-    """
-
-    length: float
-    numbers: Index
+    length: float  # m
+    numbers: Index  # (M,), half waves n
 
     @property
     def dimensions(self) -> int:
@@ -78,6 +70,8 @@ class String(Shape):
     section 6; Morse 1948, chapters III and IV; Fletcher 1964). The theory of Euler and Bernoulli
     for the bending.
 
+    Places: "middle" (also "top"), "quarter" of the length, "end" 1 % off x = length.
+
     Examples
     --------
     >>> string = String(length=0.65, radius=0.0005, tension=70.0)
@@ -91,7 +85,7 @@ class String(Shape):
     tension: float
     stiff: bool = False
 
-    coordinates: ClassVar[tuple[str, ...]] = ("x (m)",)
+    tensioned: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require_length("length of the string", self.length)
@@ -100,29 +94,14 @@ class String(Shape):
             raise OptionError(f"tension of the string is {self.tension} N: it must exceed 0")
 
     @property
-    def supported(self) -> bool:
-        """True: its ends are held."""
-        return True
-
-    @property
-    def tensioned(self) -> bool:
-        """True: tension drives it back, and where it is stiff, stiffness too."""
-        return True
-
-    @property
-    def volume(self) -> float:
-        """m^3."""
-        return math.pi * self.radius**2 * self.length
-
-    @property
-    def extent(self) -> float:
-        """Length, m."""
-        return self.length
-
-    @property
-    def places(self) -> Mapping[str, Array]:
-        """Contacts on the top: "middle" (also "top"), "quarter", "end" 1 % off x = length."""
-        return places_along(self.length, 2 * self.radius)
+    def geometry(self) -> Rod:
+        """Its surface, and places on it by name."""
+        return Rod(
+            length=self.length,
+            area=math.pi * self.radius**2,
+            height=2 * self.radius,
+            mantle=partial(_skin, self.radius),
+        )
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz."""
@@ -145,10 +124,6 @@ class String(Shape):
             details={"inharmonicity": inharmonicity},
         )
 
-    def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart along x."""
-        return sleeve(self.length, self.radius, 0.0, spacing, around=_AROUND)
-
     def _lowest(self, material: Material) -> float:
         """Return the lowest frequency that tension alone makes, Hz."""
         area = math.pi * self.radius**2
@@ -161,3 +136,7 @@ class String(Shape):
         second_moment = math.pi / 4 * self.radius**4
         bending = math.pi**2 * material.youngs_modulus * second_moment
         return bending / (self.tension * self.length**2)
+
+
+def _skin(radius: float, length: float, spacing: float) -> Mesh:
+    return sleeve(length, radius, 0.0, spacing, around=_AROUND)
