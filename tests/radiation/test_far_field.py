@@ -11,8 +11,7 @@ from scipy.special import eval_legendre, h1vp
 from struck.model.material import AIR
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
-from struck.radiation.on_surface import Skin
-from struck.radiation.spherical import sphere_efficiency
+from struck.radiation.on_surface import Skin, sphere_efficiency
 from tests.radiation.bodies import ball, bending, box, fork, joined, radial, rod, swinging, tube
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from struck.radiation.spherical import sphere_efficiency, sphere_impedance
+from struck.radiation.on_surface import sphere_efficiency, sphere_impedance
 
 # Spheres, orders 0 to 2: Junger & Feit; Fahy; checked there against spherical Hankel functions.
 KA = np.array([0.1, 0.5, 1, 2, 5])

@@ -15,7 +15,7 @@ from skfem.helpers import dot, grad
 from struck import Material
 from struck.errors import OptionError, SolverError
 from struck.shapes import PolygonMembrane
-from struck.shapes.bessel import irregular, pair, regular, series, series_slope
+from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
 from struck.shapes.particular_solutions import Found, PolygonForms
 from struck.shapes.polygon import Triangulation, all_over, around, plan_of
 from struck.shapes.polygon_membrane import _merged, _proved

@@ -10,7 +10,7 @@ from struck.model.arrays import Array
 from struck.model.gains import Radiation, quarter_turns
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
-from struck.radiation.on_surface import Skin, normal_velocities
+from struck.radiation.on_surface import Radiator, Skin, normal_velocities
 
 _AT_ONCE = 64  # modes, so that memory does not grow with their number
 
@@ -111,8 +111,6 @@ class RadiatedPower:
         """
         _require_modes(surface, shapes, frequencies)
         skin = Skin.of(surface, centre)
-        from struck.radiation.on_surface import Radiator  # SciPy takes its time to import
-
         radiator = Radiator.of(skin.mesh, skin.radius)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
         squares = np.empty(len(frequencies))

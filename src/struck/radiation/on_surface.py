@@ -1,23 +1,25 @@
-"""Surface harmonics: what spherical harmonics are to a sphere, for any surface."""
+"""Sound power of a vibrating skin by the on-surface radiation condition.
+
+Surface harmonics are to any surface what spherical harmonics are to a sphere: the air answers each
+as it answers the sphere of the same area (Antoine, Barucq & Bendali 1999).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
+from scipy.special import jv, yv
 
 from struck.errors import MeshError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Complex
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import pieces, submesh
 from struck.radiation.point_sources import PointSources
-from struck.radiation.spherical import sphere_efficiency, sphere_impedance
-
-# The skin of a body: what of its surface meets free air, and how it moves there.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,14 +55,11 @@ def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     columns = (3 * faces[:, :, None] + np.arange(3)).ravel()
     weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
     starts, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
-    from scipy.sparse import csr_array  # SciPy takes its time to import
-
-    projection = csr_array((weights, columns, starts), shape=(len(faces), count))
+    projection = sparse.csr_array((weights, columns, starts), shape=(len(faces), count))
     return np.asarray(projection @ shapes.reshape(count, shapes.shape[2]))
 
 
-COUNT = 64
-"""Harmonics that are told apart, on a sphere those of the orders 0 to 7."""
+COUNT = 64  # harmonics that are told apart, on a sphere those of the orders 0 to 7
 
 # Up to so many vertices a full decomposition costs less than an iteration.
 _SMALL = 400
@@ -169,8 +168,6 @@ def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tup
     return eigenvalues[:COUNT], functions[:, :COUNT]
 
 
-# A vibrating skin in air: the pressure on it, and the power that leaves it.
-
 # Size ka from which the power is taken in both ways. Below, hardly any of the pressure on the skin
 # does work, and the work is a small difference of guesses.
 _WIDE_AS_A_WAVE = np.pi
@@ -233,3 +230,41 @@ class Radiator:
 def _by_bundle(values: Array) -> Array:
     """Return rows (3 K, ...) as (K, 3, ...)."""
     return values.reshape(-1, 3, values.shape[1])
+
+
+def sphere_impedance(order: ArrayLike, ka: ArrayLike) -> Complex:
+    """Return pressure over normal velocity on a sphere, in rho c (Williams 1999, chapter 6).
+
+    For a velocity that is one spherical harmonic of real order n >= 0, it is i h_n(x) / h_n'(x) at
+    x = ka, with the spherical Hankel function of the first kind: time goes as exp(-i omega t). The
+    real part is the radiation efficiency, the imaginary part is negative: mass.
+    """
+    value, slope = _hankel_and_slope(order, ka)
+    mass = -1j * np.asarray(ka, float) / (np.asarray(order, float) + 1)  # for small ka
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        impedance = 1j * value / slope
+    return np.where(np.isfinite(impedance), impedance, mass)  # beyond the largest number
+
+
+def sphere_efficiency(order: ArrayLike, ka: ArrayLike) -> Array:
+    """Return the radiation efficiency of a spherical order n >= 0 (Williams 1999, chapter 6).
+
+    A sphere whose normal velocity is a harmonic of one order n radiates sigma rho c S <v^2>, with
+    <v^2> the mean square over surface and time, and sigma = 1 / |x h_n'(x)|^2 at x = ka.
+    """
+    slope = _hankel_and_slope(order, ka)[1]
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        efficiency = 1 / np.square(np.asarray(ka, float) * np.abs(slope))
+    return np.where(np.isfinite(efficiency), efficiency, 0.0)  # |h'| beyond the largest number
+
+
+def _hankel_and_slope(order: ArrayLike, ka: ArrayLike) -> tuple[Complex, Complex]:
+    degree, x = np.asarray(order, float), np.asarray(ka, float)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        value = _hankel(degree, x)
+        return value, _hankel(degree - 1, x) - (degree + 1) / x * value
+
+
+def _hankel(order: Array, x: Array) -> Complex:
+    """Return the spherical Hankel function of the first kind of a real order."""
+    return np.sqrt(np.pi / (2 * x)) * (jv(order + 0.5, x) + 1j * yv(order + 0.5, x))

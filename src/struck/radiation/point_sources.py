@@ -11,11 +11,8 @@ from scipy import sparse
 from struck.model.arrays import Array, Complex, Index
 from struck.model.mesh import Mesh
 
-COUNT = 512
-"""Bundles of faces; the widest wave number that they resolve follows from it."""
-
-DIRECTIONS = 128
-"""Pairs of opposite directions."""
+COUNT = 512  # bundles of faces, which limit the wave number that they resolve
+DIRECTIONS = 128  # pairs of opposite ones
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -27,8 +27,6 @@ from struck.shapes.skins import Rod, rectangle, slab, sleeve
 from struck.solids import Block, Tube
 from struck.solids.resolution import require_length
 
-# Cross sections of bars: how heavy, how stiff in bending, how stiff in shear.
-
 
 class Section(Protocol):
     """A cross section, symmetric about y and z, that bends along z."""
@@ -264,7 +262,7 @@ THEORIES = {
     "timoshenko": ("Timoshenko's theory", ("timoshenko1921", "cowper1966")),
     "euler-bernoulli": ("the theory of Euler and Bernoulli", ()),
 }
-# What rounding leaves: roots agree with those in forty digits to 2e-15, bare numbers among them.
+# Roots agree with those in forty digits to 2e-15.
 _ROUNDING = 1e-14
 
 

@@ -1,7 +1,8 @@
-"""Frequencies of a uniform beam by its ends: all up to a bound, none missed or doubled.
+"""Bending modes of a uniform beam by its ends: all up to a bound, none missed or doubled.
 
 A hinged or sliding end is a mirror: motions are odd or even about it, and what remains are the two
-conditions at the other end. A beam with equal ends has its mirror in the middle.
+conditions at the other end. A beam with equal ends has its mirror in the middle. Lengths are shares
+of the beam's; frequencies omega stand as omega^2 = squared^2 E I / (rho A L^4).
 """
 
 from __future__ import annotations
@@ -13,11 +14,6 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from struck.model.arrays import Array, Index
-
-# Standing waves of a uniform beam: the four motions it can have at one frequency.
-#
-# Lengths are shares of the beam's; frequencies omega stand as omega^2 = squared^2 E I / (rho A
-# L^4).
 
 Function = Callable[[Array, Array], Array]
 
@@ -276,7 +272,7 @@ class Family:
         return counts.astype(np.int64)
 
     def _conditions(self, waves: StandingWaves) -> Array:
-        """Return matrices (M, n, n) whose determinants vanish at natural frequencies, n = 2 or 4."""
+        """Return matrices (M, n, n) with zero determinant at natural frequencies, n = 2 or 4."""
         rows = _at(self.end, waves)
         if self.kind == "both":
             other = "free" if self.end == "clamped" else "clamped"
@@ -323,9 +319,6 @@ def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
         reached = count(middle) >= numbers
         below, above = np.where(reached, below, middle), np.where(reached, middle, above)
     return (below + above) / 2
-
-
-# Bending modes of a uniform beam: frequencies, shapes, and what shear has to do with them.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

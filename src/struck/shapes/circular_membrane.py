@@ -1,4 +1,4 @@
-"""Circular membranes: drums (1998, section 6)."""
+"""Circular and annular membranes (1998, section 6), and the forms of round bodies."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from scipy import special
+from scipy.interpolate import BarycentricInterpolator
 
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index
@@ -18,8 +19,6 @@ from struck.shapes.bessel import at_edge, membrane_roots, ring_parts
 from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
 from struck.shapes.skins import Disk, Sheet
 from struck.solids.resolution import require_length
-
-# Forms of round bodies: Bessel functions of the radius times waves around.
 
 Radial = Callable[[Array], Array]
 
@@ -110,24 +109,11 @@ def _carried(function: Radial, distances: Array, count: int, ratio: float) -> Ar
     """Return a function of the distance from `ratio` to 1, interpolated where that is quicker."""
     if len(distances) <= count:
         return function(distances)
+    # Chebyshev's points with their barycentric weights (Berrut and Trefethen, SIAM Review 46, 501).
     nodes = (1 + ratio) / 2 + (1 - ratio) / 2 * np.cos(np.linspace(0, np.pi, count))
-    return _interpolation(nodes, distances) @ function(nodes)
-
-
-def _interpolation(nodes: Array, places: Array) -> Array:
-    """Return the matrix (K, N) from values at Chebyshev's points to those at other places.
-
-    The barycentric formula: Berrut and Trefethen, SIAM Review 46, 501 (2004).
-    """
-    weights = (-1.0) ** np.arange(len(nodes))
+    weights = (-1.0) ** np.arange(count)
     weights[[0, -1]] /= 2
-    gaps = places[:, None] - nodes
-    rows, columns = np.nonzero(gaps == 0)
-    gaps[rows] = 1.0
-    matrix = weights / gaps
-    matrix[rows] = 0.0
-    matrix[rows, columns] = 1.0
-    return matrix / matrix.sum(axis=1, keepdims=True)
+    return BarycentricInterpolator(nodes, function(nodes), wi=weights)(distances)
 
 
 def with_pairs(roots: Array) -> tuple[Index, Index, Array]:
@@ -145,24 +131,16 @@ def with_pairs(roots: Array) -> tuple[Index, Index, Array]:
     return orders[every][ascending], sines[ascending], found[ascending]
 
 
-# What disks and rings under tension have in common.
-
 _ROUNDING = 1e-13
 
 
-def round_membrane(
-    material: Material,
-    highest: float,
-    *,
-    radius: float,
-    hole: float,
-    thickness: float,
-    tension: float,
+def _round_membrane(
+    disk: Disk, thickness: float, tension: float, material: Material, highest: float
 ) -> Vibration:
     """Return every mode up to `highest` Hz of a disk or ring held at its edges; tension in N/m."""
-    speed = math.sqrt(tension / (material.density * thickness))
-    ratio, wavenumber = hole / radius, 2 * math.pi * highest / speed
-    require_countable("membrane", math.pi * (radius**2 - hole**2), wavenumber, highest)
+    speed, radius = math.sqrt(tension / (material.density * thickness)), disk.radius
+    ratio, wavenumber = disk.hole / radius, 2 * math.pi * highest / speed
+    require_countable("membrane", disk.area, wavenumber, highest)
     orders, sines, roots = with_pairs(membrane_roots(radius * wavenumber, ratio))
     return Vibration(
         frequencies=speed / (2 * math.pi * radius) * roots,
@@ -206,9 +184,6 @@ def _ring(orders: Index, roots: Array, ratio: float) -> tuple[Array, Array]:
     _, _, outer = ring_parts(m, roots)
     square = 4 / (math.pi * roots) ** 2 * (outer**-2.0 - inner**-2.0) / (1 - ratio**2)
     return regular / np.sqrt(square), singular / np.sqrt(square)
-
-
-# Annular membranes: rings held at both edges.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -278,14 +253,8 @@ class AnnularMembrane(Shape):
         OptionError
             When they are more than 100,000.
         """
-        return round_membrane(
-            material,
-            highest,
-            radius=self.radius,
-            hole=self.hole,
-            thickness=self.thickness,
-            tension=self.tension,
-        )
+        disk = Disk(self.radius, self.hole)
+        return _round_membrane(disk, self.thickness, self.tension, material, highest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,11 +313,5 @@ class CircularMembrane(Shape):
         OptionError
             When they are more than 100,000.
         """
-        return round_membrane(
-            material,
-            highest,
-            radius=self.radius,
-            hole=0.0,
-            thickness=self.thickness,
-            tension=self.tension,
-        )
+        disk = Disk(self.radius)
+        return _round_membrane(disk, self.thickness, self.tension, material, highest)

@@ -31,8 +31,6 @@ from struck.shapes.skins import Disk, Sheet
 from struck.solids import Tube
 from struck.solids.resolution import require_length
 
-# Roots of the characteristic equations of circular plates, none missed.
-
 EDGES = ("free", "supported", "clamped")
 
 # Waves along a free rim have at least 0.98 of the number of those around it (Konenkov 1960).
@@ -51,9 +49,10 @@ def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
     constraint alternate strictly. Seen from the zeros j(m, k) of J_m, which belong to an edge with
     w = 0 and no Laplacian of w:
 
-    - clamped: one root between j(m, k) and j(m, k + 1); - supported: one root between j(m, k) and
-    j(m, k + 1), and one below j(m, 1); - free: one root between successive roots of the supported
-    plate, and, with two or more nodal diameters, one below them all.
+    - clamped: one root between j(m, k) and j(m, k + 1);
+    - supported: one root between j(m, k) and j(m, k + 1), and one below j(m, 1);
+    - free: one root between successive roots of the supported plate, and, with two or more nodal
+      diameters, one below them all.
 
     The signs at `highest` decide how many there are below.
     """
@@ -93,6 +92,7 @@ def _counts(edge: Function, highest: float, least: Index, start: int | Index) ->
 
 def _below_supported(orders: Array, highest: float, poisson_ratio: float) -> Array:
     """Return places below the first root and between successive ones of supported plates."""
+    # By the series of both quotients of Bessel functions.
     first = orders.copy()
     first[0] = (1 + poisson_ratio) ** 0.25
     return np.column_stack([first, separators(orders, highest, _PAST_SUPPORTED)])
@@ -138,9 +138,6 @@ def bending_moment(
 ) -> Array:
     """Return -M_r R^2 / D at r = 1 of a form whose Laplacian is `curvature` times itself."""
     return curvature * value - (1 - poisson_ratio) * (slope - orders**2 * value)
-
-
-# Forms of circular plates, and how their frequencies depend on Poisson's ratio.
 
 
 def plate_forms(
@@ -190,7 +187,7 @@ def _twisting(m: Array, deflection: Array, slope: Array) -> Array:
 
 
 _ROUNDING = 1e-12
-# Thickness over radius beyond which a person is told what thin-plate theory leaves out.
+# Thickness over radius beyond which a caution says what thin-plate theory leaves out.
 _THIN = 0.1
 
 

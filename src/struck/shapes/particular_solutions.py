@@ -1,8 +1,11 @@
 """Eigenvalues of a membrane held along a polygon, by the method of particular solutions.
 
-Solutions of the Helmholtz equation that nearly vanish along the boundary while they do not inside
-belong to nearly an eigenvalue (Fox, Henrici & Moler 1967); the smallest singular values of an
-orthonormal basis on the boundary find them stably (Betcke & Trefethen 2005).
+Fourier-Bessel functions J_nu(k r) sin(nu theta) about corners, nu a multiple of pi / angle, vanish
+along both edges of their corner and have its singularity (Fox, Henrici & Moler 1967); fundamental
+solutions Y_0(k r) about points outside make up what is smooth (Barnett & Betcke 2008). Sums of them
+that nearly vanish along the boundary while they do not inside belong to nearly an eigenvalue; the
+smallest singular values of an orthonormal basis on the boundary find them stably (Betcke &
+Trefethen 2005).
 """
 
 from __future__ import annotations
@@ -17,15 +20,7 @@ import scipy.linalg
 from scipy.special import y1
 
 from struck.model.arrays import Array, Index
-from struck.shapes.bessel import irregular, regular
 from struck.shapes.polygon import Polygon, all_over, along_edges, plan_of, scattered
-
-# Solutions of the Helmholtz equation in a polygon, and mode shapes made of them.
-#
-# Fourier-Bessel functions J_nu(k r) sin(nu theta) about corners, nu a multiple of pi / angle,
-# vanish along both edges of their corner and have its singularity (Fox, Henrici & Moler 1967);
-# fundamental solutions Y_0(k r) about points outside make up what is smooth (Barnett & Betcke
-# 2008).
 
 _PLACES_AT_ONCE = 2048
 
@@ -54,6 +49,8 @@ class Basis:
 
     def sight(self, points: Array, ears: Index) -> Sight:
         """Return the functions at points (K, 2) in ears (K,) of the plan, for any wavenumber."""
+        from struck.shapes.bessel_series import regular
+
         fans = []
         for centre, count in zip(self.centres.tolist(), self.counts.tolist(), strict=True):
             radii, angles = self.plan.polar(centre, points, ears)
@@ -111,7 +108,7 @@ class Sight:
         return np.hstack(parts)
 
     def _irregular(self, wavenumber: float) -> Array:
-        from struck.shapes.bessel import pair
+        from struck.shapes.bessel_series import irregular, pair
 
         arguments = wavenumber * self._distances
         even = pair(arguments, irregular(int(arguments.max()) + 1))
@@ -130,12 +127,12 @@ class _Fan:
     table: Array
 
     def columns(self, wavenumber: float) -> Array:
-        from struck.shapes.bessel import series
+        from struck.shapes.bessel_series import series
 
         return self.sines * series(wavenumber * self.radii, self.table)
 
     def slopes(self, wavenumber: float, directions: Array) -> Array:
-        from struck.shapes.bessel import series, series_slope
+        from struck.shapes.bessel_series import series, series_slope
 
         outward = self.apart / self.radii[:, None]
         along = np.sum(outward * directions, axis=1)[:, None]

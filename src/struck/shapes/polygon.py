@@ -1,4 +1,10 @@
-"""A simple polygon as a plan: its corners, its ears, and angles that stay continuous inside it."""
+"""A simple polygon as a plan: triangulations with elements, ears, and nodes for integrals.
+
+Quadratic elements conform, so their eigenvalues bound the true ones from above, one by one.
+Crouzeix-Raviart elements do not; corrected by their size, theirs bound the true ones from below
+(Carstensen & Gedicke 2014; Liu 2015). Counted by inertia, one such bound proves that no more
+eigenvalues than those found lie below a value. Ears keep angles continuous inside the polygon.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +29,6 @@ from struck.solids.polygon_mesh import (
     signed_area,
     triangulated,
 )
-
-# Finite elements on a polygon's triangles: bounds of a membrane's eigenvalues from both sides.
-#
-# Quadratic elements conform, so their eigenvalues bound the true ones from above, one by one.
-# Crouzeix-Raviart elements do not; corrected by their size, theirs bound the true ones from below
-# (Carstensen & Gedicke 2014; Liu 2015). Counted by inertia, one such bound proves that no more
-# eigenvalues than those found lie below a value.
 
 # Liu 2015: the Crouzeix-Raviart interpolation error in L2 is at most this times the longest edge
 # times its error in the gradient.
@@ -438,8 +437,6 @@ def _inside(plan: Polygon, place: Array) -> Array:
             return ring[np.argmax(distance_to_edges(edges, ring))]
         radius /= 2
 
-
-# Where functions over a plan are looked at: along its edges, inside, all over for integrals.
 
 # Nodes crowd towards corners, where solutions rise with a broken power of the distance.
 _CROWDED_ON_EDGES = 2.5

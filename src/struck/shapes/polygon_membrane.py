@@ -1,4 +1,9 @@
-"""Membranes held along any polygon, the L-shape of 1998 among them."""
+"""Membranes held along any polygon, the L-shape of 1998 among them.
+
+Quadratic elements find roughly where the eigenvalues lie, and how many there are at least;
+particular solutions refine each with a bound of its error; Crouzeix-Raviart elements prove that
+there are no more.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +27,6 @@ from struck.solids.polygon_mesh import (
     check_loops,
 )
 from struck.solids.resolution import require_length
-
-# All eigenvalues of a membrane held along a polygon up to a bound: found, refined and counted.
-#
-# Quadratic elements tell roughly where the eigenvalues lie and how many there are at least;
-# particular solutions refine each with a bound of its error; Crouzeix-Raviart elements prove that
-# there are no more.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Rectangular plates with any mix of free, supported and clamped edges."""
+"""Rectangular plates with any mix of free, supported and clamped edges, by Rayleigh and Ritz."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from struck.shapes.shape import Counterpart, Shape, Vibration, require_clamped_o
 from struck.shapes.skins import Rectangle, Sheet
 from struck.solids import Block
 from struck.solids.resolution import require_length
-
-# Deflections of rectangular plates as sums of products of polynomials.
 
 # Values held at once while many places are read.
 _AT_ONCE = 2**22
@@ -84,12 +82,8 @@ class RitzForms:
         values = np.empty((len(shares), len(self.starts)))
         for start in np.unique(self.starts, axis=0):
             modes = np.flatnonzero((self.starts == start).all(axis=1))
-            x, y = (
-                functions[:, first::stride]
-                for functions, first, stride in zip(
-                    (along, across), start, self.stride, strict=True
-                )
-            )
+            x = along[:, start[0] :: self.stride[0]]
+            y = across[:, start[1] :: self.stride[1]]
             values[:, modes] = _products(x, y, self.coefficients[modes])
         return 2 * values
 
@@ -118,72 +112,66 @@ def _products(x: Array, y: Array, coefficients: Array) -> Array:
     return np.concatenate(parts)
 
 
-# Bending of rectangular plates by Rayleigh and Ritz, with orthonormal polynomials.
-
-Ends = tuple[int, int]
-
 # Rigid motions keep this share of the least that is not zero, by rounding.
 _ZERO = 1e-6
+# Of 1, x and y those that bend nothing, by how many of 1 and x the ends allow along both axes.
+_RIGID_MOTIONS = {(2, 2): 3, (2, 1): 1, (1, 2): 1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolynomialAxis:
     """Integrals over one axis, [-1, 1], of products of its polynomials' derivatives."""
 
-    ends: Ends  # zeros of the polynomials there: 0 free, 1 supported, 2 clamped
+    ends: tuple[int, int]  # zeros of the polynomials there: 0 free, 1 supported, 2 clamped
     count: int  # number of polynomials
-    scale: float  # du / dx, 1/m
+    length: float  # m
 
     @cached_property
-    def _derivatives(self) -> tuple[Array, Array, Array, Array]:
+    def _derivatives(self) -> list[Array]:
+        """Functions and their first and second derivatives at Gauss points, times root weights."""
         u, weights = leggauss(self.count + sum(self.ends) + 1)
-        roots = np.sqrt(weights)[:, None]
-        functions = [
-            edge_polynomials(self.count, self.ends, u, order) * self.scale**order * roots
+        roots, scale = np.sqrt(weights)[:, None], 2 / self.length
+        return [
+            edge_polynomials(self.count, self.ends, u, order) * scale**order * roots
             for order in range(3)
         ]
-        return functions[0], functions[1], functions[2], u
 
     @cached_property
     def slopes(self) -> Array:
         """Products of first derivatives, 1/m^2."""
-        _, first, _, _ = self._derivatives
-        return first.T @ first
+        return self._derivatives[1].T @ self._derivatives[1]
 
     @cached_property
     def curvatures(self) -> Array:
         """Products of second derivatives, 1/m^4."""
-        _, _, second, _ = self._derivatives
-        return second.T @ second
+        return self._derivatives[2].T @ self._derivatives[2]
 
     @cached_property
     def mixed(self) -> Array:
         """Products of functions with second derivatives, 1/m^2."""
-        values, _, second, _ = self._derivatives
-        return values.T @ second
+        return self._derivatives[0].T @ self._derivatives[2]
 
     @property
     def stride(self) -> int:
         """Number 2 where equal ends make even and odd functions orthogonal, else 1."""
         return 2 if self.ends[0] == self.ends[1] else 1
 
+    @property
     def rigid(self) -> int:
-        """Return how many of 1 and x vanish at the ends as they must."""
+        """How many of 1 and x vanish at the ends as they must."""
         return {(0, 0): 2, (0, 1): 1, (1, 0): 1}.get(self.ends, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plate:
+class PlateModes:
     """Modes of a plate whose bending stiffness equals its mass per area."""
 
     squared: Array  # (M,), squared angular frequencies, 1/m^4, ascending, without rigid motions
     slopes: Array  # (M,), their derivatives by Poisson's ratio
-    starts: Index
-    stride: Index
-    coefficients: Array  # starts, stride and coefficients as of RitzForms, the sum of squares 1
+    forms: RitzForms
 
 
-def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) -> Plate:
+def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) -> PlateModes:
     """Return all modes of the polynomials; SolverError where rigid motions do not stand apart."""
     stride = np.array([along.stride, across.stride])
     blocks = [
@@ -191,22 +179,26 @@ def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) ->
         for start in itertools.product(range(stride[0]), range(stride[1]))
     ]
     squared = np.concatenate([block.squared for block in blocks])
-    order = np.argsort(squared, kind="stable")[_rigid_motions(along, across) :]
-    _require_apart(squared, len(squared) - len(order))
-    shape = np.max([block.vectors.shape[1:] for block in blocks], axis=0)
-    padded = [
-        np.pad(
-            block.vectors, ((0, 0), *((0, m - n) for m, n in zip(shape, block.shape, strict=True)))
-        )
-        for block in blocks
-    ]
+    rigid = _RIGID_MOTIONS.get((along.rigid, across.rigid), 0)
+    order = np.argsort(squared, kind="stable")[rigid:]
+    _require_apart(squared, rigid)
     starts = np.concatenate([np.tile(block.start, (len(block.squared), 1)) for block in blocks])
-    return Plate(
+    coefficients = np.zeros((len(squared), *np.max([b.vectors.shape[1:] for b in blocks], axis=0)))
+    ends = np.cumsum([len(block.squared) for block in blocks])
+    for block, end in zip(blocks, ends, strict=True):
+        modes, rows, columns = block.vectors.shape
+        coefficients[end - modes : end, :rows, :columns] = block.vectors
+    return PlateModes(
         squared=squared[order],
         slopes=np.concatenate([block.slopes for block in blocks])[order],
-        starts=starts[order],
-        stride=stride,
-        coefficients=np.concatenate(padded)[order],
+        forms=RitzForms(
+            length=along.length,
+            width=across.length,
+            ends=np.array([along.ends, across.ends]),
+            stride=stride,
+            starts=starts[order],
+            coefficients=coefficients[order],
+        ),
     )
 
 
@@ -218,10 +210,6 @@ class _Block:
     squared: Array
     slopes: Array
     vectors: Array
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.vectors.shape[1:]
 
     @classmethod
     def of(
@@ -240,7 +228,7 @@ class _Block:
         across = product(x.mixed, y.mixed.T) + product(x.mixed.T, y.mixed)
         pure = product(x.curvatures, ones[1]) + product(ones[0], y.curvatures) + 2 * twist
         crossed = across - 2 * twist
-        squared, vectors = _solved(pure + poisson_ratio * crossed, min(x.scale, y.scale))
+        squared, vectors = _solved(pure + poisson_ratio * crossed, 2 / max(x.length, y.length))
         slopes = np.einsum("im,ij,jm->m", vectors, crossed, vectors, optimize=True)
         rows = len(range(x.count)[some[0]])
         return cls(
@@ -262,14 +250,6 @@ def _solved(stiffness: Array, scale: float) -> tuple[Array, Array]:
     vectors = vectors[:, ::-1] * weights[:, None]
     squared = np.asarray(1 / inverses[::-1] - shift, np.float64)
     return squared, np.asarray(vectors / np.linalg.norm(vectors, axis=0), np.float64)
-
-
-def _rigid_motions(along: PolynomialAxis, across: PolynomialAxis) -> int:
-    """Return how many motions bend nothing: of 1, x and y those that the edges allow."""
-    x, y = along.rigid(), across.rigid()
-    if x == 2 and y == 2:
-        return 3
-    return int((x, y) in {(2, 1), (1, 2)})
 
 
 def _require_apart(squared: Array, rigid: int) -> None:
@@ -371,7 +351,7 @@ class RectangularPlate(Shape):
         some = np.flatnonzero(plate.squared <= wavenumber**4)
         return Vibration(
             frequencies=unit * np.sqrt(plate.squared[some]),
-            forms=self._forms(plate).chosen(some),
+            forms=plate.forms.chosen(some),
             poisson_slopes=nu / (1 - nu**2) + plate.slopes[some] / (2 * plate.squared[some]),
             errors=errors[some],
             half_wave=math.pi
@@ -402,7 +382,7 @@ class RectangularPlate(Shape):
         inertia = 12 * (1 - material.poisson_ratio**2) * material.density
         return math.sqrt(material.youngs_modulus / inertia) * self.thickness / (2 * math.pi)
 
-    def _settled(self, wavenumber: float, nu: float) -> tuple[Plate, Array, list[int]]:
+    def _settled(self, wavenumber: float, nu: float) -> tuple[PlateModes, Array, list[int]]:
         """Return modes that more polynomials hardly move, their errors, and how many there are."""
         axes = self._axes(wavenumber, 1.0)
         plate = bend(*axes, nu)
@@ -422,23 +402,12 @@ class RectangularPlate(Shape):
             PolynomialAxis(
                 ends=(ends[0], ends[1]),
                 count=round(factor * (_MORE + _A_HALF_WAVE * wavenumber * length / math.pi)),
-                scale=2 / length,
+                length=length,
             )
             for length, ends in pairs
         )
         _require_solvable(along, across)
         return along, across
-
-    def _forms(self, plate: Plate) -> RitzForms:
-        ends = np.array([EDGES[edge] for edge in self.around]).reshape(2, 2)
-        return RitzForms(
-            length=self.length,
-            width=self.width,
-            ends=ends,
-            stride=plate.stride,
-            starts=plate.starts,
-            coefficients=plate.coefficients,
-        )
 
 
 def _moved(before: Array, after: Array) -> Array:
