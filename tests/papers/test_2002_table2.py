@@ -79,7 +79,7 @@ def test_three_bending_modes_with_at_most_4000_unknowns(note: str) -> None:
 
 @pytest.mark.parametrize(
     "note",
-    ["D3", "D4", *(pytest.param(note, marks=pytest.mark.prove) for note in list(CHIMES)[1:-1])],
+    ["D3", *(pytest.param(note, marks=pytest.mark.prove) for note in list(CHIMES)[1:])],
 )
 def test_fundamental_agrees_with_the_computed_column(note: str) -> None:
     chime = CHIMES[note]
@@ -101,7 +101,7 @@ def check_tuned(note: str, accuracy: str) -> None:
     assert tuned.length == pytest.approx(chime.adjusted_length, rel=PRINTED / 2)
 
 
-@pytest.mark.parametrize("note", list(CHIMES)[::3])
+@pytest.mark.parametrize("note", ["D3", pytest.param("A4", marks=pytest.mark.prove)])
 def test_tuned_within_a_tenth_of_a_hertz(note: str) -> None:
     check_tuned(note, "preview")
 

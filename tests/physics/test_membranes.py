@@ -131,7 +131,7 @@ def test_disk_against_ritz() -> None:
         pytest.param(0.05, 42.0, 80, marks=pytest.mark.prove),
         pytest.param(0.3, 45.0, 50, marks=pytest.mark.prove),
         (0.6, 60.0, 30),
-        (0.9, 130.0, 25),
+        pytest.param(0.9, 130.0, 25, marks=pytest.mark.prove),
     ],
 )
 def test_rings_against_ritz(hole: float, highest: float, count: int) -> None:

@@ -122,7 +122,8 @@ def test_each_mode_of_the_l_shape_lies_between_bounds(l_shape: Vibration) -> Non
 
 
 @pytest.mark.parametrize(
-    ("highest", "count"), [(7.5, 5), pytest.param(29.6, 25, marks=pytest.mark.prove)]
+    ("highest", "count"),
+    [(4.0, 2), *(pytest.param(*each, marks=pytest.mark.prove) for each in ((7.5, 5), (29.6, 25)))],
 )
 def test_one_cannot_hear_the_shape_of_a_drum(highest: float, count: int) -> None:
     drums = [up_to(corners, highest) for corners in DRUMS]
@@ -173,7 +174,9 @@ HEIGHT = np.sqrt(0.75)
     ("corners", "highest", "family"),
     [
         (((0, 0), (1, 0), (1, 1), (0, 1)), 400.0, squares),
-        (((0, 0), (3, 0), (3, 2**0.5), (0, 2**0.5)), 100.0, oblong),
+        pytest.param(
+            ((0, 0), (3, 0), (3, 2**0.5), (0, 2**0.5)), 100.0, oblong, marks=pytest.mark.prove
+        ),
         pytest.param(((0, 0), (1, 0), (0, 1)), 700.0, half_square, marks=pytest.mark.prove),
         pytest.param(((0, 0), (1, 0), (0.5, HEIGHT)), 900.0, equilateral, marks=pytest.mark.prove),
         (((0, 0), (0.5, 0), (0.5, HEIGHT)), 1800.0, half_equilateral),
@@ -195,6 +198,7 @@ def test_pentagon_has_pairs() -> None:
     assert np.diff(starts).tolist() == [1, 2, 2, 1, 2]
 
 
+@pytest.mark.prove
 def test_narrow_bridge_makes_neighbours() -> None:
     """Two squares joined by a narrow channel: pairs of modes, even and odd, hardly apart."""
     corners = [(0, 0), (1, 0), (1, 0.35), (1.3, 0.35), (1.3, 0), (2.3, 0)]

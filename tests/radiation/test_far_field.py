@@ -170,12 +170,15 @@ def test_plate_radiates_plane_waves_when_it_is_large() -> None:
 
 
 def test_wall_of_a_closed_cavity_is_silent() -> None:
-    outer, inner = ball(0.1), ball(0.09)
-    hollow = joined(outer, Mesh(points=inner.points, faces=inner.faces[:, ::-1]))
+    def walled(subdivisions: int) -> Mesh:
+        outer, inner = ball(0.1, subdivisions), ball(0.09, subdivisions)
+        return joined(outer, Mesh(points=inner.points, faces=inner.faces[:, ::-1]))
+
+    hollow, outer, inner = walled(3), ball(0.1, 3), ball(0.09, 3)
     shapes = np.concatenate([legendre(outer, 2), legendre(inner, 2)])
     expected = power(outer, legendre(outer, 2), 1000)
     np.testing.assert_allclose(power(hollow, shapes, 1000), expected, rtol=1e-9)
-    assert Skin.of(hollow, CENTRE).radius == pytest.approx(0.1, rel=1e-3)
+    assert Skin.of(walled(4), CENTRE).radius == pytest.approx(0.1, rel=1e-3)
 
 
 def test_wall_of_a_cavity_aside_is_silent() -> None:
@@ -188,7 +191,7 @@ def test_wall_of_a_cavity_aside_is_silent() -> None:
 
 
 @pytest.mark.parametrize(
-    "height", [0, 1e-15, *(pytest.param(h, marks=pytest.mark.prove) for h in (1e-17, 1e-13))]
+    "height", [0, *(pytest.param(h, marks=pytest.mark.prove) for h in (1e-17, 1e-15, 1e-13))]
 )
 def test_faces_without_area_change_nothing(height: float) -> None:
     mesh = box((0.12, 0.05, 0.03), (24, 12, 8))
@@ -237,7 +240,7 @@ def test_coupling_of_2002_is_displacement_times_frequency(frequency: float) -> N
 
 @pytest.mark.parametrize("name", ["power", "obrien2002"])
 def test_modes_do_not_depend_on_each_other(name: str) -> None:
-    mesh = ball(subdivisions=3)
+    mesh = ball(subdivisions=2)
     shapes = np.random.default_rng(2).normal(size=(len(mesh.points), 3, 70))
     frequencies = np.linspace(200, 19e3, 70)
     estimate = by_name(name)
@@ -256,16 +259,23 @@ def test_mode_that_does_not_move_along_the_normals_is_silent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cells", "least"), [(185, 7_500), pytest.param(370, 14_500, marks=pytest.mark.prove)]
+    ("cells", "least", "modes", "most"),
+    [
+        (40, 1_600, 40, 300),  # a collapse alone
+        pytest.param(185, 7_500, 200, 15, marks=pytest.mark.prove),  # usually 3
+        pytest.param(370, 14_500, 200, 15, marks=pytest.mark.prove),
+    ],
 )
-def test_many_modes_of_a_fine_mesh_take_little_time(cells: int, least: int) -> None:
+def test_many_modes_of_a_fine_mesh_take_little_time(
+    cells: int, least: int, modes: int, most: float
+) -> None:
     mesh = box((0.3, 0.03, 0.01), (cells, 15, 5))
     assert len(mesh.points) > least
-    shapes = np.random.default_rng(0).normal(size=(len(mesh.points), 3, 200)).astype(np.float32)
-    flat = shapes.reshape(-1, 200)
+    shapes = np.random.default_rng(0).normal(size=(len(mesh.points), 3, modes)).astype(np.float32)
+    flat = shapes.reshape(-1, modes)
     start = process_time()
-    power(mesh, shapes, np.linspace(200, 20e3, 200))
+    power(mesh, shapes, np.linspace(200, 20e3, modes))
     taken, start = process_time() - start, process_time()
     for _ in range(20):
         flat.T @ flat
-    assert taken < 15 * (process_time() - start)  # usually 3: as 70 products of all shapes
+    assert taken < most * (process_time() - start)

@@ -1,11 +1,14 @@
-"""Bars that bend: by Timoshenko's theory, or by that of Euler and Bernoulli."""
+"""Bars that bend along z, by Timoshenko's theory or by that of Euler and Bernoulli.
+
+Their sections are symmetric about y and z; shear coefficients are (1 + nu) / (p + q nu) (Cowper).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
@@ -26,38 +29,6 @@ from struck.shapes.shape import (
 from struck.shapes.skins import Rod, rectangle, slab, sleeve
 from struck.solids import Block, Tube
 from struck.solids.resolution import require_length
-
-
-class Section(Protocol):
-    """A cross section, symmetric about y and z, that bends along z."""
-
-    @property
-    def area(self) -> float:
-        """m^2."""
-        ...
-
-    @property
-    def second_moment(self) -> float:
-        """Second moment of area about y, m^4."""
-        ...
-
-    @property
-    def height(self) -> float:
-        """From bottom to top along z, m."""
-        ...
-
-    @property
-    def shear_terms(self) -> tuple[float, float]:
-        """Terms p and q of Cowper's shear coefficient (1 + nu) / (p + q nu)."""
-        ...
-
-    def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the closed surface of a bar along x from 0 to `length` m."""
-        ...
-
-    def solid(self, length: float) -> tuple[Block | Tube, Turn]:
-        """Return the solid of a bar, and what turns it along x; OptionError where there is none."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,6 +228,8 @@ class GivenSection:
             "RectangularSection or RoundSection, or take method='formula'"
         )
 
+
+Section = RectangularSection | RoundSection | GivenSection
 
 THEORIES = {
     "timoshenko": ("Timoshenko's theory", ("timoshenko1921", "cowper1966")),

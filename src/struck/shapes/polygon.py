@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -405,13 +405,14 @@ def _turn(first: Array, second: Array) -> float:
 
 def _doors(ears: Index) -> list[list[tuple[int, list[int]]]]:
     """Return for each ear its neighbours and the corners at the ends of the common sides."""
-    doors: list[list[tuple[int, list[int]]]] = [[] for _ in ears]
-    for here, ear in enumerate(ears):
-        for there, other in enumerate(ears):
-            common = np.intersect1d(ear, other)
-            if here != there and len(common) == 2:
-                doors[here].append((there, common.tolist()))
-    return doors
+    return [
+        [
+            (there, common.tolist())
+            for there, other in enumerate(ears)
+            if there != here and len(common := np.intersect1d(ear, other)) == 2
+        ]
+        for here, ear in enumerate(ears)
+    ]
 
 
 def _deepest(corners: Array) -> Array:
@@ -445,24 +446,13 @@ _NODES_A_RADIAN = 0.6  # of the phase of a wave: half of it would do for an infi
 _SPARE, _SPARE_AT_CORNERS = 7, 10
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Nodes:
+class Nodes(NamedTuple):
     """Places in a plan with weights for integrals."""
 
     points: Array  # (K, 2), m
     ears: Index  # (K,), ears of the plan that hold them
     weights: Array  # (K,), m or m^2
     normals: Array  # (K, 2), out of the plan; zero inside
-
-    @classmethod
-    def joined(cls, parts: list[Nodes]) -> Nodes:
-        """Put nodes together."""
-        return cls(
-            points=np.vstack([part.points for part in parts]),
-            ears=np.concatenate([part.ears for part in parts]),
-            weights=np.concatenate([part.weights for part in parts]),
-            normals=np.vstack([part.normals for part in parts]),
-        )
 
 
 def along_edges(plan: Polygon, counts: Array, crowded: float = _CROWDED_ON_EDGES) -> Nodes:
@@ -476,15 +466,9 @@ def along_edges(plan: Polygon, counts: Array, crowded: float = _CROWDED_ON_EDGES
         here, there = share**crowded, (1 - share) ** crowded
         stretch = crowded * (share * (1 - share)) ** (crowded - 1) / (here + there) ** 2
         points, outwards = plan.on_edge(edge, here / (here + there))
-        parts.append(
-            Nodes(
-                points=points,
-                ears=np.full(len(points), plan.ear_of_edge(edge)),
-                weights=length * weights * stretch,
-                normals=np.tile(outwards, (len(points), 1)),
-            )
-        )
-    return Nodes.joined(parts)
+        ears, normals = plan.ear_of_edge(edge), np.tile(outwards, (len(points), 1))
+        parts.append((points, np.full(len(points), ears), length * weights * stretch, normals))
+    return Nodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def all_over(plan: Polygon, wavenumber: float) -> Nodes:
@@ -493,15 +477,14 @@ def all_over(plan: Polygon, wavenumber: float) -> Nodes:
     Gauss-Legendre points in triangles, laid out as rays from one vertex (Duffy 1982): from the
     plan's corner, where there is one, and crowding towards it.
     """
-    extent = float(np.ptp(plan.corners, axis=0).max())
-    filling = Triangulation.of(plan.corners, extent / _TRIANGLES_ALONG).halved()
+    filling = Triangulation.of(plan.corners, plan.extent / _TRIANGLES_ALONG).halved()
     corners = filling.points[filling.triangles]
     gaps = np.linalg.norm(corners[:, :, None] - plan.corners, axis=3).min(axis=2)
     tips = gaps.argmin(axis=1)
     turned = np.stack(
         [np.roll(each, -tip, axis=0) for each, tip in zip(corners, tips, strict=True)]
     )
-    touching = gaps.min(axis=1) < _TOUCHING * extent
+    touching = gaps.min(axis=1) < _TOUCHING * plan.extent
     phase = _NODES_A_RADIAN * wavenumber * filling.longest
     parts = [
         _rays(turned[touching], int(_SPARE_AT_CORNERS + phase), 2),
@@ -509,7 +492,7 @@ def all_over(plan: Polygon, wavenumber: float) -> Nodes:
     ]
     points, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
     points, ears = plan.located(points)
-    return Nodes(points=points, ears=ears, weights=weights, normals=np.zeros_like(points))
+    return Nodes(points, ears, weights, np.zeros_like(points))
 
 
 def _rays(triangles: Array, count: int, crowded: int) -> tuple[Array, Array]:
@@ -533,8 +516,7 @@ def scattered(plan: Polygon, count: int) -> Nodes:
     u, v = draw.random((2, count))
     u, v = np.where(u + v > 1, 1 - u, u)[:, None], np.where(u + v > 1, 1 - v, v)[:, None]
     points = first[ears] + u * (second - first)[ears] + v * (third - first)[ears]
-    weights = np.full(count, areas.sum() / count)
-    return Nodes(points=points, ears=ears, weights=weights, normals=np.zeros_like(points))
+    return Nodes(points, ears, np.full(count, areas.sum() / count), np.zeros_like(points))
 
 
 # Sources recede from a corner by this share of the way from it, and stand off so many spacings.
@@ -558,7 +540,8 @@ def around(plan: Polygon, farthest: float, share: float, widest: float) -> Array
         if bend > 0:
             radius = distances(fine[:1])
             turns = -bend * _spread(np.full(_FINE, bend * radius / spacings[0]))
-            points.append(fine[0] + radius * _rotated(outwards, turns))
+            turned = complex(*outwards) * np.exp(1j * turns)
+            points.append(fine[0] + radius * np.stack([turned.real, turned.imag], axis=1))
             apart.append(np.repeat(radius, len(turns)))
     candidates, edges = np.vstack(points), edges_of((plan.corners,))
     clear = distance_to_edges(edges, candidates) > _CLEAR * np.concatenate(apart)
@@ -575,12 +558,6 @@ def _spread(densities: Array) -> Array:
     parts = int(np.ceil(passed[-1]))
     middles = (np.arange(parts) + 0.5) / parts * passed[-1]
     return np.interp(middles, passed, np.linspace(0, 1, len(densities)))
-
-
-def _rotated(vector: Array, angles: Array) -> Array:
-    x, y = vector
-    turned = [np.cos(angles) * x - np.sin(angles) * y, np.sin(angles) * x + np.cos(angles) * y]
-    return np.stack(turned, axis=1)
 
 
 def _gauss(count: int) -> tuple[Array, Array]:
