@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from struck.radiation.point_sources import PointSources, bundles
+from struck.radiation.on_surface import PointSources, bundles
 from tests.radiation.bodies import ball, box, tube
 
 TURN = Rotation.random(rng=np.random.default_rng(1)).as_matrix()

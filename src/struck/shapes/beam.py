@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -45,15 +45,6 @@ class Beam:
         # The discriminant as a sum, so that no digits are lost.
         slant = 1 + (self.rotary - self.shear) * wave**2
         return linear, np.sqrt(slant**2 + 4 * self.shear * wave**2)
-
-
-class Values(NamedTuple):
-    """Values of the four waves at a distance from their origin: first and second, even and odd."""
-
-    cosine: Array
-    level: Array
-    sine: Array
-    rising: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,15 +85,11 @@ class StandingWaves:
             turnings=(smaller, larger) if slips else (larger, smaller),
         )
 
-    def at_end(self) -> Values:
-        """Return the waves at u = span, the last one times a."""
+    def at_end(self) -> tuple[Array, Array, Array, Array]:
+        """Return the waves at u = span: first and second, even and odd, the last one times a."""
         phase = self.first * self.span
-        return Values(
-            np.cos(phase),
-            level(self.second, self.span, np.array(self.span)),
-            np.sin(phase),
-            self.first * rising(self.second, self.span, np.array(self.span)),
-        )
+        high, rise = (wave(self.second, self.span, np.array(self.span)) for wave in (level, rising))
+        return np.cos(phase), high, np.sin(phase), self.first * rise
 
     def products(self) -> tuple[Array, Array]:
         """Return mean products (M, 2, 2) of the even waves, and of the odd ones."""
@@ -189,8 +176,7 @@ _HALVINGS = 64
 class Family:
     """Motions of one symmetry about an origin, with conditions at an end of the beam."""
 
-    # "even" or "odd"; "both" where no mirror tells them apart: then one end is free, the other
-    # clamped
+    # "even" or "odd"; "both" between a free and a clamped end, where no mirror tells them apart
     kind: str
     end: str  # one of ENDS
     span: float  # from the origin to the end, in lengths of the beam
@@ -332,11 +318,7 @@ class BendingForms:
     second: Array  # (M,), b^2 of cosh(b u) and sinh(b u), below 0 where that wave travels
     # (M, 4), of cos(a u), cosh(b u) / cosh(b span), sin(a u), sinh(b u) / (b cosh(b span))
     amplitudes: Array
-
-    @property
-    def dimensions(self) -> int:
-        """One: x."""
-        return 1
+    dimensions = 1  # coordinates of a place: x
 
     def values(self, places: Array) -> Array:
         """Return the deflections at x in m (K, 1): (K, M)."""

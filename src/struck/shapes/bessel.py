@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +16,18 @@ _SMALL = 1e-30
 _UNHEARD = 1e-18
 
 
-class AtEdge(NamedTuple):
-    """Values J_m(x), J_{m+1}(x) and I_{m+1}(x) / I_m(x)."""
+def at_edge(orders: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Return J_m, J_{m+1} and I_{m+1} / I_m at x (N,), 6 times as fast as scipy.special.
 
-    wave: Array
-    following: Array
-    growth: Array
-
-
-def at_edge(orders: Array, x: Array) -> AtEdge:
-    """Return J and I, 6 times as fast as scipy.special, for whole orders (N,) up to about 1.1 x.
-
-    Both recurrences run downwards, where they are stable, from orders at which J_m vanishes
-    (Miller's algorithm; Abramowitz and Stegun 9.12, 9.1.46).
+    Orders m are whole, up to about 1.1 x. Both recurrences run downwards, where they are stable,
+    from orders at which J_m vanishes (Miller's algorithm; Abramowitz and Stegun 9.12, 9.1.46).
     """
     top = np.maximum(orders, x)
     starts = (top + 12 * np.cbrt(top) + 24).astype(np.int64)
     ranks = np.argsort(-starts, kind="stable")
     found = np.empty((3, len(x)))
     found[:, ranks] = _downwards(orders[ranks], x[ranks], starts[ranks])
-    return AtEdge(*found)
+    return found[0], found[1], found[2]
 
 
 def _downwards(orders: Array, x: Array, starts: NDArray[np.int64]) -> Array:
@@ -148,7 +139,7 @@ def membrane_roots(highest: float, ratio: float = 0.0) -> Array:
 def membrane_edge(orders: Array, x: Array, ratio: float) -> Array:
     """Return forms at the outer edge, for wavenumber x / radius, that vanish at the inner one."""
     if ratio == 0:
-        return at_edge(orders, x).wave
+        return at_edge(orders, x)[0]
     regular, singular, _ = ring_parts(orders, ratio * x)
     return regular * special.jv(orders, x) + singular * special.yv(orders, x)
 

@@ -35,11 +35,7 @@ class RoundForms:
     regular: Array  # (M,), a
     singular: Array  # (M,), b
     growing: Array  # (M,), c
-
-    @property
-    def dimensions(self) -> int:
-        """Coordinates of a place: x and y."""
-        return 2
+    dimensions = 2  # coordinates of a place: x and y
 
     def values(self, places: Array) -> Array:
         """Return the forms at places (K, 2), m: (K, M). Beyond the edge: as on it."""

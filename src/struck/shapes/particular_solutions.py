@@ -89,15 +89,7 @@ class Sight:
 
     def sums(self, wavenumber: float, coefficients: Array) -> Array:
         """Return sums of the functions with coefficients (F, m) at the points: (K, m)."""
-        total = np.zeros((len(self._distances), coefficients.shape[1]))
-        start = 0
-        for fan in self._fans:
-            stop = start + len(fan.orders)
-            total += fan.columns(wavenumber) @ coefficients[start:stop]
-            start = stop
-        if self._distances.shape[1]:
-            total += self._irregular(wavenumber) @ coefficients[start:]
-        return total
+        return self.columns(wavenumber) @ coefficients
 
     def slopes(self, wavenumber: float, directions: Array) -> Array:
         """Return the functions' slopes along directions (K, 2): (K, F), 1/m."""
@@ -154,11 +146,7 @@ class PolygonForms:
     sources: Array  # (C, 2), centres of fundamental solutions outside, m
     wavenumbers: Array  # (M,), 1/m
     coefficients: Array  # (M, F), of all functions
-
-    @property
-    def dimensions(self) -> int:
-        """Coordinates of a place: x and y."""
-        return 2
+    dimensions = 2  # coordinates of a place: x and y
 
     def values(self, places: Array) -> Array:
         """Return the shapes at places (K, 2), m; those outside count as on the nearest edge."""

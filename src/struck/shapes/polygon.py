@@ -301,7 +301,8 @@ class Polygon:
         ears, depths = self._deepest(points)
         outside = depths < 0
         points = points.copy()
-        points[outside] = self._onto_edges(points[outside])
+        feet = self._feet(points[outside])
+        points[outside] = feet[np.arange(len(feet)), self.nearest_edges(points[outside])]
         ears[outside] = self._deepest(points[outside])[0]
         return points, ears
 
@@ -309,8 +310,9 @@ class Polygon:
         """Return distances and continuous angles (K,) of points in ears, seen from a corner."""
         centroid = self.corners[self.ears].mean(axis=1) - self.corners[corner]
         seen = points - self.corners[corner]
-        turn = np.arctan2(seen[:, 1], seen[:, 0]) - np.arctan2(centroid[:, 1], centroid[:, 0])[ears]
-        return np.linalg.norm(seen, axis=1), self.bearings[corner][ears] + _wrapped(turn)
+        ahead, middle = (np.arctan2(at[:, 1], at[:, 0]) for at in (seen, centroid))
+        turn = (ahead - middle[ears] + np.pi) % (2 * np.pi) - np.pi
+        return np.linalg.norm(seen, axis=1), self.bearings[corner][ears] + turn
 
     def _deepest(self, points: Array) -> tuple[Index, Array]:
         """Return the ear in which each point lies deepest, and how deep."""
@@ -320,9 +322,6 @@ class Polygon:
             height = cross(b - a, points[:, None] - a) / np.linalg.norm(b - a, axis=1)
             depths = np.minimum(depths, height)
         return depths.argmax(axis=1), depths.max(axis=1)
-
-    def _onto_edges(self, points: Array) -> Array:
-        return self._feet(points)[np.arange(len(points)), self.nearest_edges(points)]
 
     def _feet(self, points: Array) -> Array:
         """Return the places on all edges that are nearest to points: (K, n, 2)."""
@@ -349,10 +348,6 @@ def inner_angles(corners: Array) -> Array:
     """Return the angles inside a counter-clockwise polygon (n, 2), rad: up to 2 pi."""
     ahead, back = np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners
     return np.arctan2(cross(ahead, back), np.sum(ahead * back, axis=1)) % (2 * np.pi)
-
-
-def _wrapped(angles: Array) -> Array:
-    return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
 def _cut(corners: Array) -> Index:

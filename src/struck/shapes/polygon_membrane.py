@@ -45,11 +45,13 @@ def spectrum(corners: Array, highest: float) -> LaplacianSpectrum:
     rough = _upper_bounds(plan, highest)
     rough = rough[: _cut(rough, highest) + 2]
     if len(rough) < 2:
-        return _packed(plan, None, [], 0.0)
+        none = np.zeros(0, np.int64)
+        empty = Basis(plan=plan, centres=none, counts=none, sources=np.zeros((0, 2)), highest=0.0)
+        return _packed(empty, [], 0.0)
     basis, trial = _chosen(plan, rough[:-1])
     found = _all(trial, rough[:-1])
     proved_to = _proved(plan, found, highest, float(rough[-1]))
-    return _packed(plan, basis, [each for each in found if each.value <= highest], proved_to)
+    return _packed(basis, [each for each in found if each.value <= highest], proved_to)
 
 
 def expected(plan: Polygon, highest: float) -> float:
@@ -218,22 +220,21 @@ def _proved(plan: Polygon, found: list[Found], highest: float, following: float)
     )
 
 
-def _packed(
-    plan: Polygon, basis: Basis | None, found: list[Found], proved_to: float
-) -> LaplacianSpectrum:
-    size = basis.size if basis else 0
-    coefficients = np.array([each.coefficients for each in found]).reshape(len(found), size)
-    values = np.array([each.value for each in found])
+def _packed(basis: Basis, found: list[Found], proved_to: float) -> LaplacianSpectrum:
     forms = PolygonForms(
-        corners=plan.corners,
-        centres=basis.centres if basis else np.zeros(0, np.int64),
-        counts=basis.counts if basis else np.zeros(0, np.int64),
-        sources=basis.sources if basis else np.zeros((0, 2)),
+        corners=basis.plan.corners,
+        centres=basis.centres,
+        counts=basis.counts,
+        sources=basis.sources,
         wavenumbers=np.array([each.wavenumber for each in found]),
-        coefficients=coefficients,
+        coefficients=np.array([each.coefficients for each in found]).reshape(-1, basis.size),
     )
-    errors = np.array([each.error for each in found])
-    return LaplacianSpectrum(values=values, errors=errors, forms=forms, proved_to=proved_to)
+    return LaplacianSpectrum(
+        values=np.array([each.value for each in found]),
+        errors=np.array([each.error for each in found]),
+        forms=forms,
+        proved_to=proved_to,
+    )
 
 
 # A few minutes in simple polygons; each mode takes longer, the more there are.
@@ -358,21 +359,10 @@ class PolygonMembrane(Shape):
             errors=found.errors,
             half_wave=float(np.pi / shortest),
             method="particular solutions, counted by nonconforming finite elements",
-            references=(
-                "betcke2005",
-                "moler1968",
-                "barnett2008",
-                "carstensen2014",
-                "liu2015",
-            ),
-            details=_details(found, speed),
+            references=("betcke2005", "moler1968", "barnett2008", "carstensen2014", "liu2015"),
+            details={
+                "functions a mode": int(found.forms.coefficients.shape[1]),
+                "fundamental solutions among them": len(found.forms.sources),
+                "proved complete up to (Hz)": float(np.sqrt(found.proved_to) * speed / (2 * np.pi)),
+            },
         )
-
-
-def _details(found: LaplacianSpectrum, speed: float) -> dict[str, object]:
-    """Return figures for the reader."""
-    return {
-        "functions a mode": int(found.forms.coefficients.shape[1]),
-        "fundamental solutions among them": len(found.forms.sources),
-        "proved complete up to (Hz)": float(np.sqrt(found.proved_to) * speed / (2 * np.pi)),
-    }

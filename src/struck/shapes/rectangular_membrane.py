@@ -25,11 +25,7 @@ class SineForms:
     width: float  # m
     along: Index  # (M,), half waves i
     across: Index  # (M,), half waves j
-
-    @property
-    def dimensions(self) -> int:
-        """Coordinates of a place: x and y."""
-        return 2
+    dimensions = 2  # coordinates of a place: x and y
 
     def values(self, places: Array) -> Array:
         """Return the forms at places (K, 2), m: (K, M). Beyond an edge: as on it."""
@@ -114,7 +110,9 @@ class RectangularMembrane(Shape):
             forms=SineForms(length=self.length, width=self.width, along=along, across=across),
             poisson_slopes=np.zeros(len(frequencies)),
             errors=np.full(len(frequencies), _ROUNDING),
-            half_wave=self._half_wave(along, across),
+            half_wave=float(
+                min(self.length / along.max(initial=1), self.width / across.max(initial=1))
+            ),
             method="rectangular membrane: products of sines",
             references=("morse1948",),
             details={"speed of waves": speed},
@@ -128,6 +126,3 @@ class RectangularMembrane(Shape):
         order = np.lexsort((j.ravel(), i.ravel(), frequencies.ravel()))
         order = order[frequencies.ravel()[order] <= highest]
         return i.ravel()[order], j.ravel()[order], frequencies.ravel()[order]
-
-    def _half_wave(self, along: Index, across: Index) -> float:
-        return float(min(self.length / along.max(initial=1), self.width / across.max(initial=1)))

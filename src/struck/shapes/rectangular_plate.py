@@ -69,11 +69,7 @@ class RitzForms:
     stride: Index  # (2,), 2 where a mode has only even or only odd polynomials, else 1
     starts: Index  # (M, 2), first polynomials of each mode
     coefficients: Array  # (M, I, J)
-
-    @property
-    def dimensions(self) -> int:
-        """Two: x and y."""
-        return 2
+    dimensions = 2  # coordinates of a place: x and y
 
     def values(self, places: Array) -> Array:
         """Return the deflections at x and y in m (K, 2): (K, M)."""

@@ -27,11 +27,7 @@ class StringForms:
 
     length: float  # m
     numbers: Index  # (M,), half waves n
-
-    @property
-    def dimensions(self) -> int:
-        """One: x."""
-        return 1
+    dimensions = 1  # coordinates of a place: x
 
     def values(self, places: Array) -> Array:
         """Return the deflections at x in m (K, 1): (K, M)."""
