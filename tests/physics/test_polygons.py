@@ -121,10 +121,8 @@ def test_each_mode_of_the_l_shape_lies_between_bounds(l_shape: Vibration) -> Non
     assert lower[-1] > 102.0  # so these are all
 
 
-@pytest.mark.parametrize(
-    ("highest", "count"),
-    [(4.0, 2), *(pytest.param(*each, marks=pytest.mark.prove) for each in ((7.5, 5), (29.6, 25)))],
-)
+@pytest.mark.prove
+@pytest.mark.parametrize(("highest", "count"), [(7.5, 5), (29.6, 25)])
 def test_one_cannot_hear_the_shape_of_a_drum(highest: float, count: int) -> None:
     drums = [up_to(corners, highest) for corners in DRUMS]
     one, other = (eigenvalues(drum) for drum in drums)
