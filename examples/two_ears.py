@@ -5,7 +5,8 @@ from matplotlib.figure import Figure
 
 from struck.ears.heads import Head, SphereHead
 from struck.ears.measured_head import MeasuredHead
-from struck.ears.sphere import woodworth_delay
+from struck.ears.sphere import HEAD_RADIUS
+from struck.model.air import AIR
 
 RATE, DISTANCE = 48_000, 1.4
 AZIMUTHS = np.arange(181)
@@ -39,7 +40,8 @@ def level(head: Head, frequency: float) -> np.ndarray:
 
 
 kemar, ball = MeasuredHead.named("kemar"), SphereHead()
-woodworth = 1e6 * woodworth_delay(ANGLES)
+SINES = np.sin(ANGLES)
+woodworth = 1e6 * HEAD_RADIUS / AIR.sound_speed * (SINES + np.arcsin(SINES))  # 1938
 
 figure = Figure(figsize=(11, 4.4), dpi=120, layout="constrained", facecolor="white")
 delays, levels = figure.subplots(1, 2)

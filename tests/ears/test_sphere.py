@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from struck.ears.sphere import arrival_delay, distance_gain, kuhn_delay, pressure, woodworth_delay
+from struck.ears.sphere import arrival_delay, distance_gain, pressure
 from struck.errors import OptionError
 
 RADIUS, SPEED = 0.0875, 343.0
@@ -104,19 +104,24 @@ def test_interaural_phase_delay_is_the_tabulated_one(hertz: float, expected: lis
     np.testing.assert_allclose(phases / (2 * np.pi * hertz) * 1e6, expected, rtol=2e-3)
 
 
-def test_formulas_of_interaural_delay_have_the_tabulated_values() -> None:
-    kuhn = [198.08, 382.65, 541.15, 662.77, 739.23, 765.31]
-    woodworth = [132.81, 261.12, 380.74, 488.07, 580.34, 655.82]
-    np.testing.assert_allclose(kuhn_delay(AZIMUTHS, RADIUS, SPEED) * 1e6, kuhn, rtol=1e-4)
-    np.testing.assert_allclose(woodworth_delay(AZIMUTHS, RADIUS, SPEED) * 1e6, woodworth, 1e-4)
-    np.testing.assert_allclose(woodworth_delay(np.pi - AZIMUTHS), woodworth_delay(AZIMUTHS))
-    np.testing.assert_allclose(woodworth_delay(-AZIMUTHS), -woodworth_delay(AZIMUTHS))
+def test_interaural_phase_delay_of_low_frequencies_is_kuhn_s() -> None:
+    """3 a sin(azimuth) / c (Kuhn 1977, JASA 62(1), 157)."""
+    tabulated = [198.08, 382.65, 541.15, 662.77, 739.23, 765.31]
+    left = pressure(1.0, np.pi / 2 - AZIMUTHS, None, RADIUS, SPEED)[0]
+    right = pressure(1.0, np.pi / 2 + AZIMUTHS, None, RADIUS, SPEED)[0]
+    found = np.angle(left / right) / (2 * np.pi) * 1e6
+    np.testing.assert_allclose(found, tabulated, rtol=1e-4)
+    np.testing.assert_allclose(found, 3e6 * RADIUS * np.sin(AZIMUTHS) / SPEED, rtol=1e-4)
 
 
-def test_arrivals_from_afar_at_both_ears_differ_by_woodworth_delay() -> None:
+def test_arrivals_from_afar_at_both_ears_differ_by_woodworth_s_delay() -> None:
+    """a (sin(azimuth) + azimuth) / c (Woodworth 1938, Experimental Psychology, 520-523)."""
+    tabulated = [132.81, 261.12, 380.74, 488.07, 580.34, 655.82]
     left = arrival_delay(np.pi / 2 - AZIMUTHS, None, RADIUS, SPEED)
     right = arrival_delay(np.pi / 2 + AZIMUTHS, None, RADIUS, SPEED)
-    np.testing.assert_allclose(right - left, woodworth_delay(AZIMUTHS, RADIUS, SPEED), rtol=1e-12)
+    np.testing.assert_allclose((right - left) * 1e6, tabulated, rtol=1e-4)
+    woodworth = RADIUS / SPEED * (np.sin(AZIMUTHS) + AZIMUTHS)
+    np.testing.assert_allclose(right - left, woodworth, rtol=1e-12)
 
 
 def shortest_way(angle: float, distance: float) -> float:
@@ -196,6 +201,6 @@ def test_impossible_arguments_are_refused(bad: float) -> None:
     with pytest.raises(OptionError, match="radius"):
         pressure(100, 0, None, bad)
     with pytest.raises(OptionError, match="sound_speed"):
-        woodworth_delay(1, RADIUS, bad)
+        arrival_delay(1, None, RADIUS, bad)
     with pytest.raises(OptionError, match="radius"):
-        kuhn_delay(1, bad)
+        arrival_delay(1, None, bad)

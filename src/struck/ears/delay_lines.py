@@ -1,8 +1,8 @@
-"""Delay lines: what bodies sounded like, read again when it arrives, and what ears do to it.
+"""Delay lines: the sound of bodies, read again when it arrives at an ear.
 
-A line keeps what one body sounds like at 1 m. A path reads it as late as the way to an ear takes,
+A line keeps the sound of one body at 1 m. A path reads it as late as the way to an ear takes,
 between samples too, as loudly as the distance leaves it, and convolves that with the ear's
-response. Delays and gains go along a parabola within a stretch of time, so that motion is heard as
+response. Delays and gains follow a parabola within a stretch of time, so that motion is heard as
 it is, with its Doppler shift; responses fade from those of its begin to those of its end.
 """
 
@@ -16,62 +16,15 @@ import numpy as np
 
 from struck.model.arrays import Array, Index, Single
 
-# The same as `kernels` in plain NumPy: what that is tested against.
-
-
-def hear_plainly(
-    lines: Single,
-    now: int,
-    between: Single,
-    line_of: Index,
-    ear_of: Index,
-    delays: Array,
-    gains: Array,
-    before: Single,
-    after: Single,
-    since: int,
-    stretch: int,
-    history: Single,
-    heard: Single,
-) -> None:
-    """Read all paths and add what they sound like at the ears; see `kernels.hear`."""
-    block, taps = heard.shape[1], before.shape[1]
-    u = np.arange(since + 1, since + block + 1) / stretch
-    parabola = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)])
-    for path, (line, ear) in enumerate(zip(line_of, ear_of, strict=True)):
-        room = history[path]
-        places = now + np.arange(block) - delays[path] @ parabola
-        room[taps - 1 : taps - 1 + block] = (gains[path] @ parabola) * _read(
-            lines[line], between, places
-        )
-        first, last = (
-            np.convolve(room[: taps - 1 + block], each[path], "valid") for each in (before, after)
-        )
-        heard[ear] += first + u * (last - first)
-        room[: taps - 1] = room[block : block + taps - 1].copy()
-
-
-def _read(line: Single, between: Single, places: Array) -> Array:
-    half, width = len(line) // 2, between.shape[1]
-    whole = np.floor(places)
-    rows = (places - whole) * (len(between) - 1)
-    low = np.minimum(rows.astype(int), len(between) - 2)
-    share = (rows - low)[:, None]
-    weights = (1 - share) * between[low] + share * between[low + 1]
-    numbers = whole.astype(int)[:, None] - (width // 2 - 1) + np.arange(width)
-    return (weights * line[numbers % half]).sum(axis=1)
-
-
-READ = 32
-"""Samples that a value between samples is made of."""
-_FINE = 256
-_STEEPNESS = 9.0
-_GROUP = 8
+READ = 32  # samples that a value between samples is made of
+_FINE = 256  # places between two samples
+_STEEPNESS = 9.0  # of Kaiser's window
+_GROUP = 8  # taps are padded to a multiple
 
 
 @cache
 def between() -> Single:
-    """Return the weights of `READ` samples for places between two of them (257, 32).
+    """Return the weights (257, 32) of `READ` samples for places between two of them.
 
     A sinc under Kaiser's window: true to -85 dB up to 0.4 of the sample rate (Laakso et al. 1996).
     """
@@ -84,45 +37,21 @@ def between() -> Single:
 
 @dataclass(kw_only=True)
 class Paths:
-    """Propagation from lines to ears, as they are in a stretch of time.
+    """Propagation along P paths from lines to ears, within a stretch of time."""
 
-    Parameters
-    ----------
-    lines, ears : array (P,), int64
-        From which line, to which ear.
-    delays : array (P, 3)
-        Samples, at the begin, middle and end of the stretch.
-    gains : array (P, 3)
-    before, after : array (P, taps), float32
-        Responses at the begin and at the end.
-    stretch : int
-        Samples.
-    """
-
-    lines: Index
-    ears: Index
-    delays: Array
-    gains: Array
-    before: Single
-    after: Single
-    stretch: int
+    lines: Index  # (P,): from which line
+    ears: Index  # (P,): to which ear
+    delays: Array  # (P, 3), samples: at the begin, middle and end of the stretch
+    gains: Array  # (P, 3)
+    before: Single  # (P, taps): responses at the begin
+    after: Single  # (P, taps): and at the end
+    stretch: int  # samples
 
 
 class DelayLines:
-    """All lines of a scene, and what is on its way through the ears' responses.
+    """All lines of a scene, and the sound on its way through the ears' responses.
 
-    Parameters
-    ----------
-    lines : int
-        How many.
-    paths : int
-        How many.
-    block : int
-        Samples that are read and written at a time, at most.
-    longest : float
-        Of the delays, samples; `lengthen` allows for more.
-    taps : int
-        Of the responses.
+    `block` and `longest` are the most samples read at a time, and the largest delay in samples.
     """
 
     def __init__(self, *, lines: int, paths: int, block: int, longest: float, taps: int) -> None:
@@ -155,10 +84,10 @@ class DelayLines:
             self._lines[:, copy + numbers % length] = old[:, numbers % half]
 
     def next_block(self, samples: Array, paths: Paths, ears: int, *, since: int = 0) -> Array:
-        """Write samples (lines, n) and return what the ears hear in the meantime (ears, n).
+        """Write samples (lines, n) and return the sound at the ears in the meantime (ears, n).
 
-        A delay of `READ` / 2 samples or more reads what has been written by then. `since` says how
-        many samples of the paths' stretch are over.
+        A delay of `READ` / 2 samples or more reads what has been written by then; `since` samples
+        of the paths' stretch are over.
         """
         count, half = samples.shape[1], self._lines.shape[1] // 2
         start, copies = self._now % half, self._lines.reshape(-1, 2, half)
@@ -182,9 +111,52 @@ class DelayLines:
 
 @cache
 def _hear() -> Callable[..., None]:
-    """Return what reads and filters: compiled, or plain NumPy where numba is missing."""
+    """Return the compiled loop, or plain NumPy where numba is missing."""
     try:
         from struck.ears.delay_kernels import hear
     except ImportError:  # numba comes late to new versions of Python
         return hear_plainly
     return hear
+
+
+def hear_plainly(
+    lines: Single,
+    now: int,
+    between: Single,
+    line_of: Index,
+    ear_of: Index,
+    delays: Array,
+    gains: Array,
+    before: Single,
+    after: Single,
+    since: int,
+    stretch: int,
+    history: Single,
+    heard: Single,
+) -> None:
+    """Read all paths and add their sound at the ears, in plain NumPy; see `delay_kernels.hear`."""
+    block, taps = heard.shape[1], before.shape[1]
+    u = np.arange(since + 1, since + block + 1) / stretch
+    parabola = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)])
+    for path, (line, ear) in enumerate(zip(line_of, ear_of, strict=True)):
+        room = history[path]
+        places = now + np.arange(block) - delays[path] @ parabola
+        room[taps - 1 : taps - 1 + block] = (gains[path] @ parabola) * _read(
+            lines[line], between, places
+        )
+        first, last = (
+            np.convolve(room[: taps - 1 + block], each[path], "valid") for each in (before, after)
+        )
+        heard[ear] += first + u * (last - first)
+        room[: taps - 1] = room[block : block + taps - 1].copy()
+
+
+def _read(line: Single, between: Single, places: Array) -> Array:
+    half, width = len(line) // 2, between.shape[1]
+    whole = np.floor(places)
+    rows = (places - whole) * (len(between) - 1)
+    low = np.minimum(rows.astype(int), len(between) - 2)
+    share = (rows - low)[:, None]
+    weights = (1 - share) * between[low] + share * between[low + 1]
+    numbers = whole.astype(int)[:, None] - (width // 2 - 1) + np.arange(width)
+    return (weights * line[numbers % half]).sum(axis=1)

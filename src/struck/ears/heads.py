@@ -1,9 +1,11 @@
-"""Heads that are spheres: by the exact series, by Woodworth's delay, by that delay alone."""
+"""Spheres for heads: by the exact series, by Woodworth's delay, and by that delay alone.
+
+The head's own frame has x forward, y to the left and z up; ear 0 is the left one.
+"""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
@@ -15,12 +17,8 @@ from struck.errors import OptionError, SolverError
 from struck.model.arrays import Array, Single
 from struck.model.material import AIR
 
-# What a head does to sound on its way to its two ears.
-#
-# The head's own frame has x forward, y to the left and z up; ear 0 is the left one.
-
-LOWEST_RATE = 4000.0
-"""Hz; below, a head changes next to nothing."""
+LOWEST_RATE = 4000.0  # Hz; below, a head changes next to nothing
+_HIGHEST_RATE = 384_000.0  # Hz, of spheres
 
 
 class Filters(Protocol):
@@ -70,7 +68,7 @@ class Head(Protocol):
 
 
 def require_rate(sample_rate: float, highest: float) -> None:
-    """Refuse a sample rate, Hz, for which no head can be prepared."""
+    """Raise OptionError on a sample rate, Hz, for which no head can be prepared."""
     if not LOWEST_RATE <= sample_rate <= highest:
         raise OptionError(
             f"sample_rate {sample_rate:g} Hz must be between {LOWEST_RATE:g} and {highest:g} Hz; "
@@ -101,46 +99,7 @@ ANGLES = np.linspace(0, np.pi, STEPS + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RoundHead(ABC):
-    """A sphere for a head.
-
-    Parameters
-    ----------
-    radius : float
-        m.
-
-    Raises
-    ------
-    OptionError
-        If the radius is not between 0.05 and 0.15 m.
-    """
-
-    radius: float = HEAD_RADIUS
-
-    def __post_init__(self) -> None:
-        if not 0.05 <= self.radius <= 0.15:
-            raise OptionError(
-                f"radius {self.radius:g} m must be between 0.05 and 0.15 m; "
-                "a mean head has 0.0875 m"
-            )
-
-    def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters (kept, once made).
-
-        Raises
-        ------
-        OptionError
-            If the sample rate is not between 4 and 384 kHz.
-        """
-        require_rate(sample_rate, 384000)
-        return self._filters(sample_rate)
-
-    @abstractmethod
-    def _filters(self, sample_rate: float) -> Filters: ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SphereHead(RoundHead):
+class SphereHead:
     """A rigid sphere with two points for ears, by the exact series for near and far sources.
 
     Sources nearer than 1.15 radii count as at 1.15 radii, those beyond 230 as at 230. Responses
@@ -163,69 +122,91 @@ class SphereHead(RoundHead):
     references: tuple[str, ...] = field(
         default=("rayleigh1904", "duda1998", "woodworth1954"), init=False, repr=False
     )
+    radius: float = HEAD_RADIUS
     ear_angle: float = 90.0
 
     def __post_init__(self) -> None:
-        RoundHead.__post_init__(self)  # a slotted dataclass is a new class, which super() misses
+        _require_radius(self.radius)
         if not 0 < self.ear_angle < 180:
             raise OptionError(
                 f"ear_angle {self.ear_angle:g} must be between 0 and 180 degrees from the front; "
                 "heads have 90 to 100"
             )
 
-    def _filters(self, sample_rate: float) -> Filters:
+    def prepared(self, sample_rate: float) -> Filters:
+        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        require_rate(sample_rate, _HIGHEST_RATE)
         return _sphere_filters(self.radius, self.ear_angle, sample_rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WoodworthHead(RoundHead):
+class WoodworthHead:
     """Woodworth's delay, and the head's shadow by a filter of one pole and one zero.
 
     The source's distance does not count; the ears are at 90 degrees from the front.
+
+    Parameters
+    ----------
+    radius : float
+        m, from 0.05 to 0.15.
     """
 
     name: str = field(default="woodworth", init=False, repr=False)
     references: tuple[str, ...] = field(
         default=("woodworth1938", "brown1998"), init=False, repr=False
     )
+    radius: float = HEAD_RADIUS
 
-    def _filters(self, sample_rate: float) -> Filters:
+    def __post_init__(self) -> None:
+        _require_radius(self.radius)
+
+    def prepared(self, sample_rate: float) -> Filters:
+        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        require_rate(sample_rate, _HIGHEST_RATE)
         return _woodworth_filters(self.radius, sample_rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimpleHead(RoundHead):
+class SimpleHead:
     """Left and right by Woodworth's delay alone, as in 1998: no shadow, one level at both ears.
 
     The source's distance does not count; the ears are at 90 degrees from the front.
+
+    Parameters
+    ----------
+    radius : float
+        m, from 0.05 to 0.15.
     """
 
     name: str = field(default="simple1998", init=False, repr=False)
     references: tuple[str, ...] = field(
         default=("doel1998", "begault1994", "woodworth1938"), init=False, repr=False
     )
+    radius: float = HEAD_RADIUS
 
-    def _filters(self, sample_rate: float) -> Filters:  # noqa: ARG002 - a delay has no rate
+    def __post_init__(self) -> None:
+        _require_radius(self.radius)
+
+    def prepared(self, sample_rate: float) -> Filters:
+        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        require_rate(sample_rate, _HIGHEST_RATE)
         return _simple_filters(self.radius)
+
+
+def _require_radius(radius: float) -> None:
+    if not 0.05 <= radius <= 0.15:
+        raise OptionError(
+            f"radius {radius:g} m must be between 0.05 and 0.15 m; a mean head has 0.0875 m"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TabulatedFilters:
-    """Delays and responses in a table, with cubics between its angles and distances.
+    """Delays and responses in a table, with cubics between its angles and distances."""
 
-    Parameters
-    ----------
-    ears : array (3, 2)
-        Directions of the ears, in columns.
-    radius : float
-        m.
-    table : array (K * (STEPS + 4), 1 + taps)
-        Delay (s) and response by distance and angle.
-    """
-
-    ears: Array
-    radius: float
-    table: Array
+    ears: Array  # (3, 2): directions of the ears, in columns
+    radius: float  # m
+    table: Array  # (K * (STEPS + 4), 1 + taps): delay, s, and response by distance and angle
 
     @property
     def taps(self) -> int:
@@ -233,7 +214,7 @@ class TabulatedFilters:
         return self.table.shape[1] - 1
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return delays (n, 2) and responses (n, 2, taps); see `struck.ears.heads.Filters`."""
+        """Return delays (n, 2), s, and responses (n, 2, taps); see `Filters`."""
         positions = self._positions(directions, distances)
         cells = positions.astype(np.intp)
         weights = (positions - cells)[..., None] ** POWERS @ CATMULL_ROM
@@ -244,7 +225,7 @@ class TabulatedFilters:
         return mixed[..., 0], mixed[..., 1:].astype(np.float32)
 
     def _positions(self, directions: Array, distances: Array) -> Array:
-        """Return where both ears' angles and the distance are in the table, (n, 3)."""
+        """Return positions of the two ears' angles and of the distance in the table (n, 3)."""
         positions = np.empty((len(distances), 3))
         cosines = np.maximum(np.minimum(directions @ self.ears, 1), -1)
         positions[:, :2] = np.arccos(cosines) * (STEPS / np.pi) + 1
@@ -284,7 +265,7 @@ def _sphere_table(radius: float, sample_rate: float, distance: float) -> Array:
     frequencies = np.arange(size // 2 + 1) * sample_rate / size
     spectra = pressure(frequencies, ANGLES, distance, radius)
     spectra *= np.exp(2j * np.pi * np.outer(frequencies, delays))
-    spectra *= _fading(frequencies / sample_rate)[:, None]
+    spectra *= fading(frequencies / sample_rate, PASS, 0.5)[:, None]
     return _tabulated(delays, _cut(np.fft.irfft(spectra, size, axis=0).T, radius, sample_rate))
 
 
@@ -317,10 +298,23 @@ def _rounded_arrival(radius: float, distance: float) -> Array:
     return arrival_delay(angles, distance, radius)
 
 
-def _fading(frequencies: Array) -> Array:
-    """Return one up to PASS of the sample rate, and then half a cosine down to zero at half."""
-    along = np.clip((frequencies - PASS) / (0.5 - PASS), 0, 1)
+def fading(frequencies: Array, first: float, last: float) -> Array:
+    """Return one up to a first frequency, and then half a cosine down to zero at a last one."""
+    along = np.clip((frequencies - first) / (last - first), 0, 1)
     return 0.5 + 0.5 * np.cos(np.pi * along)
+
+
+def minimum_phase(logarithms: Array) -> Array:
+    """Return responses (n, 2 bins) of minimum phase by log magnitudes (n, bins + 1).
+
+    The complex cepstrum of minimum phase is twice the causal half of the real one (Oppenheim &
+    Schafer, Discrete-Time Signal Processing, 3rd ed., 2010, section 13.5).
+    """
+    count = 2 * (logarithms.shape[1] - 1)
+    cepstra = np.fft.irfft(logarithms, count)
+    cepstra[:, 1 : count // 2] *= 2
+    cepstra[:, count // 2 + 1 :] = 0
+    return np.fft.irfft(np.exp(np.fft.rfft(cepstra)), count)
 
 
 def _shadow(radius: float, sample_rate: float) -> Array:

@@ -1,4 +1,4 @@
-"""Who listens: one point, two ears on a ball, or two ears that were measured."""
+"""Listeners: one point, two ears on a ball, or two measured ears; and where they are over time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
 from struck.model.arrays import Array, Single
 
-# Where something is over time: a point, a table, or a function.
-
+_LARGEST_HEAD = 0.5  # m
+_TAPS = 8
+UP = (0.0, 0.0, 1.0)
 Course3 = ArrayLike | tuple[Sequence[float], ArrayLike] | Callable[[float], ArrayLike]
 """(x, y, z); (times in s, points (T, 3)), joined by straight lines and held beyond their ends; or a
 function of the time in s that returns (x, y, z)."""
@@ -25,26 +26,16 @@ function of the time in s that returns (x, y, z)."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
-    """Three numbers over time.
+    """A place or a direction over time: a point, a table, or a function."""
 
-    Parameters
-    ----------
-    name : str
-        What they are, for errors.
-    times, points : array (T,), (T, 3)
-        Of a table; a point that does not move has one.
-    function : callable or None
-        In place of a table.
-    """
-
-    name: str
-    times: Array
-    points: Array
+    name: str  # what errors call it
+    times: Array  # (T,), s, of a table
+    points: Array  # (T, 3); a point that does not move has one
     function: Callable[[float], ArrayLike] | None = None
 
     @classmethod
     def of(cls, name: str, course: Course3) -> Trajectory:
-        """Check what a person gives; OptionError on what is no point, table or function."""
+        """Return the trajectory of a user's input; OptionError on no point, table or function."""
         if callable(course):
             return cls(name=name, times=np.zeros(0), points=np.zeros((0, 3)), function=course)
         if _is_table(course):
@@ -65,9 +56,9 @@ class Trajectory:
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
-        """Return the numbers at some times (n,): (n, 3).
+        """Return the values (n, 3) at times (n,), s; those before 0 s count as 0 s.
 
-        What is heard at first was sent before; then all is held as at 0 s.
+        What is heard at first was sent before then.
         """
         if self.function is not None:
             found = [self.function(max(time, 0.0)) for time in times.tolist()]
@@ -98,11 +89,6 @@ def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
             "function of time"
         )
     return points
-
-
-_LARGEST_HEAD = 0.5
-_TAPS = 8
-UP = (0.0, 0.0, 1.0)
 
 
 class Listener(Protocol):
@@ -139,7 +125,7 @@ def is_listener(listener: object) -> TypeGuard[Listener]:
 
 
 def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
-    """Return a bare position (3,), or raise an OptionError."""
+    """Return a bare position (3,); OptionError on anything else."""
     position = np.asarray(listener, np.float64)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
@@ -153,8 +139,8 @@ class Mono:
     Parameters
     ----------
     position : array-like (3,), (times, points) or function of time
-        m; see `struck.ears.listeners`. None: on the x axis of the first body through its centre,
-        1 m or two of its radii away.
+        m; see `Course3`. None: on the x axis of the first body through its centre, 1 m or two of
+        its radii away.
 
     Raises
     ------
@@ -280,18 +266,13 @@ class Binaural:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unchanged:
-    """Filters that change nothing.
-
-    Parameters
-    ----------
-    ears : int
-    """
+    """Filters that change nothing."""
 
     ears: int
 
     @property
     def taps(self) -> int:
-        """A vector's worth."""
+        """Taps of one SIMD vector."""
         return _TAPS
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
@@ -303,12 +284,9 @@ class Unchanged:
 
 
 def axes(facing: Array, up: Array) -> Array:
-    """Return the head's axes in the scene (n, 3, 3): rows forward, left and up.
+    """Return the head's axes in the scene (n, 3, 3), rows forward, left and up.
 
-    Raises
-    ------
-    OptionError
-        Where someone looks along the axis of his own head.
+    Raises OptionError where `facing` lies along `up`.
     """
     forward = _normal("facing", facing)
     left = _normal("the part of up across facing", _across(_normal("up", up), forward))
@@ -316,7 +294,7 @@ def axes(facing: Array, up: Array) -> Array:
 
 
 def _across(first: Array, second: Array) -> Array:
-    """Return cross products (n, 3): in a third of the time of NumPy's, which serves all shapes."""
+    """Return cross products (n, 3), in a third of the time of NumPy's `cross`."""
     a, b = first[:, [1, 2, 0]], second[:, [2, 0, 1]]
     return a * b - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
 

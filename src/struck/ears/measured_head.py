@@ -1,4 +1,4 @@
-"""Heads that were measured: their own responses in all directions, near and far."""
+"""Measured heads: their own responses in all directions, near and far."""
 
 from __future__ import annotations
 
@@ -13,14 +13,22 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.spatial import KDTree
 
-from struck.ears.heads import CATMULL_ROM, HEIGHTS, KNOT_STEP, NEAR, POWERS, Filters, require_rate
+from struck.ears.heads import (
+    CATMULL_ROM,
+    HEIGHTS,
+    KNOT_STEP,
+    NEAR,
+    POWERS,
+    Filters,
+    fading,
+    minimum_phase,
+    require_rate,
+)
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
 from struck.errors import FileFormatError, OptionError
 from struck.files.sofa import Container, opened
 from struck.model.arrays import Array, Single
 from struck.model.material import AIR
-
-# Measured head-related impulse responses: what one set holds, and the sets bundled.
 
 BUNDLED = ("kemar",)
 _FULL_SCALE = 32768.0
@@ -28,48 +36,22 @@ _FULL_SCALE = 32768.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HrtfSet:
-    """Responses of two ears to sources around a head, all at one distance.
-
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    directions : array (M, 3)
-        From the head's centre to each source, of length one, in the head's frame.
-    distance : float
-        Of the sources from the head's centre, m.
-    responses : array (M, 2, N)
-        Left ear first, at any level that all share.
-    delays : array (M, 2)
-        By which the responses have to be delayed, s; zero at any time that all share.
-    sample_rate : float
-        Hz.
-    references : tuple of str
-        Keys in ``references.toml``.
-    source, licence : str
-        What the file says of its origin and its terms.
-    """
+    """Measured responses of two ears to M sources around a head, all at one distance."""
 
     name: str
-    directions: Array
-    distance: float
-    responses: Array
-    delays: Array
-    sample_rate: float
-    references: tuple[str, ...] = ()
-    source: str = ""
+    directions: Array  # (M, 3): unit vectors from the head's centre, in the head's frame
+    distance: float  # m, of the sources from the head's centre
+    responses: Array  # (M, 2, N): left ear first, at any level that all share
+    delays: Array  # (M, 2), s, of the responses, but for a time that all share
+    sample_rate: float  # Hz
+    references: tuple[str, ...] = ()  # keys in references.toml
+    source: str = ""  # origin and terms, as the file says
     licence: str = ""
 
 
 @cache
 def bundled(name: str) -> HrtfSet:
-    """Return a set that comes with struck.
-
-    Raises
-    ------
-    OptionError
-        When none is called that.
-    """
+    """Return a set that comes with struck; OptionError on another name."""
     if name not in BUNDLED:
         raise OptionError(
             f"no head called {name!r} is bundled: use one of {', '.join(BUNDLED)}, or the path of "
@@ -100,7 +82,7 @@ def directions_of(azimuths: Array, elevations: Array) -> Array:
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
-# From measured responses to aligned ones: onsets, delays, level and directions between.
+# Alignment of measured responses: onsets, delays, level and directions between.
 
 LEAD = 8 / 48000  # s, kept ahead of an onset: what a limited band rings before it
 LASTING = 448 / 48000  # s, of a response with its lead: all that KEMAR has
@@ -117,24 +99,12 @@ _DEGREES, _SMOOTHNESS = 80, 2.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Aligned:
-    """Responses of one set at one sample rate, all with their onset at the same sample.
+    """Responses of one set at one sample rate, all with their onset at the same sample."""
 
-    Parameters
-    ----------
-    directions : array (M, 3)
-        None twice.
-    delays : array (M, 2)
-        From the head's centre, were there no head, to a response's first sample, s.
-    responses : array (M, 2, taps)
-        Relative to the free field at the head's centre.
-    gain : float
-        By which the set's own level was multiplied for that.
-    """
-
-    directions: Array
-    delays: Array
-    responses: Array
-    gain: float
+    directions: Array  # (M, 3), none twice
+    delays: Array  # (M, 2), s: from the free arrival at the head's centre to the first sample
+    responses: Array  # (M, 2, taps), relative to the free field at the head's centre
+    gain: float  # factor on the set's own level that makes them so
 
 
 def aligned(
@@ -175,7 +145,7 @@ def _angles(directions: Array) -> Array:
 
 
 def _chosen(directions: Array, nodes: Array) -> NDArray[np.intp]:
-    """Return which directions to keep: none twice, as poles often are, and not too many."""
+    """Return the numbers of directions kept: none twice, as poles often are, and not too many."""
     rounded = np.round(directions, 3) + 0.0  # no negative zeros
     distinct = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
     if len(distinct) <= len(nodes):
@@ -186,8 +156,8 @@ def _chosen(directions: Array, nodes: Array) -> NDArray[np.intp]:
 def _onsets(responses: Array) -> Array:
     """Return where responses (M, 2, N) first exceed a share of their peak, in samples.
 
-    Of the estimators that were tried, cross-correlation with the minimum-phase response jumps by
-    samples between neighbours, where a zero leaves the unit circle, and this one does not.
+    Cross-correlation with the minimum-phase response, which was tried, jumps by samples between
+    neighbours where a zero leaves the unit circle; this does not.
     """
     taps = responses.shape[-1]
     ahead = 16  # a limited band rings before its onset, also before the first sample
@@ -203,7 +173,7 @@ def _onsets(responses: Array) -> Array:
 
 
 def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
-    """Return by what responses have to be multiplied to be relative to the free field."""
+    """Return the factor that makes responses relative to the free field."""
     phases = np.outer(np.arange(responses.shape[-1]), _LEVEL_BAND / measured.sample_rate)
     here = np.mean(np.abs(responses @ np.exp(-2j * np.pi * phases)) ** 2)
     angles, counts = np.unique(np.round(_angles(directions), 3), return_counts=True)
@@ -221,7 +191,8 @@ def _sampled(
     """
     length = 2 * responses.shape[-1] + 2 * math.ceil(lasting * old_rate)
     frequencies = np.arange(length // 2 + 1) * (old_rate / length)
-    spectra = np.fft.rfft(responses, length, axis=-1) * _fading(frequencies, old_rate, new_rate)
+    highest = min(old_rate, new_rate) / 2
+    spectra = np.fft.rfft(responses, length, axis=-1) * fading(frequencies / highest, _PASS, 1.0)
     spectra *= np.exp(2j * np.pi * frequencies * starts[..., np.newaxis])
     times = np.arange(round(lasting * new_rate)) / new_rate
     phases = 2 * np.pi * np.outer(frequencies, times)
@@ -232,13 +203,6 @@ def _sampled(
     return sums * (old_rate / new_rate / length) * _window(round(lasting * new_rate), new_rate)
 
 
-def _fading(frequencies: Array, old_rate: float, new_rate: float) -> Array:
-    """Return one in the band that both rates hold, and half a cosine down to zero at its end."""
-    highest = min(old_rate, new_rate) / 2
-    along = np.clip((frequencies / highest - _PASS) / (1 - _PASS), 0, 1)
-    return 0.5 + 0.5 * np.cos(np.pi * along)
-
-
 def _window(taps: int, sample_rate: float) -> Array:
     """Return ones with eased ends, for responses cut at a lead and a length."""
     start = np.arange(taps) / (_FADE_IN * LEAD * sample_rate)
@@ -247,14 +211,11 @@ def _window(taps: int, sample_rate: float) -> Array:
 
 
 def spline_weights(measured: Array, wanted: Array) -> Array:
-    """Return the weights (W, M) by which values in measured directions make others.
+    """Return the weights (W, M) that interpolate from measured to wanted directions.
 
     A spline on the sphere: exact where measured, and of the least mean square of a derivative of
-    order 2.5 (of Laplace and Beltrami) between, so that it stays bounded where none is near.
-
-    References
-    ----------
-    Wahba 1981, SIAM J. Sci. Stat. Comput. 2(1), 5, with a series for its kernel.
+    order 2.5 (of Laplace and Beltrami) between, so that it stays bounded where none is near (Wahba
+    1981, SIAM J. Sci. Stat. Comput. 2(1), 5, with a series for its kernel).
     """
     count = len(measured)
     system = np.ones((count + 1, count + 1))
@@ -287,24 +248,7 @@ _DISTANCE_SPREAD = 0.1
 
 
 def read_sofa(path: str | Path) -> HrtfSet:
-    """Read measured responses of a head.
-
-    Parameters
-    ----------
-    path : str or Path
-        A SOFA file of convention SimpleFreeFieldHRIR, all sources at one distance.
-
-    Raises
-    ------
-    FileFormatError
-        When it is no such file, or what it holds is out of bounds.
-    MissingDependencyError
-        When h5py is not installed.
-
-    Notes
-    -----
-    AES69-2022, AES standard for file exchange: spatial acoustic data file format.
-    """
+    """Read a SOFA file of convention SimpleFreeFieldHRIR, with all sources at one distance."""
     path = Path(path)
     with opened(path) as file:
         file.require_convention(CONVENTION)
@@ -370,7 +314,7 @@ def _delays(file: Container, shape: tuple[int, ...]) -> Array:
 
 
 def _sources(file: Container, count: int) -> tuple[Array, float]:
-    """Return unit vectors (M, 3) in the head's frame, and the distance they share in m."""
+    """Return unit vectors (M, 3) in the head's frame, and the distance of all sources, m."""
     if np.any(file.numbers("ListenerPosition", (1, 3), (count, 3))):
         raise FileFormatError(
             "its ListenerPosition is not the origin: give SourcePosition relative to the listener"
@@ -406,7 +350,7 @@ def _frame(file: Container, count: int) -> Array:
 
 
 def _left_first(file: Container) -> list[int]:
-    """Return which receivers are the left and the right ear; y points to the left."""
+    """Return the receivers that are the left and the right ear; y points to the left."""
     one = file.shape("ReceiverPosition")
     lateral = file.points("ReceiverPosition", (2, 3), (2, 3, 1), (2, 3, one[-1]))[:, 1]
     if np.isclose(*lateral):
@@ -444,13 +388,7 @@ class MeasuredHead:
 
     @classmethod
     def named(cls, name: str) -> MeasuredHead:
-        """Return a head whose responses come with struck: "kemar".
-
-        Raises
-        ------
-        OptionError
-            When none is called that.
-        """
+        """Return a head whose responses come with struck: "kemar"; OptionError on another name."""
         return cls(bundled(name))
 
     @classmethod
@@ -479,10 +417,7 @@ class MeasuredHead:
     def prepared(self, sample_rate: float, *, brief: bool = False) -> Filters:
         """Return its filters (kept, once made), brief ones for playing live.
 
-        Raises
-        ------
-        OptionError
-            If the sample rate is not between 4 and 768 kHz.
+        Raises OptionError unless the sample rate is from 4 to 768 kHz.
         """
         require_rate(sample_rate, 768000)
         how = (BRIEF,) if brief else ()
@@ -494,29 +429,18 @@ class MeasuredFilters:
     """Delays and spectra on a grid of directions, with cubics between its nodes.
 
     Spectra are those of responses with zeros behind, so that a product is a convolution.
-
-    Parameters
-    ----------
-    grid : array (elevations * azimuths, 2 + 4 bins), float32
-        Delays (s) and spectra of both ears at the distance that was measured.
-    near : array (KNOTS * (NEAR_STEPS + 4), 2 + 4 bins), float32
-        What other distances add to the delays (s), and multiply the spectra by.
-    taps : int
-        Length of the responses.
-    length : int
-        Of the transforms.
-    gain : float
-        By which the set's own level was multiplied, to be relative to the free field.
     """
 
+    # (elevations * azimuths, 2 + 4 bins): delays, s, and spectra of both ears as measured
     grid: Single
+    # (KNOTS * (NEAR_STEPS + 4), 2 + 4 bins): terms of delays, s, and factors of spectra
     near: Single
-    taps: int
-    length: int
-    gain: float
+    taps: int  # of the responses
+    length: int  # of the transforms
+    gain: float  # factor on the set's own level
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return delays (n, 2) and responses (n, 2, taps); see `struck.ears.heads.Filters`."""
+        """Return delays (n, 2), s, and responses (n, 2, taps); see `struck.ears.heads.Filters`."""
         places = _places(directions, distances)
         cells = places.astype(np.intp)
         weights = ((places - cells)[..., None] ** POWERS @ CATMULL_ROM).astype(np.float32)
@@ -557,7 +481,7 @@ _NEIGHBOURS = {
 
 @lru_cache(maxsize=8)
 def prepare(measured: HrtfSet, sample_rate: float, lasting: float = LASTING) -> MeasuredFilters:
-    """Return the filters of a set at a sample rate, of so many seconds each."""
+    """Return the filters of a set at a sample rate, each lasting some seconds."""
     ready = aligned(measured, sample_rate, _nodes(), lasting)
     taps, short = ready.responses.shape[-1], round(NEAR_LASTING * sample_rate)
     length = next_fast_len(taps + short - 1, real=True)
@@ -594,14 +518,14 @@ def _table(delays: Array, responses: Array, length: int) -> Single:
 
 @lru_cache(maxsize=8)
 def _near_field(reference: float, sample_rate: float, short: int, length: int) -> Single:
-    """Return what the distance changes, over heights and angles, mirrored beyond 0 and pi."""
+    """Return the change with distance over heights and angles, mirrored beyond 0 and pi."""
     angles = np.linspace(0, np.pi, NEAR_STEPS + 1)
     frequencies = np.linspace(0, sample_rate / 2, _SPECTRUM + 1)
     tables: list[Single] = []
     for distance in (1 + HEIGHTS) * HEAD_RADIUS:
         gains = distance_gain(frequencies, angles, distance, reference).T
         later = arrival_delay(angles, distance) - arrival_delay(angles, reference)
-        table = _table(_both(later), _both(_minimum_phase(gains)[:, :short]), length)
+        table = _table(_both(later), _both(minimum_phase(np.log(gains))[:, :short]), length)
         tables.append(np.pad(table, ((1, 2), (0, 0)), mode="reflect"))
     return np.concatenate(tables)
 
@@ -609,17 +533,3 @@ def _near_field(reference: float, sample_rate: float, short: int, length: int) -
 def _both(left: Array) -> Array:
     """Return values (A, ..) over the angle to the left ear for both ears, (A, 2, ..)."""
     return np.stack([left, left[::-1]], axis=1)
-
-
-def _minimum_phase(gains: Array) -> Array:
-    """Return the responses (A, 2 bins) of minimum phase that have these gains (A, bins + 1).
-
-    References
-    ----------
-    Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., section 13.5.
-    """
-    cepstra = np.fft.irfft(np.log(gains), axis=-1)
-    half = cepstra.shape[-1] // 2
-    cepstra[:, 1:half] *= 2
-    cepstra[:, half + 1 :] = 0
-    return np.fft.irfft(np.exp(np.fft.rfft(cepstra, axis=-1)), axis=-1)

@@ -1,4 +1,4 @@
-"""The ways of sound from bodies to ears, one stretch of time after the other."""
+"""Propagation of sound from bodies to ears, one stretch of time after the other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single
 from struck.model.material import AIR
 
-# Bodies as ears know them, and their images in the walls of a room.
+STRETCH = 512  # samples from one look at all places to the next; in between they go on smoothly
+LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from a listener
+# How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
+_EARLIEST, _WAITING = 1e-3, 16
+_ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,13 +46,9 @@ class Emitter:
 
 
 class Sources:
-    """Bodies and their mirror images.
+    """Bodies and their mirror images in the walls of a room.
 
-    Parameters
-    ----------
-    emitters : sequence of Emitter
-    signs, offsets : array (I, 3)
-        An image of what is at p is at signs * p + offsets; the first is the body itself.
+    An image of what is at p is at signs * p + offsets (I, 3); the first is the body itself.
     """
 
     def __init__(self, emitters: Sequence[Emitter], signs: Array, offsets: Array) -> None:
@@ -74,18 +74,9 @@ class Sources:
         return any(each.centre.moves for each in self._emitters)
 
     def at(self, times: Array, ways: Array) -> Array:
-        """Return where sources were when they sent what has gone a way.
+        """Return the places of sources when they sent what arrives at times (n,): (n, sources, 3).
 
-        Parameters
-        ----------
-        times : array (n,)
-            Of arrival, s.
-        ways : array (n, sources)
-            m.
-
-        Returns
-        -------
-        array (n, sources, 3)
+        `ways` (n, sources), m, are how far the sound has gone.
         """
         sent = times[:, None] - ways / AIR.sound_speed
         shape = len(times), len(self._emitters), len(self._signs)
@@ -93,9 +84,6 @@ class Sources:
         centres = [each.centre.at(its) for each, its in zip(self._emitters, moments, strict=True)]
         apart = np.array(centres).reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
         return (self._signs * apart + self._offsets).reshape(*ways.shape, 3)
-
-
-# Where a listener is and looks.
 
 
 class Posed(Protocol):
@@ -118,26 +106,19 @@ class Posed(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pose:
-    """A listener's head over time.
-
-    Parameters
-    ----------
-    position, facing, up : Trajectory
-    ear_points : array (ears, 3)
-        In the head's frame, m.
-    """
+    """A listener's head over time."""
 
     position: Trajectory
     facing: Trajectory
     up: Trajectory
-    ear_points: Array
+    ear_points: Array  # (ears, 3), m, in the head's frame
 
     @classmethod
     def of(cls, listener: Listener, emitters: Sequence[Emitter]) -> Pose:
-        """Return that of a listener.
+        """Return the pose of a listener.
 
-        Where he does not say he is beside the first body and faces the middle of all, level; above,
-        below or in the middle of them he looks along x, or y where x is up.
+        Without a position it is beside the first body; without a direction it faces the middle of
+        all bodies, level, or along x (y where x is up) from above, below or in the middle of them.
         """
         start = np.zeros(1)
         centres = np.concatenate([each.centre.at(start) for each in emitters])
@@ -161,13 +142,9 @@ class Pose:
         return self.position.moves or self.facing.moves or self.up.moves
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return the places of the head's centre and the ears, and its axes.
+        """Return the places of head and ears (n, 1 + ears, 3), and the head's axes (n, 3, 3).
 
-        Returns
-        -------
-        places : array (n, 1 + ears, 3)
-        axes : array (n, 3, 3)
-            Rows forward, left and up.
+        Rows of axes are forward, left and up.
         """
         if self.moves:
             return self._at(times)
@@ -176,7 +153,7 @@ class Pose:
 
     @cached_property
     def _rest(self) -> tuple[Array, Array]:
-        """What `at` says of who stays where he is."""
+        """Places and axes of a head that does not move."""
         return self._at(np.zeros(1))
 
     def _at(self, times: Array) -> tuple[Array, Array]:
@@ -199,48 +176,12 @@ def _level(ahead: Array, up: Array) -> Array:
     return ahead
 
 
-STRETCH = 512
-"""Samples from one look at where all are to the next; in between they go on smoothly."""
-LONGEST_WAY = 10_000.0
-"""The largest distance between a body, or its image, and a listener, m."""
-# How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
-_EARLIEST, _WAITING = 1e-3, 16
-_ROUNDS = 8
-
-
 class Propagation:
     """Where bodies and ears are, and what a head does between.
 
-    Parameters
-    ----------
-    emitters : sequence of Emitter
-    pose : Posed
-        Of the listener.
-    filters : Filters
-        Of his head.
-    sample_rate : float
-        Hz.
-    stretch : int
-        Samples.
-    room : Room or None
-        Whose walls reflect.
-
-    Attributes
-    ----------
-    lines : int
-        How many there are: one for each body, or for each ear of one with a timbre field.
-    ears : int
-    lead : int
-        Samples by which all delays are longer, so that none is shorter than `READ` / 2.
-    paths : Paths
-        Of the present stretch.
-
-    Raises
-    ------
-    ContactError
-        Where the listener is inside a body.
-    OptionError
-        On directions or distances that cannot be.
+    Its `lead` is by how many samples all delays are longer, so that none is shorter than `READ` /
+    2. Raises ContactError with the listener inside a body, OptionError on impossible directions or
+    distances.
     """
 
     def __init__(
@@ -285,7 +226,7 @@ class Propagation:
 
     @property
     def longest(self) -> int:
-        """How late the last of what is sent now arrives, samples."""
+        """Samples until the last of what is sent now has arrived."""
         delays, _, responses = self._end
         return int(np.ceil(delays.max())) + responses.shape[-1]
 
@@ -313,7 +254,7 @@ class Propagation:
         )
 
     def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
-        """Return delays, samples, and gains (n, sources, ears), and the last one's responses."""
+        """Return delays, samples, and gains (n, sources, ears), and the last time's responses."""
         distances, seen = self._distances(times)
         centres = distances[..., 0]
         self._require_outside(centres)
@@ -330,14 +271,7 @@ class Propagation:
         return self.lead + (ways / AIR.sound_speed + added) * self._rate, gains, responses
 
     def _distances(self, times: Array) -> tuple[Array, Array]:
-        """Return distances to the head's centre and the ears, and directions in its frame.
-
-        Returns
-        -------
-        distances : array (n, sources, 1 + ears)
-            m.
-        directions : array (n, sources, 3)
-        """
+        """Return distances to head and ears (n, sources, 1 + ears), m, and unit directions."""
         places, turned = self._pose.at(times)
         ways = self._guess + np.outer(times - self._now, self._rates)
         sources = self._sources.at(times, ways)

@@ -1,4 +1,4 @@
-"""The late sound of a room: noise that dies away at the same rate everywhere."""
+"""Reverberation: the late sound of a room, noise that dies away at the same rate everywhere."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ from struck.errors import OptionError
 from struck.model.arrays import Array, Complex, Single
 from struck.model.material import AIR
 
-EAR_SPACING = 0.175
-"""m; twice the radius 8.75 cm of the sphere that stands for a head."""
+EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that stands for a head
+# Reverberation time times absorption area over volume: 0.161 s/m.
 SABINE = 24 * math.log(10) / AIR.sound_speed
-"""s/m; the reverberation time is this times volume over absorption area (0.161 s/m)."""
-_AMPLITUDE = 3 * math.log(10)
-"""Exponent by which an amplitude falls by 60 dB."""
+_AMPLITUDE = 3 * math.log(10)  # exponent by which an amplitude falls by 60 dB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,20 +156,9 @@ class Reverberation:
 
 
 def band_shares(frequencies: ArrayLike, centres: Array) -> Array:
-    """Return what each band has of each frequency: 1 at its centre, 1 in sum.
+    """Return the share of each band in each frequency (bands, F): 1 at its centre, 1 in sum.
 
-    Neighbours fade into one another as cos^2 over the logarithm of the frequency.
-
-    Parameters
-    ----------
-    frequencies : array (F,)
-        Hz.
-    centres : array (bands,)
-        Hz, rising.
-
-    Returns
-    -------
-    array (bands, F)
+    Neighbouring bands (centres in Hz, rising) fade into one another as cos^2 over log frequency.
     """
     lowest = centres[0]
     place = np.log(np.clip(frequencies, lowest, centres[-1]) / lowest)
@@ -187,30 +174,11 @@ def diffuse_coherence(frequencies: ArrayLike, spacing: float) -> Array:
 def statistical_time(
     volume: float, areas: Array, absorptions: Array, formula: str = "eyring"
 ) -> Array:
-    """Return the reverberation time to expect of a room, band by band.
+    """Return the reverberation time of a room by Eyring's or Sabine's formula, s (bands,).
 
-    Infinite where nothing is absorbed; 0 by Eyring's formula where all is. Air absorbs nothing.
-
-    Parameters
-    ----------
-    volume : float
-        m^3.
-    areas : array (walls,)
-        m^2.
-    absorptions : array (walls, bands)
-        Absorbed share of the energy.
-    formula : {"eyring", "sabine"}
-        Sabine's holds where little is absorbed (Kuttruff 2009, chapter 5).
-
-    Returns
-    -------
-    array (bands,)
-        s.
-
-    Raises
-    ------
-    OptionError
-        When the formula is another.
+    From its volume, m^3, the areas of its walls, m^2, and absorbed shares of the energy (walls,
+    bands). Infinite where nothing is absorbed; 0 by Eyring's formula where all is. Air absorbs
+    nothing; Sabine's holds where little is absorbed (Kuttruff 2009, chapter 5).
     """
     mean = areas @ absorptions / areas.sum()
     if formula not in {"eyring", "sabine"}:

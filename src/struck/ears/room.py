@@ -1,4 +1,4 @@
-"""A room as a box: reflections as images of the source behind the walls."""
+"""A room as a box: reflections as images of the source behind its walls."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
 from struck.errors import MissingDependencyError, OptionError
 from struck.model.arrays import Array, Index, Single
 from struck.model.material import AIR
 
-# Libraries that ears use where they are installed.
+Wall = str | float
+WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")  # z0 is the floor, z1 the ceiling
+BANDS = 125.0 * 2.0 ** np.arange(7)  # Hz: centres of the octave bands of absorption (7,)
+_FAINTEST = 1e-5  # a logarithm needs something: 100 dB down is nothing
+_SPECTRUM = 8192  # points of the circle on which a short response is built
 
 
 def pyroomacoustics() -> ModuleType:
-    """Return pyroomacoustics.
+    """Return the library pyroomacoustics; MissingDependencyError where it is not installed.
 
     Its import would import sounddevice, which opens PortAudio for as long as Python runs: from then
-    on no device that comes or goes would be seen, by `struck.play` neither.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where it is not installed.
+    on `struck.play` would see no device that comes or goes.
     """
     known = sys.modules.get("sounddevice")
     hidden = "pyroomacoustics" not in sys.modules and known is None
@@ -52,31 +52,14 @@ def pyroomacoustics() -> ModuleType:
     return found
 
 
-Wall = str | float
-
-WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")
-"""Names of the walls: z0 is the floor, z1 the ceiling."""
-BANDS = 125.0 * 2.0 ** np.arange(7)
-"""Centres of the octave bands in which absorption is given, Hz: (7,)."""
-_FAINTEST = 1e-5  # a logarithm needs something: 100 dB down is nothing
-_SPECTRUM = 8192  # points of the circle on which a short response is built
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Images:
-    """Where the images of any source in a box are; the first is the source itself.
+    """Images of any source in a box; the first is the source itself."""
 
-    Parameters
-    ----------
-    signs, offsets : array (images, 3)
-        The image of a source at p is at signs * p + offsets, m; signs are 1, or -1 if mirrored.
-    counts : array (images, 6)
-        How often the sound met each of `WALLS`.
-    """
-
+    # The image (images, 3) of a source at p is at signs * p + offsets, m; a sign of -1 mirrors.
     signs: Array
     offsets: Array
-    counts: Index
+    counts: Index  # (images, 6): how often the sound met each of `WALLS`
 
     def __len__(self) -> int:
         return len(self.signs)
@@ -213,7 +196,7 @@ class Room:
         logarithms = 0.5 * np.log(np.maximum(kept, _FAINTEST**2))
         distinct, which = np.unique(self.images().counts, axis=0, return_inverse=True)
         magnitudes = np.maximum(distinct @ logarithms, math.log(_FAINTEST))
-        return _minimum_phase(magnitudes)[which.ravel(), :taps].astype(np.float32)
+        return minimum_phase(magnitudes)[which.ravel(), :taps].astype(np.float32)
 
     def reverberation_time(self, formula: str = "eyring") -> Array:
         """Return the `statistical_time` of decay to expect in each of `BANDS`, s: (7,)."""
@@ -293,6 +276,7 @@ def wall_materials() -> Mapping[str, Mapping[str, Any]]:
 
 
 def _absorption(wall: Wall) -> Array:
+    """Return the absorbed share of the energy of a wall in each band (7,)."""
     if isinstance(wall, str):
         entry = wall_materials().get(wall.strip().lower())
         if entry is None:
@@ -304,16 +288,3 @@ def _absorption(wall: Wall) -> Array:
     if not 0 <= wall <= 1:
         raise OptionError(f"a wall that absorbs {wall} of the energy: give 0 to 1, or a name")
     return np.full(len(BANDS), float(wall))
-
-
-def _minimum_phase(logarithms: Array) -> Array:
-    """Return responses of minimum phase from the logarithms of their magnitudes.
-
-    A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, 3rd ed., 2010, chapter 13:
-    the complex cepstrum of minimum phase is twice the causal half of the real one.
-    """
-    count = 2 * (logarithms.shape[1] - 1)
-    cepstra = np.fft.irfft(logarithms, count)
-    cepstra[:, 1 : count // 2] *= 2
-    cepstra[:, count // 2 + 1 :] = 0
-    return np.fft.irfft(np.exp(np.fft.rfft(cepstra)), count)

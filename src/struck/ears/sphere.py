@@ -1,4 +1,4 @@
-"""A rigid sphere in the way of sound: the simplest head.
+"""Pressure and arrival of sound on a rigid sphere, the simplest head.
 
 Pressures are amplitudes of exp(+i omega t), as in NumPy's ``rfft``: what arrives later has the
 more negative phase. Angles are between source and ear, seen from the sphere's centre, in radians:
@@ -6,12 +6,14 @@ more negative phase. Angles are between source and ear, seen from the sphere's c
 
 With x = k a (a the radius), rho = r / a (r the distance) and the spherical Hankel functions h_n of
 the second kind, a point source makes on the sphere, relative to its free field at the centre
-(Rayleigh 1904; Duda & Martens 1998, there for the other sign of time)
+(Rayleigh 1904, Phil. Trans. R. Soc. A 203, 87; Duda & Martens 1998, JASA 104(5), 3048, there for
+the other sign of time)
 
     H = -(rho / x) exp(i x rho) sum_n (2 n + 1) P_n(cos angle) h_n(x rho) / h_n'(x).
 
-The Hankel functions overflow, their ratios s_n(x) = x h_n(x) / h_{n-1}(x) do not: they start at
-s_1 = 1 + i x, go on as s_{n+1} = 2 n + 1 - x^2 / s_n, and turn the series into
+SciPy's Hankel functions overflow beyond moderate orders, their ratios s_n(x) = x h_n(x) /
+h_{n-1}(x) do not: they start at s_1 = 1 + i x, go on as s_{n+1} = 2 n + 1 - x^2 / s_n, and turn the
+series into
 
     H = sum_n (2 n + 1) P_n(cos angle) c_n / (s_{n+1}(x) - n),
     c_0 = exp(i x),  c_n = c_{n-1} s_n(x rho) / (rho s_n(x)),
@@ -42,36 +44,10 @@ def pressure(
     radius: float = HEAD_RADIUS,
     sound_speed: float = AIR.sound_speed,
 ) -> Complex:
-    """Return the pressure on a rigid sphere, relative to the free field at its centre.
+    """Return the pressure on a rigid sphere (F, A), relative to the free field at its centre.
 
-    Parameters
-    ----------
-    frequencies : array (F,)
-        Hz, zero included.
-    angles : array (A,)
-        Between source and ear, rad.
-    distance : float, optional
-        Of a point source from the centre, m; a plane wave where there is none.
-    radius : float
-        m.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    array (F, A), complex
-        Amplitudes of exp(+i omega t): its phase is that relative to the arrival at the centre,
-        were there no sphere; an earlier arrival has a positive phase.
-
-    Raises
-    ------
-    OptionError
-        If a frequency is negative, the source nearer than 1.01 radii, or the radius or the speed
-        not positive.
-
-    References
-    ----------
-    Rayleigh 1904, Phil. Trans. R. Soc. A 203, 87; Duda & Martens 1998, JASA 104(5), 3048.
+    Frequencies (F,) in Hz, angles (A,) in rad; without a distance (m) the wave is plane. The phase
+    is relative to the arrival at the centre, were there no sphere.
     """
     ka = 2 * np.pi * _checked_frequencies(frequencies) * _crossing(radius, sound_speed)
     coefficients = np.stack(list(_coefficients(ka, nearness(distance, radius))), axis=1)
@@ -87,37 +63,10 @@ def distance_gain(
     radius: float = HEAD_RADIUS,
     sound_speed: float = AIR.sound_speed,
 ) -> Array:
-    """Return by how much a head's response grows from a reference distance to another.
+    """Return the ratio of pressures at a distance and at a reference distance (F, A).
 
-    The law 1/r at the head's centre is not in it: responses at all distances are relative to the
-    free field there. It corrects responses measured at one distance for nearer sources.
-
-    Parameters
-    ----------
-    frequencies : array (F,)
-        Hz.
-    angles : array (A,)
-        Between source and ear, rad.
-    distance, reference : float, optional
-        m, from the centre; a plane wave where there is none.
-    radius : float
-        m.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    array (F, A)
-        ``|pressure(distance)| / |pressure(reference)|``.
-
-    Raises
-    ------
-    OptionError
-        As by `pressure`.
-
-    References
-    ----------
-    Kan, Jin & van Schaik 2009, JASA 125(4), 2233 (distance variation function).
+    The distance variation function of Kan, Jin & van Schaik 2009, JASA 125(4), 2233: pressures are
+    relative to the free field at the head's centre, so that the law 1/r is not in it.
     """
     here = pressure(frequencies, angles, distance, radius, sound_speed)
     return np.abs(here / pressure(frequencies, angles, reference, radius, sound_speed))
@@ -129,37 +78,12 @@ def arrival_delay(
     radius: float = HEAD_RADIUS,
     sound_speed: float = AIR.sound_speed,
 ) -> Array:
-    """Return how much later a wave front comes to an ear than to the head's centre.
+    """Return how much later than at the head's centre a wave front comes to an ear, s.
 
     By the straight line where the source sees the ear, else by the tangent to the sphere and on
-    along it. Value and slope are continuous at the edge of the shadow; at the point opposite to
-    the source, where the ways around either side are equal, the delay has its peak, a corner.
-
-    Parameters
-    ----------
-    angles : array
-        Between source and ear, from 0 to pi rad.
-    distances : array, optional
-        From the centre to the source, m, of a shape that broadcasts with the angles; endless
-        where there are none.
-    radius : float
-        m.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    array
-        s; negative where the sound comes to the ear first.
-
-    Raises
-    ------
-    OptionError
-        If a source is nearer than 1.01 radii, or the radius or the speed not positive.
-
-    References
-    ----------
-    Woodworth & Schlosberg 1954, Experimental Psychology, 349-361.
+    along it (Woodworth & Schlosberg 1954, Experimental Psychology, 349-361); from afar without
+    distances (m). Continuous with its slope at the shadow's edge, with a corner opposite to the
+    source.
     """
     nearby = nearness(distances, radius)
     angle = np.asarray(angles, dtype=np.float64)
@@ -170,78 +94,8 @@ def arrival_delay(
     return _crossing(radius, sound_speed) * np.where(np.cos(angle) >= nearby, straight, around)
 
 
-def woodworth_delay(
-    azimuths: ArrayLike, radius: float = HEAD_RADIUS, sound_speed: float = AIR.sound_speed
-) -> Array:
-    """Return the interaural delay of wave fronts from afar, a (sin theta + theta) / c.
-
-    Parameters
-    ----------
-    azimuths : array
-        Of the source in the ears' plane, from the front and to the left, rad. Behind the ears it
-        counts as in front of them, mirrored.
-    radius : float
-        m; the ears are at its opposite ends.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    array
-        s; positive where the left ear leads.
-
-    Raises
-    ------
-    OptionError
-        If the radius or the speed is not positive.
-
-    References
-    ----------
-    Woodworth 1938, Experimental Psychology, 520-523.
-    """
-    sines = np.sin(np.asarray(azimuths, dtype=np.float64))
-    return _crossing(radius, sound_speed) * (sines + np.arcsin(sines))
-
-
-def kuhn_delay(
-    azimuths: ArrayLike, radius: float = HEAD_RADIUS, sound_speed: float = AIR.sound_speed
-) -> Array:
-    """Return the interaural phase delay at low frequencies, 3 a sin(theta) / c.
-
-    Parameters
-    ----------
-    azimuths : array
-        Of the source in the ears' plane, from the front and to the left, rad.
-    radius : float
-        m; the ears are at its opposite ends.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    array
-        s; positive where the left ear leads.
-
-    Raises
-    ------
-    OptionError
-        If the radius or the speed is not positive.
-
-    References
-    ----------
-    Kuhn 1977, JASA 62(1), 157.
-    """
-    return 3 * _crossing(radius, sound_speed) * np.sin(np.asarray(azimuths, dtype=np.float64))
-
-
 def nearness(distances: ArrayLike | None, radius: float) -> Array:
-    """Return radius over distance: zero for a plane wave.
-
-    Raises
-    ------
-    OptionError
-        If a source is nearer than 1.01 radii, or the radius not positive.
-    """
+    """Return radius over distance: zero for a plane wave; OptionError within 1.01 radii."""
     far = np.asarray(np.inf if distances is None else distances, dtype=np.float64)
     if not np.all(far >= NEAREST * _checked_radius(radius)):
         raise OptionError(
@@ -252,7 +106,7 @@ def nearness(distances: ArrayLike | None, radius: float) -> Array:
 
 
 def _coefficients(ka: Array, nearby: Array) -> Iterator[Complex]:
-    """Yield the factors of the Legendre polynomials, until no more than REMAINDER is left."""
+    """Yield the factors (F,) of the Legendre polynomials, until no more than REMAINDER is left."""
     size = np.exp(1j * ka)
     at_sphere = 1 + 1j * ka
     at_source = nearby + 1j * ka
