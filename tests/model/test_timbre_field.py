@@ -11,7 +11,7 @@ from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import TimbreTable
 from struck.model.waves import ORDER
-from struck.recordings.survey_plan import SurveyPlan
+from struck.recordings.capture_plan import SurveyPlan
 from tests.model.vases import HEIGHTS, NODES, RADIUS, Vase, error, listeners, noisy
 
 Array = NDArray[np.float64]

@@ -11,5 +11,5 @@ from .manifest import Manifest as Manifest
 from .manifest import read_manifest as read_manifest
 from .poles.search import Fitted as Fitted
 from .poles.search import fit_poles as fit_poles
-from .survey_plan import SurveyPlan as SurveyPlan
+from .capture_plan import SurveyPlan as SurveyPlan
 from .takes import Take as Take

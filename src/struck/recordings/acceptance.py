@@ -1,4 +1,4 @@
-"""Whether a take is taken: one clean hit after a quiet lead-in, neither clipped nor cut short."""
+"""Acceptance of a take: one clean hit after a quiet lead-in, neither clipped nor cut short."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from struck.files.sound import Sound
 from struck.model.arrays import Array
 
-MARGIN = 0.01
-"""Between the lead-in that is kept and the hit, s."""
-FULL = 0.9995
-"""Share of full scale from which a sample counts as clipped."""
+MARGIN = 0.01  # s, between the lead-in that is kept and the hit
+FULL = 0.9995  # share of full scale from which a sample counts as clipped
 _BLOCK = 0.001  # s, in which an onset is found
 _ONSET_OVER_NOISE, _ONSET_UNDER_PEAK = 12.0, 30.0  # dB
 _BURST, _BURST_UNDER_PEAK = 15.0, 40.0  # dB, of a noise in the lead-in
@@ -43,40 +41,20 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TakeVerdict:
-    """What was found.
+    """Verdict on a take."""
 
-    Parameters
-    ----------
-    reason : str
-        Why the take is refused, and the way out; empty when it is taken.
-    sound : Sound or None
-        What is kept: the lead-in, a margin of `MARGIN` and what follows the hit.
-    peak : float
-        Of the loudest channel, dB of full scale.
-    above_noise : float
-        Peak over ambient sound in the worst channel, dB.
-    """
-
-    reason: str = ""
-    sound: Sound | None = None
-    peak: float = 0.0
-    above_noise: float = 0.0
+    reason: str = ""  # of a refusal, and the way out; empty when the take is accepted
+    sound: Sound | None = None  # what is kept: lead-in, `MARGIN` and the sound from the hit on
+    peak: float = 0.0  # dB of full scale, of the loudest channel
+    above_noise: float = 0.0  # dB, peak over ambient sound in the worst channel
 
 
 def examined(
     sound: Sound, *, lead_in: float, seconds: float, bounds: Bounds, channels: int = 1
 ) -> TakeVerdict:
-    """Judge a recording that begins with at least `lead_in` seconds of ambient sound.
+    """Return the verdict on a recording of one hit after `lead_in` seconds or more of noise.
 
-    Parameters
-    ----------
-    sound : Sound
-        1.0 at full scale.
-    lead_in, seconds : float
-        What has to be there before and after the hit, s.
-    bounds : Bounds
-    channels : int
-        How many there have to be.
+    `seconds` of sound are kept after the hit; full scale is 1.0.
     """
     samples = sound.samples.astype(np.float64)
     rate, before = sound.sample_rate, round(lead_in * sound.sample_rate)
@@ -104,12 +82,12 @@ def examined(
     return TakeVerdict(
         sound=Sound(samples=kept.astype(np.float32), sample_rate=rate),
         peak=float(_peaks(samples).max()),
-        above_noise=float(_above(samples, before).min()),
+        above_noise=float((_peaks(samples[:, before:]) - _level(samples[:, :before])).min()),
     )
 
 
 def _onset(samples: Array, before: int, rate: int) -> int | None:
-    """Return the first sample of the hit, by the first channel that hears it; None without one."""
+    """Return the first sample of the hit in the first channel that hears it, or None."""
     size = max(1, round(_BLOCK * rate))
     noises = _level(samples[:, :before])
     levels = _blocks(samples[:, before:], size)
@@ -121,7 +99,7 @@ def _onset(samples: Array, before: int, rate: int) -> int | None:
 
 
 def _clipped(samples: Array) -> str:
-    """Tell of samples at full scale, and of tops that are flat below it."""
+    """Return a reason on samples at full scale, or on tops that are flat below it."""
     for number, channel in enumerate(np.abs(samples), 1):
         full = np.count_nonzero(channel >= FULL)
         if full:
@@ -140,7 +118,7 @@ def _clipped(samples: Array) -> str:
 
 
 def _disturbed(samples: Array, before: int, rate: int) -> str:
-    """Tell of a noise in the lead-in, such as a hit before its cue."""
+    """Return a reason on a noise in the lead-in, such as a hit before its cue."""
     levels = _blocks(samples[:, :before], max(1, round(10 * _BLOCK * rate)))
     if levels.shape[1] < 2:
         return ""
@@ -157,7 +135,7 @@ def _disturbed(samples: Array, before: int, rate: int) -> str:
 
 
 def _levels(samples: Array, before: int, bounds: Bounds) -> str:
-    """Tell of a channel that hears no hit, or one too quiet or too loud."""
+    """Return a reason on a channel without a hit, or with one too quiet or too loud."""
     after = _peaks(samples[:, before:])
     noises = _level(samples[:, :before])
     for number, (peak, noise) in enumerate(zip(after, noises, strict=True), 1):
@@ -182,6 +160,7 @@ def _levels(samples: Array, before: int, bounds: Bounds) -> str:
 
 
 def _late(hit: int | None, length: int, rate: int, seconds: float) -> str:
+    """Return a reason where no hit was found, or too little sound is left after it."""
     if hit is None:
         return "no hit was found after the lead-in: strike at the cue, harder or nearer"
     rest = (length - hit) / rate
@@ -194,7 +173,7 @@ def _late(hit: int | None, length: int, rate: int, seconds: float) -> str:
 
 
 def _dropped(samples: Array, before: int, hit: int, rate: int) -> str:
-    """Tell of stretches of zeros that the ambient sound does not have."""
+    """Return a reason on stretches of zeros that the ambient sound does not have."""
     for number, channel in enumerate(samples, 1):
         usual = _runs(channel[:before] == 0).max(initial=0)
         longest = _runs(channel[hit:] == 0).max(initial=0)
@@ -207,7 +186,7 @@ def _dropped(samples: Array, before: int, hit: int, rate: int) -> str:
 
 
 def _twice(samples: Array, hit: int, rate: int) -> str:
-    """Tell of a second hit: a block louder than all just before it, in all that rises fast."""
+    """Return a reason on a second hit: a 5 ms block far louder than all of the 40 ms before it."""
     size = round(_SECOND_BLOCK * rate)
     levels = _blocks(np.diff(samples[:, hit:]), size).max(axis=0)
     first = _SECOND_LOOK
@@ -235,10 +214,6 @@ def _level(samples: Array) -> Array:
     return 20 * np.log10(np.sqrt(np.square(samples).mean(axis=1)) + _SILENT)
 
 
-def _above(samples: Array, before: int) -> Array:
-    return _peaks(samples[:, before:]) - _level(samples[:, :before])
-
-
 def _blocks(samples: Array, size: int) -> Array:
     """Return the level of each whole block of each channel, dB (C, blocks)."""
     whole = samples[:, : samples.shape[1] // size * size]
@@ -247,6 +222,6 @@ def _blocks(samples: Array, size: int) -> Array:
 
 
 def _runs(wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the lengths of all stretches where something holds."""
+    """Return the lengths of all stretches of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
     return edges[1::2] - edges[::2]

@@ -1,4 +1,4 @@
-"""A measurement: each planned point is prompted, struck, recorded, judged and kept, or repeated."""
+"""Measurements: each planned point is prompted, struck, recorded, judged and kept, or repeated."""
 
 from __future__ import annotations
 
@@ -17,186 +17,12 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex
 from struck.model.provenance import Progress, silent
 from struck.recordings.acceptance import MARGIN, TakeVerdict, examined
-from struck.recordings.capture_plan import CapturePlan, Point, facts_of
+from struck.recordings.capture_plan import CapturePlan, Point
 from struck.recordings.manifest import NAME, ManifestEntry, recorded_so_far
 
-# How strongly each contact drives what rings, roughly: enough to choose the best contact by.
-
-MOST = 64
-"""Lines that are looked at."""
+_MOST_LINES = 64  # of a spectrum, by which the best contact is chosen
 _DEEPEST = 50.0  # dB under the strongest line
-_LONGEST = 1.0  # s
-
-
-def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
-    """Return the strength of spectral lines at each contact (P, M).
-
-    Parameters
-    ----------
-    takes : sequence (P,) of sequences of Sound
-        Hits of each contact, heard by the same listener; their first channel counts.
-    lead_in : float
-        Before each hit, s.
-
-    Returns
-    -------
-    array (P, M)
-        Root mean squares over hits, at the local maxima of the spectrum of all contacts. Phases are
-        not known and 0: `Plan.after` asks for powers alone.
-
-    Raises
-    ------
-    RecordingError
-        When nothing rings.
-    """
-    rates = {sound.sample_rate for hits in takes for sound in hits}
-    if len(rates) != 1:
-        raise RecordingError(f"takes have rates of {sorted(rates)} Hz: record all at one rate")
-    first = round(lead_in * rates.pop())
-    shortest = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
-    powers = np.array([_mean_power(hits, first, shortest) for hits in takes])
-    loudest = powers.max(axis=0)
-    lines = _maxima(loudest)
-    if not len(lines):
-        raise RecordingError("no line stands out of the spectra of the takes: strike harder")
-    return np.sqrt(powers[:, lines]).astype(np.complex128)
-
-
-def _mean_power(hits: Sequence[Sound], first: int, length: int) -> Array:
-    """Return the power spectrum of what rings after the hit, mean over hits."""
-    count = max(2, min(length, round(_LONGEST * hits[0].sample_rate)))
-    window = np.hanning(count)
-    rung = [sound.samples[0, first : first + count].astype(np.float64) for sound in hits]
-    return np.mean([np.square(np.abs(np.fft.rfft(window * each))) for each in rung], axis=0)
-
-
-def _maxima(power: Array) -> NDArray[np.int64]:
-    """Return the strongest local maxima over two bins to each side: a window's main lobe."""
-    padded = np.pad(power, 2, constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(padded, 5)
-    deep = power > power[2:-2].max(initial=0.0) * 10 ** (-_DEEPEST / 10)
-    lines = np.flatnonzero((power >= around.max(axis=1)) & deep & (power > 0))
-    return lines[np.argsort(-power[lines], kind="stable")][:MOST]
-
-
-# What a measurement has recorded so far: takes and their manifest, each written whole.
-
-
-class TakeLog:
-    """A folder of takes with a manifest, from an earlier run or new.
-
-    Parameters
-    ----------
-    plan : CapturePlan
-    folder : Path
-        Made if only its last part is missing.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder cannot be made, or its manifest cannot be read.
-    RecordingError
-        When it holds takes of another rate.
-    """
-
-    def __init__(self, plan: CapturePlan, folder: Path) -> None:
-        _make(folder)
-        self._plan = plan
-        self._manifest = recorded_so_far(folder / NAME)
-        if plan.sample_rate is not None:
-            self._require_rate(plan.sample_rate)
-
-    @property
-    def path(self) -> Path:
-        """The manifest."""
-        return self._manifest.path
-
-    def has(self, point: Point, hit: int) -> bool:
-        """Tell whether a take is there.
-
-        Raises
-        ------
-        RecordingError
-            When its name is there, but of other places.
-        """
-        entry = self._entry(point.file(hit))
-        if entry is None:
-            return False
-        if (entry.contact, entry.listeners) != (point.contact, point.listeners):
-            raise RecordingError(
-                f"{self.path} has {entry.file} with contact {entry.contact} and listeners "
-                f"{entry.listeners}, and the plan says {point.contact} and {point.listeners}: name "
-                "the places in the plan, or record into another folder"
-            )
-        return True
-
-    def add(self, point: Point, hit: int, verdict: TakeVerdict) -> None:
-        """Write a take that was taken, then the manifest: a kill leaves both whole.
-
-        Raises
-        ------
-        FileFormatError
-            When they cannot be written.
-        """
-        sound = verdict.sound
-        if sound is None:
-            raise RecordingError(f"{point.file(hit)} was refused: {verdict.reason}")
-        self._require_rate(sound.sample_rate)
-        data = wav.encode(wav.Recording(samples=sound.samples, sample_rate=sound.sample_rate))
-        write_bytes(self.path.with_name(point.file(hit)), data)
-        entry = ManifestEntry(
-            file=point.file(hit),
-            contact=point.contact,
-            listeners=point.listeners,
-            hit=hit,
-            sample_rate=sound.sample_rate,
-            lead_in=self._plan.lead_in,
-            peak=round(verdict.peak, 2),
-            above_noise=round(verdict.above_noise, 2),
-        )
-        self._write((*self._others(entry.file), entry))
-
-    def sounds(self, point: Point) -> list[Sound]:
-        """Return the takes of a point."""
-        paths = [self.path.with_name(point.file(hit)) for hit in range(1, point.hits + 1)]
-        heard = [wav.decode(path.read_bytes(), str(path)) for path in paths]
-        return [Sound(samples=each.samples, sample_rate=each.sample_rate) for each in heard]
-
-    def _entry(self, file: str) -> ManifestEntry | None:
-        return next((entry for entry in self._manifest.entries if entry.file == file), None)
-
-    def _others(self, file: str) -> tuple[ManifestEntry, ...]:
-        return tuple(entry for entry in self._manifest.entries if entry.file != file)
-
-    def _write(self, entries: tuple[ManifestEntry, ...]) -> None:
-        plan = self._plan
-        self._manifest = replace(
-            self._manifest,
-            entries=entries,
-            symmetry=plan.symmetry,
-            centre=plan.centre,
-            coordinates=plan.coordinates,
-        )
-        write_bytes(self.path, self._manifest.text().encode("utf-8"))
-
-    def _require_rate(self, rate: int) -> None:
-        known = {entry.sample_rate for entry in self._manifest.entries} - {None, rate}
-        if known:
-            raise RecordingError(
-                f"{self.path} has takes of {known.pop()} Hz, and now {rate} Hz are recorded: give "
-                "that sample_rate in the plan, or record into another folder"
-            )
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except FileNotFoundError as error:
-        raise FileFormatError(f"there is no folder {folder.parent}: make it first") from error
-    except OSError as error:
-        raise FileFormatError(
-            f"the folder {folder} cannot be made ({error.strerror or error}): give another"
-        ) from error
+_LONGEST = 1.0  # s of a spectrum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,8 +40,8 @@ class CapturedTake:
 
     @property
     def facts(self) -> dict[str, str]:
-        """What programs are told of it."""
-        return facts_of(self.point.name, self.hit, self.point.contact, self.point.listeners)
+        """Its places as texts, for programs."""
+        return self.point.facts(self.hit)
 
     def __str__(self) -> str:
         told = self.facts
@@ -248,13 +74,13 @@ class Operator(Protocol):
 
 
 class Nobody:
-    """Nobody looks on, and nobody is waited for."""
+    """An operator who looks at nothing and is not waited for."""
 
     def ready(self, text: str) -> None:
         """Return at once."""
 
     def tell(self, text: str) -> None:
-        """Tell nobody."""
+        """Drop the text."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,20 +94,11 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What a measurement did.
+    """Takes of a measurement, and those it refused."""
 
-    Parameters
-    ----------
-    manifest : Path
-        What `read_manifest` reads.
-    recorded, kept : int
-        Takes of this run, and of earlier ones.
-    refusals : tuple of Refusal
-    """
-
-    manifest: Path
-    recorded: int
-    kept: int
+    manifest: Path  # for `read_manifest`
+    recorded: int  # takes of this run
+    kept: int  # takes of earlier runs
     refusals: tuple[Refusal, ...]
 
 
@@ -363,16 +180,15 @@ class _Session:
         self._kept += point.hits - len(missing)
         if not missing:
             return
-        here = CapturedTake(point=point, hit=missing[0], attempt=1)
         self._tell_progress(point)
-        self._plan.hooks.run("move", here.facts)
+        self._plan.hooks.run("move", point.facts(missing[0]))
         for hit in missing:
             self._tell_progress(point)
             self._log.add(point, hit, self._taken(point, hit))
             self._recorded += 1
 
     def outcome(self) -> Outcome:
-        """Return what was done."""
+        """Return the result so far."""
         return Outcome(
             manifest=self._log.path,
             recorded=self._recorded,
@@ -381,14 +197,14 @@ class _Session:
         )
 
     def _taken(self, point: Point, hit: int) -> TakeVerdict:
-        """Try until a take is taken."""
+        """Try until a take is accepted."""
         reason = ""
         for attempt in range(1, self._plan.tries + 1):
             take = CapturedTake(point=point, hit=hit, attempt=attempt)
             verdict = self._tried(take)
-            reason = verdict.reason
-            if not reason:
+            if not verdict.reason:
                 return verdict
+            reason = verdict.reason
             self._refusals.append(Refusal(file=take.file, attempt=attempt, reason=reason))
             self._operator.tell(f"{take.file} is refused: {reason}")
         raise RecordingError(
@@ -438,18 +254,11 @@ class _Session:
         self._progress(f"record {point.name}", done / self._plan.count)
 
 
-# A recorder that plays what was recorded before: a rehearsal of a measurement.
-
-
 class SimulatedRecorder:
-    """Gives the WAV file of each take's name from a folder.
+    """A recorder that plays WAV files of a folder, called as the takes: a rehearsal.
 
     A second attempt is given "name.2.wav" where there is one, a third "name.3.wav" ...; else the
     same again.
-
-    Parameters
-    ----------
-    folder : Path
     """
 
     def __init__(self, folder: Path) -> None:
@@ -458,15 +267,7 @@ class SimulatedRecorder:
     def record(
         self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
     ) -> Sound:
-        """Return the file of a take, at most `seconds` of it.
-
-        Raises
-        ------
-        RecordingError
-            When there is none.
-        FileFormatError
-            When it is no WAV file.
-        """
+        """Return the file of a take, at most `seconds` of it; RecordingError when it is missing."""
         del lead_in
         usual = self.folder / take.file
         again = usual.with_suffix(f".{take.attempt}.wav")
@@ -482,3 +283,123 @@ class SimulatedRecorder:
         heard = wav.decode(data, str(path))
         length = round(seconds * heard.sample_rate)
         return Sound(samples=heard.samples[:, :length], sample_rate=heard.sample_rate)
+
+
+class TakeLog:
+    """A folder of takes with a manifest, from an earlier run or new; each is written whole."""
+
+    def __init__(self, plan: CapturePlan, folder: Path) -> None:
+        _make(folder)
+        self._plan = plan
+        self._manifest = recorded_so_far(folder / NAME)
+        if plan.sample_rate is not None:
+            self._require_rate(plan.sample_rate)
+
+    @property
+    def path(self) -> Path:
+        """Path of the manifest."""
+        return self._manifest.path
+
+    def has(self, point: Point, hit: int) -> bool:
+        """Tell whether a take is there; RecordingError where its file belongs to other places."""
+        entries = {entry.file: entry for entry in self._manifest.entries}
+        entry = entries.get(point.file(hit))
+        if entry is None:
+            return False
+        if (entry.contact, entry.listeners) != (point.contact, point.listeners):
+            raise RecordingError(
+                f"{self.path} has {entry.file} with contact {entry.contact} and listeners "
+                f"{entry.listeners}, and the plan says {point.contact} and {point.listeners}: name "
+                "the places in the plan, or record into another folder"
+            )
+        return True
+
+    def add(self, point: Point, hit: int, verdict: TakeVerdict) -> None:
+        """Write an accepted take, then the manifest: a kill leaves both whole."""
+        sound = verdict.sound
+        if sound is None:
+            raise RecordingError(f"{point.file(hit)} was refused: {verdict.reason}")
+        self._require_rate(sound.sample_rate)
+        data = wav.encode(wav.Recording(samples=sound.samples, sample_rate=sound.sample_rate))
+        write_bytes(self.path.with_name(point.file(hit)), data)
+        entry = ManifestEntry(
+            file=point.file(hit),
+            contact=point.contact,
+            listeners=point.listeners,
+            hit=hit,
+            sample_rate=sound.sample_rate,
+            lead_in=self._plan.lead_in,
+            peak=round(verdict.peak, 2),
+            above_noise=round(verdict.above_noise, 2),
+        )
+        others = (each for each in self._manifest.entries if each.file != entry.file)
+        self._manifest = replace(
+            self._manifest,
+            entries=(*others, entry),
+            symmetry=self._plan.symmetry,
+            centre=self._plan.centre,
+            coordinates=self._plan.coordinates,
+        )
+        write_bytes(self.path, self._manifest.text().encode("utf-8"))
+
+    def sounds(self, point: Point) -> list[Sound]:
+        """Return the takes of a point."""
+        paths = [self.path.with_name(point.file(hit)) for hit in range(1, point.hits + 1)]
+        heard = [wav.decode(path.read_bytes(), str(path)) for path in paths]
+        return [Sound(samples=each.samples, sample_rate=each.sample_rate) for each in heard]
+
+    def _require_rate(self, rate: int) -> None:
+        known = {entry.sample_rate for entry in self._manifest.entries} - {None, rate}
+        if known:
+            raise RecordingError(
+                f"{self.path} has takes of {known.pop()} Hz, and now {rate} Hz are recorded: give "
+                "that sample_rate in the plan, or record into another folder"
+            )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError as error:
+        raise FileFormatError(f"there is no folder {folder.parent}: make it first") from error
+    except OSError as error:
+        raise FileFormatError(
+            f"the folder {folder} cannot be made ({error.strerror or error}): give another"
+        ) from error
+
+
+def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
+    """Return the strength of spectral lines at each contact (P, M), to choose the best by.
+
+    Root mean squares over hits at the local maxima of the spectrum of all contacts' first channels,
+    heard by one listener after `lead_in` seconds; phases are unknown and 0, as `SurveyPlan.after`
+    asks for powers alone. RecordingError when nothing rings.
+    """
+    rates = {sound.sample_rate for hits in takes for sound in hits}
+    if len(rates) != 1:
+        raise RecordingError(f"takes have rates of {sorted(rates)} Hz: record all at one rate")
+    first = round(lead_in * rates.pop())
+    shortest = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
+    powers = np.array([_mean_power(hits, first, shortest) for hits in takes])
+    loudest = powers.max(axis=0)
+    lines = _maxima(loudest)
+    if not len(lines):
+        raise RecordingError("no line stands out of the spectra of the takes: strike harder")
+    return np.sqrt(powers[:, lines]).astype(np.complex128)
+
+
+def _mean_power(hits: Sequence[Sound], first: int, length: int) -> Array:
+    """Return the power spectrum after the hit, mean over hits."""
+    count = max(2, min(length, round(_LONGEST * hits[0].sample_rate)))
+    window = np.hanning(count)
+    rung = [sound.samples[0, first : first + count].astype(np.float64) for sound in hits]
+    return np.mean([np.square(np.abs(np.fft.rfft(window * each))) for each in rung], axis=0)
+
+
+def _maxima(power: Array) -> NDArray[np.int64]:
+    """Return the strongest local maxima over two bins to each side: a window's main lobe."""
+    padded = np.pad(power, 2, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, 5)
+    deep = power > power[2:-2].max(initial=0.0) * 10 ** (-_DEEPEST / 10)
+    lines = np.flatnonzero((power >= around.max(axis=1)) & deep & (power > 0))
+    return lines[np.argsort(-power[lines], kind="stable")][:_MOST_LINES]

@@ -8,14 +8,15 @@ import re
 import signal
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.model.arrays import Array, Complex, Index
 from struck.model.survey import SYMMETRIES
 from struck.recordings.acceptance import Bounds
 from struck.recordings.manifest import (
@@ -28,14 +29,18 @@ from struck.recordings.manifest import (
     read_toml,
     toml_listeners,
 )
-from struck.recordings.survey_plan import SurveyPlan
 
-# Programs that a measurement runs: one that moves a positioner, one that fires a solenoid.
-
+PAIRS = ("all", "P+Q")
+PROMPTS = ("take", "contact", "never")
+MOST_TAKES = 100_000
+MOST_CHANNELS = 64
+SHORTEST = 0.05  # s, of lead-in and sound: what a spectrum of the noise needs
+SILENT = -20.0  # dB under a mode's loudest contact from which a contact counts as silent
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]{0,79}")
+# Words in braces of a program's arguments.
 PLACES = ("name", "hit", "contact", "listener", "u", "v", "x", "y", "z")
-"""What an argument may hold in braces."""
 _BRACED = re.compile(r"\{(\w*)\}")
-_SHOWN = 300
+_SHOWN = 300  # bytes of a program's standard error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +54,7 @@ class Hooks:
     strike : tuple of str
         Run in each take when the lead-in is over.
     timeout : float
-        After which a program is ended, s.
+        Time after which a program is ended, s.
     folder : Path
         Where they run.
     """
@@ -62,17 +67,8 @@ class Hooks:
     def run(self, which: str, facts: Mapping[str, str]) -> None:
         """Run "move" or "strike", if there is such a program, and wait for its end.
 
-        Parameters
-        ----------
-        which : str
-        facts : mapping
-            What `PLACES` are now: put into arguments for ``{name}``, and given as variables
-            ``STRUCK_NAME``.
-
-        Raises
-        ------
-        RecordingError
-            When it cannot be started, fails or takes too long.
+        The facts of `PLACES` replace ``{name}`` in its arguments, and are variables
+        ``STRUCK_NAME``. RecordingError when it cannot be started, fails or takes too long.
         """
         command = self.move if which == "move" else self.strike
         if not command:
@@ -88,8 +84,10 @@ class Hooks:
                 )
 
     def _outcome(self, arguments: list[str], environment: dict[str, str], said: IO[bytes]) -> str:
-        """Run a program; return what went wrong."""
-        program = self._located(arguments[0])
+        """Run a program; return its failure, or nothing."""
+        program = arguments[0]
+        if Path(program).name != program:  # one with folders is as seen from the plan
+            program = str(self.folder / program)
         try:
             process = subprocess.Popen(  # noqa: S603 - what the plan says, without a shell
                 [program, *arguments[1:]],
@@ -110,51 +108,6 @@ class Hooks:
             _end(process)
         return f"ended with exit code {code}" if code else ""
 
-    def _located(self, program: str) -> str:
-        """Return a program given with folders as seen from the plan, another as it is."""
-        return program if Path(program).name == program else str(self.folder / program)
-
-
-def read_hooks(table: TomlTable, folder: Path) -> Hooks:
-    """Return the programs that a table tells, to be run in a folder.
-
-    Raises
-    ------
-    FileFormatError
-        When arguments hold unknown words in braces, or the table what is unknown.
-    """
-    hooks = Hooks(
-        move=table.texts("move"),
-        strike=table.texts("strike"),
-        timeout=table.number("timeout", 0.01, 86_400, 60.0),
-        folder=folder,
-    )
-    table.require_known()
-    for argument in (*hooks.move, *hooks.strike):
-        for name in _BRACED.findall(argument):
-            if name not in PLACES:
-                raise FileFormatError(
-                    f"{table.name}: {{{name}}} is not known: give one of "
-                    f"{', '.join(f'{{{each}}}' for each in PLACES)}"
-                )
-    return hooks
-
-
-def facts_of(
-    name: str, hit: int, contact: Sequence[float], listeners: Sequence[Sequence[float]]
-) -> dict[str, str]:
-    """Return what programs are told: numbers as text; x, y, z of the first channel's listener."""
-    axes = [*zip("uv", contact, strict=False)]
-    if listeners:
-        axes += zip("xyz", listeners[0], strict=True)
-    return {
-        "name": name,
-        "hit": str(hit),
-        "contact": ",".join(map(repr, contact)),
-        "listener": ";".join(",".join(map(repr, place)) for place in listeners),
-        **{axis: repr(value) for axis, value in axes},
-    }
-
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End a program that still runs, and all that it started."""
@@ -169,17 +122,132 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _tail(said: IO[bytes]) -> str:
-    """Return the last of what a program wrote to its standard error."""
+    """Return the last words of a program's standard error."""
     said.seek(0, os.SEEK_END)
     said.seek(max(0, said.tell() - _SHOWN))
     text = " ".join(said.read().decode(errors="replace").split())
     return f": {text}" if text else ""
 
 
-PAIRS = ("all", "P+Q")
-PROMPTS = ("take", "contact", "never")
-MOST_TAKES = 100_000
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]{0,79}")
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurveyPlan:
+    """P + Q recordings that tell what P Q would, since the table of a mode has rank one.
+
+    First the pivot listener hears all contacts. That shows which contact drives all modes: the
+    pivot contact, which all other listeners hear then. One pair more, of another contact and
+    another listener, checks that contact and listener do separate.
+
+    Parameters
+    ----------
+    contacts : array (P, D)
+        As in `Survey`.
+    listeners : array (Q, 3)
+        Body coordinates, m.
+    listener : int
+        The pivot.
+    contact, check : int or None
+        The pivot contact and the one that checks; None until `after` chose them.
+    silent : array of int
+        Modes that the pivot contact hardly drives, which the plan will not measure.
+    """
+
+    contacts: Array
+    listeners: Array
+    listener: int
+    contact: int | None = None
+    check: int | None = None
+    silent: Index = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @classmethod
+    def of(
+        cls,
+        contacts: Array,
+        listeners: Array,
+        *,
+        centre: Array | None = None,
+        symmetry: str = "none",
+        listener: int | None = None,
+    ) -> SurveyPlan:
+        """Plan the recordings of P contacts and Q listeners.
+
+        Parameters
+        ----------
+        contacts, listeners : array (P, D), array (Q, 3)
+            Body coordinates of listeners, m.
+        centre : array (3,), optional
+            Where the sound seems to come from, m; the origin unless given.
+        symmetry : str
+            As in `Survey`.
+        listener : int, optional
+            The pivot. Left out: one that no mode avoids by symmetry. With axial symmetry nearest to
+            the direction of the contacts, azimuth 0 in the plane z = 0, else farthest from the
+            planes x = 0, y = 0 and z = 0.
+
+        Raises
+        ------
+        OptionError
+            When there is no such listener.
+        """
+        places = listeners - (np.zeros(3) if centre is None else centre)
+        pivot = _generic(places, symmetry) if listener is None else listener
+        if not 0 <= pivot < len(listeners):
+            raise OptionError(f"listener is {pivot}: there are 0 to {len(listeners) - 1}")
+        return cls(contacts=contacts, listeners=listeners, listener=pivot)
+
+    def after(self, gains: Complex) -> SurveyPlan:
+        """Choose the pivot contact from gains (P, M) of the first recordings.
+
+        It is the one at which modes are strongest over all, compared to where each is loudest: with
+        the least mean of the noise that dividing by their drives there would bring.
+        """
+        powers = np.square(np.abs(gains))
+        relative = powers / np.maximum(powers.max(axis=0), np.finfo(np.float64).tiny)
+        silent = 10 ** (SILENT / 10)
+        order = np.argsort((1 / np.maximum(relative, silent / 4)).mean(axis=1), kind="stable")
+        return replace(
+            self,
+            contact=int(order[0]),
+            check=int(order[1]) if len(order) > 1 else None,
+            silent=np.flatnonzero(relative[order[0]] < silent),
+        )
+
+    @property
+    def first(self) -> Index:
+        """Contact and listener of the recordings to begin with (P, 2)."""
+        numbers = np.arange(len(self.contacts))
+        return np.stack([numbers, np.full_like(numbers, self.listener)], axis=1)
+
+    @property
+    def rest(self) -> Index:
+        """Contact and listener of those that follow (at most Q, 2).
+
+        Raises
+        ------
+        OptionError
+            Before the pivot contact was chosen.
+        """
+        if self.contact is None:
+            raise OptionError("the pivot contact is not chosen yet: record `first`, then `after`")
+        others = np.delete(np.arange(len(self.listeners)), self.listener)
+        row = np.stack([np.full_like(others, self.contact), others], axis=1)
+        if self.check is None or not len(others):
+            return row
+        gaps = np.linalg.norm(self.listeners - self.listeners[self.listener], axis=1)
+        return np.append(row, [[self.check, int(gaps.argmax())]], axis=0)
+
+    @property
+    def pairs(self) -> Index:
+        """Contact and listener of all recordings (P + Q, 2)."""
+        return np.concatenate([self.first, self.rest])
+
+
+def _generic(places: Array, symmetry: str) -> int:
+    """Return the number of a listener in whose direction every mode sends something."""
+    distances = np.linalg.norm(places, axis=1)
+    directions = places / np.where(distances > 0, distances, np.inf)[:, None]
+    if symmetry == "axial":
+        return int(directions[:, 0].argmax())
+    return int(np.abs(directions).min(axis=1).argmax())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,27 +268,29 @@ class PlannedListener:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """What is struck and heard from where, so many times.
+    """A contact and its listeners, heard in some hits."""
 
-    Parameters
-    ----------
-    name : str
-        What the names of its files begin with.
-    contact : tuple of numbers
-        u, or u and v; empty where the plan tells none.
-    listeners : tuple of (x, y, z)
-        Of each channel, m; empty where the plan tells none.
-    hits : int
-    """
-
-    name: str
-    contact: Place
-    listeners: tuple[Place, ...]
+    name: str  # with which the names of its files begin
+    contact: Place  # u, or u and v; empty where the plan has none
+    listeners: tuple[Place, ...]  # (x, y, z) of each channel, m; or empty
     hits: int
 
     def file(self, hit: int) -> str:
         """Return the name of the recording of a hit, from 1 on."""
         return f"{self.name}_{hit}.wav"
+
+    def facts(self, hit: int) -> dict[str, str]:
+        """Return its `PLACES` for programs, as text; x, y, z are those of the first channel."""
+        axes = [*zip("uv", self.contact, strict=False)]
+        if self.listeners:
+            axes += zip("xyz", self.listeners[0], strict=True)
+        return {
+            "name": self.name,
+            "hit": str(hit),
+            "contact": ",".join(map(repr, self.contact)),
+            "listener": ";".join(",".join(map(repr, place)) for place in self.listeners),
+            **{axis: repr(value) for axis, value in axes},
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,7 +366,7 @@ class CapturePlan:
 
     @property
     def count(self) -> int:
-        """How many takes there are in all."""
+        """Number of takes in all."""
         if self.listed:
             return sum(point.hits for point in self.listed)
         struck, heard = len(self.contacts), max(1, len(self.listeners))
@@ -323,7 +393,7 @@ class CapturePlan:
         )
 
     def planning(self) -> SurveyPlan:
-        """Return which P + Q recordings to make; a listener stands where its first channel is."""
+        """Return the plan of P + Q recordings; a listener stands where its first channel is."""
         return SurveyPlan.of(
             np.array([contact.at for contact in self.contacts]),
             np.array([listener.at[0] for listener in self.listeners]),
@@ -387,15 +457,8 @@ def _require_distinct(values: Iterable[object], what: str) -> None:
         known.add(value)
 
 
-# Plans of a measurement as TOML files.
-
-SHORTEST = 0.05
-"""Lead-in and sound, s: what a spectrum of the noise needs."""
-MOST_CHANNELS = 64
-
-
 def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
-    """Read a plan.
+    """Read a plan from a TOML file.
 
     Raises
     ------
@@ -511,3 +574,22 @@ def _pivot(table: TomlTable, listeners: tuple[PlannedListener, ...]) -> int | No
     if name and name not in names:
         raise table.error(f"pivot is {name!r}: give one of {', '.join(names) or 'no listeners'}")
     return names.index(name) if name else None
+
+
+def read_hooks(table: TomlTable, folder: Path) -> Hooks:
+    """Return the programs of a table, to be run in a folder."""
+    hooks = Hooks(
+        move=table.texts("move"),
+        strike=table.texts("strike"),
+        timeout=table.number("timeout", 0.01, 86_400, 60.0),
+        folder=folder,
+    )
+    table.require_known()
+    for argument in (*hooks.move, *hooks.strike):
+        for name in _BRACED.findall(argument):
+            if name not in PLACES:
+                raise FileFormatError(
+                    f"{table.name}: {{{name}}} is not known: give one of "
+                    f"{', '.join(f'{{{each}}}' for each in PLACES)}"
+                )
+    return hooks

@@ -1,4 +1,4 @@
-"""Which recording was struck where and heard from where: the manifest of a set of takes."""
+"""Manifests: where each recording of a set was struck and heard, as TOML or CSV files."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -19,243 +19,206 @@ from struck.errors import FileFormatError, RecordingError
 from struck.model.arrays import Array, Index
 from struck.model.survey import SYMMETRIES, from_spherical
 
-# TOML files whose keys are asked for one by one: what is wrong or unknown is named.
-
-LARGEST = 2**26
-"""Bytes of a file that is read."""
-
-
-class TomlTable:
-    """A table of a TOML file.
-
-    Parameters
-    ----------
-    values : mapping
-        As `tomllib` gives it.
-    name : str
-        What errors call it.
-    """
-
-    def __init__(self, values: Mapping[str, Any], name: str) -> None:
-        self.name = name
-        self._values = values
-        self._known: list[str] = []
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._values
-
-    def value(self, key: str) -> Any:  # noqa: ANN401 - whatever TOML holds
-        """Return what stands there; None where nothing does."""
-        self._known.append(key)
-        return self._values.get(key)
-
-    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
-        """Return a number from `low` to `high`; without a default it has to be there."""
-        found = self.value(key)
-        if found is None and default is not None:
-            return default
-        if not (_is_number(found) and low <= found <= high):
-            raise self.error(f"{key} is {_told(found)}: give a number from {low:g} to {high:g}")
-        return float(found)
-
-    def maybe(self, key: str, low: float, high: float) -> float | None:
-        """Return a number from `low` to `high`, or None where nothing stands."""
-        if key in self._values:
-            return self.number(key, low, high)
-        return self.value(key)
-
-    def count(self, key: str, low: int, high: int, *, default: int) -> int:
-        """Return a whole number from `low` to `high`."""
-        found = float(self.number(key, low, high, default))
-        if not found.is_integer():
-            raise self.error(f"{key} is {found:g}: give a whole number from {low} to {high}")
-        return int(found)
-
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return text; without a default it has to be there and not be empty."""
-        found = self.value(key)
-        if found is None and default is not None:
-            return default
-        if not isinstance(found, str) or not (found or default is not None):
-            raise self.error(f'{key} is {_told(found)}: give text, as {key} = "..."')
-        return found
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts; empty where nothing stands."""
-        found = self.value(key)
-        if found is None:
-            return ()
-        if not (isinstance(found, list) and found and all(isinstance(each, str) for each in found)):
-            raise self.error(f'{key} is {_told(found)}: give a list of texts, as ["...", "..."]')
-        return tuple(found)
-
-    def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
-        """Return one of some names."""
-        found = self.text(key, default)
-        if found not in names:
-            raise self.error(f"{key} is {found!r}: give one of {', '.join(names)}")
-        return found
-
-    def numbers(self, key: str, *counts: int) -> tuple[float, ...]:
-        """Return a list of one of some numbers of finite numbers; empty where nothing stands."""
-        found = self.value(key)
-        return () if found is None else numbers(found, self, key, *counts)
-
-    def table(self, key: str) -> TomlTable:
-        """Return the table there; an empty one where nothing stands."""
-        found = self.value(key)
-        if not isinstance(found, dict | None):
-            raise self.error(f"{key} is {_told(found)}: give a table, as [{key}]")
-        return TomlTable(found or {}, f"{self.name}, [{key}]")
-
-    def list(self, key: str) -> list[Any]:
-        """Return the list there; an empty one where nothing stands."""
-        found = self.value(key)
-        if not isinstance(found, list | None):
-            raise self.error(f"{key} is {_told(found)}: give a list")
-        return found or []
-
-    def tables(self, key: str) -> list[TomlTable]:
-        """Return the tables that stand there as [[key]]."""
-        found = self.list(key)
-        if not all(isinstance(each, dict) for each in found):
-            raise self.error(f"{key} holds what is no table: write each as [[{key}]]")
-        return [
-            TomlTable(each, f"{self.name}, [[{key}]] {number}")
-            for number, each in enumerate(found, 1)
-        ]
-
-    def require_known(self) -> None:
-        """Refuse keys that nobody asked for.
-
-        Raises
-        ------
-        FileFormatError
-            Naming them, and those that are known.
-        """
-        strange = sorted(set(self._values) - set(self._known))
-        if strange:
-            raise self.error(
-                f"{', '.join(strange)} is not known here: use {', '.join(sorted(self._known))}"
-            )
-
-    def error(self, trouble: str) -> FileFormatError:
-        """Return an error that says where it is."""
-        return FileFormatError(f"{self.name}: {trouble}")
-
-
-def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
-    """Return a list of finite numbers, of one of some lengths.
-
-    Raises
-    ------
-    FileFormatError
-        When it is none.
-    """
-    if (
-        not (isinstance(found, list) and len(found) in counts)
-        or not all(map(_is_number, found))
-        or not all(map(math.isfinite, found))
-    ):
-        wanted = " or ".join(map(str, counts))
-        raise table.error(f"{key} is {_told(found)}: give a list of {wanted} finite numbers")
-    return tuple(map(float, found))
-
-
-def read_toml(path: Path) -> TomlTable:
-    """Read a TOML file.
-
-    Raises
-    ------
-    FileFormatError
-        When it cannot be read or is no TOML.
-    """
-    try:
-        return TomlTable(tomllib.loads(read_text(path)), str(path))
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"{path} is no TOML: {error}; correct it there") from error
-
-
-def read_text(path: Path) -> str:
-    """Read a file as UTF-8, with or without a byte order mark.
-
-    Raises
-    ------
-    FileFormatError
-        When it cannot be read, is too large, or holds something else.
-    """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise FileFormatError(f"{path} has {size} bytes, more than {LARGEST}: split it")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileFormatError(
-            f"{path} cannot be read ({error.strerror or error}): check its name"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
-
-
-def _is_number(found: object) -> TypeGuard[float]:
-    return isinstance(found, int | float) and not isinstance(found, bool)
-
-
-def _told(found: object) -> str:
-    return "missing" if found is None else repr(found)[:80]
-
-
-# A take of a manifest, and how a TOML table tells it.
+NAME = "manifest.toml"  # of the manifest that `struck record` writes
+KINDS = (".toml", ".csv")
+_HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
+LARGEST = 2**26  # bytes of a file that is read
+RATES = (8_000, 192_000)  # Hz, of recordings
+LONGEST = 600.0  # s, of a take
+MOST_HITS = 1000
+_LEVELS = (-400.0, 400.0)  # dB
 
 Place = tuple[float, ...]
-
-RATES = (8_000, 192_000)
-"""Of recordings, Hz."""
-LONGEST = 600.0
-"""Of a take, s."""
-MOST_HITS = 1000
-_LEVELS = (-400.0, 400.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
-    """A take of a manifest.
+    """A take of a manifest: its file, its places, and its levels."""
 
-    Parameters
-    ----------
-    file : str
-        Name of the recording, relative to the manifest.
-    contact : tuple of numbers
-        Coordinates u, or u and v, of what was struck; empty where that is not told.
-    listeners : tuple of (x, y, z)
-        Of each channel's microphone, body coordinates, m; empty where that is not told.
-    hit : int
-        Which of several hits of one place, from 1.
-    sample_rate : int or None
-        Hz.
-    lead_in : float or None
-        Ambient sound before the hit, s.
-    peak : float or None
-        Of the loudest channel, dB of full scale.
-    above_noise : float or None
-        Peak over the root mean square of the ambient sound, in the worst channel, dB.
-    note : str
-        Anything else.
-    """
-
-    file: str
-    contact: Place = ()
-    listeners: tuple[Place, ...] = ()
-    hit: int = 1
-    sample_rate: int | None = None
-    lead_in: float | None = None
-    peak: float | None = None
-    above_noise: float | None = None
+    file: str  # relative to the manifest
+    contact: Place = ()  # coordinates u, or u and v
+    listeners: tuple[Place, ...] = ()  # (x, y, z) of each channel, body coordinates, m
+    hit: int = 1  # number among several hits of one place, from 1
+    sample_rate: int | None = None  # Hz
+    lead_in: float | None = None  # s of ambient sound before the hit
+    peak: float | None = None  # dB of full scale, of the loudest channel
+    above_noise: float | None = None  # dB, peak over rms of the ambient sound, worst channel
     note: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Manifest:
+    """A set of takes with their places; FileFormatError where entries contradict each other."""
+
+    path: Path  # files stand relative to its folder
+    entries: tuple[ManifestEntry, ...]  # one for each file
+    coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)  # apparent origin of sound, body coordinates, m
+    symmetry: str = "none"  # or "axial", as in `Survey`
+
+    def __post_init__(self) -> None:
+        _require_alike(self.path, self.entries)
+        _require_once(self.path, self.entries)
+
+    @property
+    def files(self) -> list[Path]:
+        """Paths of the recordings, in order."""
+        return [self.path.parent / entry.file for entry in self.entries]
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether it has a contact for each take."""
+        return bool(self.entries) and bool(self.entries[0].contact)
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether it has a listener for each channel."""
+        return bool(self.entries) and bool(self.entries[0].listeners)
+
+    @property
+    def contacts(self) -> Array:
+        """Each contact once (P, D), in order of appearance; D is 0 where there is none."""
+        return np.array(list(dict.fromkeys(entry.contact for entry in self.entries)))
+
+    @property
+    def listeners(self) -> Array:
+        """Each listener once (Q, 3), in order of appearance, m; RecordingError without any."""
+        if not self.has_listeners:
+            raise RecordingError(f"{self.path} tells no listeners: add x, y and z of each, m")
+        places = (place for entry in self.entries for place in entry.listeners)
+        return np.array(list(dict.fromkeys(places)))
+
+    @property
+    def pairs(self) -> Index:
+        """Contact and listener of each channel of each file, in order (n, 2), as in `Survey`."""
+        contacts = {place: number for number, place in enumerate(map(tuple, self.contacts))}
+        listeners = {place: number for number, place in enumerate(map(tuple, self.listeners))}
+        numbers = [
+            (contacts[entry.contact], listeners[place])
+            for entry in self.entries
+            for place in entry.listeners
+        ]
+        return np.array(numbers, np.int64)
+
+    def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
+        """Return the manifest of some files, in their order; RecordingError without an entry."""
+        known = {
+            path.resolve(): entry for path, entry in zip(self.files, self.entries, strict=True)
+        }
+        missing = [str(each) for each in files if Path(each).resolve() not in known]
+        if missing:
+            raise RecordingError(
+                f"{len(missing)} of {len(files)} recordings have no entry in {self.path}, the "
+                f"first {missing[0]}: add them there, or leave them out"
+            )
+        return replace(self, entries=tuple(known[Path(each).resolve()] for each in files))
+
+    def text(self) -> str:
+        """Return the manifest as TOML, from which `read_manifest` makes the same."""
+        head: dict[str, object] = {"symmetry": self.symmetry, "centre": self.centre}
+        if self.coordinates:
+            head["coordinates"] = self.coordinates
+        return _HEAD + _lines(head) + "".join(_entry_text(entry) for entry in self.entries)
+
+
+def read_manifest(path: str | os.PathLike[str]) -> Manifest:
+    """Read a manifest, TOML or CSV, all of whose recordings exist.
+
+    A CSV file has commas and a first line of names: `file`, and those of `COLUMNS` that are known.
+    A TOML file has the same in tables ``[[takes]]``, contacts and listeners as lists.
+    """
+    given = Path(path)
+    kind = given.suffix.lower()
+    if kind == ".csv":
+        manifest = Manifest(path=given, entries=csv_entries(read_text(given), str(given)))
+    elif kind == ".toml":
+        manifest = _from_toml(given, read_toml(given))
+    else:
+        raise FileFormatError(f"{given} ends in {kind!r}: give a manifest in .toml or .csv")
+    if not manifest.entries:
+        raise FileFormatError(f"{given} has no takes: add one for each recording")
+    _require_files(manifest)
+    return manifest
+
+
+def recorded_so_far(path: Path) -> Manifest:
+    """Read a manifest that is being written, without takes whose files have gone."""
+    if not path.exists():
+        return Manifest(path=path, entries=())
+    manifest = _from_toml(path, read_toml(path))
+    there = zip(manifest.files, manifest.entries, strict=True)
+    return replace(manifest, entries=tuple(entry for file, entry in there if file.is_file()))
+
+
+def _from_toml(path: Path, table: TomlTable) -> Manifest:
+    manifest = Manifest(
+        path=path,
+        symmetry=table.choice("symmetry", SYMMETRIES, "none"),
+        centre=table.numbers("centre", 3) or (0.0, 0.0, 0.0),
+        coordinates=table.texts("coordinates"),
+        entries=tuple(map(toml_entry, table.tables("takes"))),
+    )
+    table.require_known()
+    return manifest
+
+
+def _require_files(manifest: Manifest) -> None:
+    missing = [str(path) for path in manifest.files if not path.is_file()]
+    if missing:
+        raise FileFormatError(
+            f"{manifest.path}: {len(missing)} of {len(manifest.entries)} recordings are missing, "
+            f"the first {missing[0]}: put them there, or take their entries out"
+        )
+
+
+def _require_alike(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
+    """Refuse takes without places among others, or with other numbers of coordinates."""
+    for what in ("contact", "listeners"):
+        without = [entry.file for entry in entries if not getattr(entry, what)]
+        if without and len(without) < len(entries):
+            raise FileFormatError(
+                f"{path}: {len(without)} of {len(entries)} takes have no {what}, the first "
+                f"{without[0]}: add it, or take those of the others out"
+            )
+    counts = sorted({len(entry.contact) for entry in entries})
+    if len(counts) > 1:
+        raise FileFormatError(
+            f"{path}: contacts have {counts[0]} and {counts[1]} coordinates: give all as many"
+        )
+
+
+def _require_once(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
+    files: set[str] = set()
+    places: dict[object, str] = {}
+    for entry in entries:
+        if entry.file in files:
+            raise FileFormatError(f"{path}: {entry.file} occurs twice: take one of them out")
+        files.add(entry.file)
+        place = (entry.contact, entry.listeners, entry.hit)
+        if place in places and (entry.contact or entry.listeners):
+            raise FileFormatError(
+                f"{path}: {places[place]} and {entry.file} have the same contact, listener and "
+                "hit: correct one of them, or number several hits of one place by hit"
+            )
+        places[place] = entry.file
+
+
+def _entry_text(entry: ManifestEntry) -> str:
+    given = {key: value for key, value in asdict(entry).items() if value not in (None, "", ())}
+    return "\n[[takes]]\n" + _lines(given)
+
+
+def _lines(values: dict[str, object]) -> str:
+    """Return TOML of numbers, text and lists: JSON writes these alike, but for one character."""
+    texts = (
+        (key, json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f"))
+        for key, value in values.items()
+    )
+    return "".join(f"{key} = {text}\n" for key, text in texts)
+
+
 def toml_entry(table: TomlTable) -> ManifestEntry:
-    """Return the take that a table tells."""
+    """Return the take of a table."""
     rate = table.count("sample_rate", *RATES, default=0)
     entry = ManifestEntry(
         file=table.text("file"),
@@ -275,7 +238,7 @@ def toml_entry(table: TomlTable) -> ManifestEntry:
 def toml_listeners(
     table: TomlTable, single: str = "listener", many: str = "listeners"
 ) -> tuple[Place, ...]:
-    """Return the listeners that a table tells: one, or one for each channel; or none.
+    """Return the listeners of a table, m: one, or one for each channel; or none.
 
     Under the key `single` (x, y, z), m, under "spherical" (distance, azimuth, polar angle), m and
     rad, or under "spherical_degrees"; under the key `many` a list of (x, y, z).
@@ -299,12 +262,159 @@ def toml_listeners(
 
 
 def cartesian(spherical: Place) -> Place:
-    """Return x, y, z, m, of distance, azimuth and polar angle, m and rad, as `from_spherical`."""
+    """Return (x, y, z), m, by distance, azimuth and polar angle, m and rad, as `from_spherical`."""
     return tuple(from_spherical(*spherical)[0].tolist())
 
 
-# The takes of a manifest in CSV: a row for each file, or for each channel of one.
+class TomlTable:
+    """A table of a TOML file, whose keys are asked for one by one: unknown ones can be named."""
 
+    def __init__(self, values: Mapping[str, Any], name: str) -> None:
+        self.name = name
+        self._values = values
+        self._known: list[str] = []
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def value(self, key: str) -> Any:  # noqa: ANN401 - whatever TOML holds
+        """Return the value of a key, or None."""
+        self._known.append(key)
+        return self._values.get(key)
+
+    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
+        """Return a number from `low` to `high`; without a default it has to be there."""
+        found = self.value(key)
+        if found is None and default is not None:
+            return default
+        if not (_is_number(found) and low <= found <= high):
+            raise self.error(f"{key} is {_told(found)}: give a number from {low:g} to {high:g}")
+        return float(found)
+
+    def maybe(self, key: str, low: float, high: float) -> float | None:
+        """Return a number from `low` to `high`, or None."""
+        if key in self._values:
+            return self.number(key, low, high)
+        return self.value(key)
+
+    def count(self, key: str, low: int, high: int, *, default: int) -> int:
+        """Return a whole number from `low` to `high`."""
+        found = float(self.number(key, low, high, default))
+        if not found.is_integer():
+            raise self.error(f"{key} is {found:g}: give a whole number from {low} to {high}")
+        return int(found)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return text; without a default it has to be there and not be empty."""
+        found = self.value(key)
+        if found is None and default is not None:
+            return default
+        if not isinstance(found, str) or not (found or default is not None):
+            raise self.error(f'{key} is {_told(found)}: give text, as {key} = "..."')
+        return found
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts; empty where there is none."""
+        found = self.value(key)
+        if found is None:
+            return ()
+        if not (isinstance(found, list) and found and all(isinstance(each, str) for each in found)):
+            raise self.error(f'{key} is {_told(found)}: give a list of texts, as ["...", "..."]')
+        return tuple(found)
+
+    def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
+        """Return one of some names."""
+        found = self.text(key, default)
+        if found not in names:
+            raise self.error(f"{key} is {found!r}: give one of {', '.join(names)}")
+        return found
+
+    def numbers(self, key: str, *counts: int) -> tuple[float, ...]:
+        """Return a list of finite numbers, of one of some lengths; empty where there is none."""
+        found = self.value(key)
+        return () if found is None else numbers(found, self, key, *counts)
+
+    def table(self, key: str) -> TomlTable:
+        """Return a table; an empty one where there is none."""
+        found = self.value(key)
+        if not isinstance(found, dict | None):
+            raise self.error(f"{key} is {_told(found)}: give a table, as [{key}]")
+        return TomlTable(found or {}, f"{self.name}, [{key}]")
+
+    def list(self, key: str) -> list[Any]:
+        """Return a list; an empty one where there is none."""
+        found = self.value(key)
+        if not isinstance(found, list | None):
+            raise self.error(f"{key} is {_told(found)}: give a list")
+        return found or []
+
+    def tables(self, key: str) -> list[TomlTable]:
+        """Return the tables written as [[key]]."""
+        found = self.list(key)
+        if not all(isinstance(each, dict) for each in found):
+            raise self.error(f"{key} holds what is no table: write each as [[{key}]]")
+        return [
+            TomlTable(each, f"{self.name}, [[{key}]] {number}")
+            for number, each in enumerate(found, 1)
+        ]
+
+    def require_known(self) -> None:
+        """Raise FileFormatError on keys that nobody asked for."""
+        strange = sorted(set(self._values) - set(self._known))
+        if strange:
+            raise self.error(
+                f"{', '.join(strange)} is not known here: use {', '.join(sorted(self._known))}"
+            )
+
+    def error(self, trouble: str) -> FileFormatError:
+        """Return an error that names the table."""
+        return FileFormatError(f"{self.name}: {trouble}")
+
+
+def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
+    """Return a list of finite numbers, of one of some lengths; FileFormatError on anything else."""
+    if (
+        not (isinstance(found, list) and len(found) in counts)
+        or not all(map(_is_number, found))
+        or not all(map(math.isfinite, found))
+    ):
+        wanted = " or ".join(map(str, counts))
+        raise table.error(f"{key} is {_told(found)}: give a list of {wanted} finite numbers")
+    return tuple(map(float, found))
+
+
+def read_toml(path: Path) -> TomlTable:
+    """Return the table of a TOML file."""
+    try:
+        return TomlTable(tomllib.loads(read_text(path)), str(path))
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"{path} is no TOML: {error}; correct it there") from error
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file in UTF-8, with or without a byte order mark."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise FileFormatError(f"{path} has {size} bytes, more than {LARGEST}: split it")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FileFormatError(
+            f"{path} cannot be read ({error.strerror or error}): check its name"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
+
+
+def _is_number(found: object) -> TypeGuard[float]:
+    return isinstance(found, int | float) and not isinstance(found, bool)
+
+
+def _told(found: object) -> str:
+    return "missing" if found is None else repr(found)[:80]
+
+
+# Columns of a CSV file, which has a row for each file, or for each channel of one.
 _CARTESIAN = ("x", "y", "z")
 _SPHERICAL = ("distance", "azimuth", "polar")
 _DEGREES = ("distance", "azimuth_degrees", "polar_degrees")
@@ -326,18 +436,17 @@ COLUMNS = (
     "above_noise",
     "note",
 )
-"""Names that may stand in the first line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Row:
-    """A line: `contact` and `listener` are empty where it tells none; `others` by column."""
+    """A line of a CSV file."""
 
     file: str
     note: str
-    contact: Place
-    listener: Place
-    others: Mapping[str, float]
+    contact: Place  # empty where there is none
+    listener: Place  # m, empty where there is none
+    others: Mapping[str, float]  # by column
 
     @property
     def channel(self) -> int:
@@ -345,13 +454,7 @@ class _Row:
 
 
 def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
-    """Return the takes that the rows of a CSV file tell; those of one file are its channels.
-
-    Raises
-    ------
-    FileFormatError
-        On unknown columns, missing cells, or cells that are no numbers.
-    """
+    """Return the takes of a CSV file; rows of one file are its channels."""
     lines = _rows_lines(text, name)
     if not lines:
         raise FileFormatError(f"{name} is empty: begin it with a line as file,u,x,y,z")
@@ -399,7 +502,7 @@ def _require_columns(header: Sequence[str], name: str) -> None:
 
 
 def _system(header: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns in which listeners stand; none where none do."""
+    """Return the columns of listeners' coordinates, if there are any."""
     return next((each for each in _SYSTEMS if set(each) <= set(header)), ())
 
 
@@ -490,255 +593,6 @@ def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
 
 
 def _shared(row: _Row) -> tuple[object, ...]:
-    """Return what all channels of a file have in common."""
+    """Return the values that all channels of a file have in common."""
     others = {name: value for name, value in row.others.items() if name != "channel"}
     return row.contact, row.note, tuple(sorted(others.items()))
-
-
-NAME = "manifest.toml"
-"""What `struck record` calls a manifest."""
-KINDS = (".toml", ".csv")
-"""Endings of manifests."""
-_HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Manifest:
-    """A set of takes with their places.
-
-    Parameters
-    ----------
-    path : Path
-        The manifest; files stand relative to its folder.
-    entries : tuple of Entry
-        One for each file.
-    coordinates : tuple of str
-        Names and units of a contact's coordinates, where they are told.
-    centre : tuple of 3 numbers
-        Where the sound seems to come from, body coordinates, m.
-    symmetry : str
-        "none" or "axial", as in `Survey`.
-
-    Raises
-    ------
-    FileFormatError
-        When a file or a place occurs twice, or some takes have places and others none.
-    """
-
-    path: Path
-    entries: tuple[ManifestEntry, ...]
-    coordinates: tuple[str, ...] = ()
-    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
-    symmetry: str = "none"
-
-    def __post_init__(self) -> None:
-        _require_alike(self.path, self.entries)
-        _require_once(self.path, self.entries)
-
-    @property
-    def files(self) -> list[Path]:
-        """The recordings, in order."""
-        return [self.path.parent / entry.file for entry in self.entries]
-
-    @property
-    def has_contacts(self) -> bool:
-        """Whether it says where each take was struck."""
-        return bool(self.entries) and bool(self.entries[0].contact)
-
-    @property
-    def has_listeners(self) -> bool:
-        """Whether it says from where each channel listened."""
-        return bool(self.entries) and bool(self.entries[0].listeners)
-
-    @property
-    def contacts(self) -> Array:
-        """Each contact once (P, D), in order of appearance; D is 0 where none is told."""
-        return np.array(_distinct(entry.contact for entry in self.entries))
-
-    @property
-    def listeners(self) -> Array:
-        """Each listener once (Q, 3), in order of appearance, m.
-
-        Raises
-        ------
-        RecordingError
-            Where none is told.
-        """
-        if not self.has_listeners:
-            raise RecordingError(f"{self.path} tells no listeners: add x, y and z of each, m")
-        return np.array(_distinct(place for entry in self.entries for place in entry.listeners))
-
-    @property
-    def pairs(self) -> Index:
-        """Contact and listener of each channel of each file, in order (n, 2), as in `Survey`.
-
-        Raises
-        ------
-        RecordingError
-            Where no listeners are told.
-        """
-        contacts = {place: number for number, place in enumerate(map(tuple, self.contacts))}
-        listeners = {place: number for number, place in enumerate(map(tuple, self.listeners))}
-        numbers = [
-            (contacts[entry.contact], listeners[place])
-            for entry in self.entries
-            for place in entry.listeners
-        ]
-        return np.array(numbers, np.int64)
-
-    def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
-        """Return the manifest of some files, in their order.
-
-        Raises
-        ------
-        RecordingError
-            When one of them has no entry.
-        """
-        known = {
-            path.resolve(): entry for path, entry in zip(self.files, self.entries, strict=True)
-        }
-        missing = [str(each) for each in files if Path(each).resolve() not in known]
-        if missing:
-            raise RecordingError(
-                f"{len(missing)} of {len(files)} recordings have no entry in {self.path}, the "
-                f"first {missing[0]}: add them there, or leave them out"
-            )
-        return replace(self, entries=tuple(known[Path(each).resolve()] for each in files))
-
-    def text(self) -> str:
-        """Return the manifest as TOML, from which `read_manifest` makes the same."""
-        head = {
-            "symmetry": self.symmetry,
-            "centre": list(self.centre),
-            **({"coordinates": list(self.coordinates)} if self.coordinates else {}),
-        }
-        return _HEAD + _lines(head) + "".join(_entry_text(entry) for entry in self.entries)
-
-
-def read_manifest(path: str | os.PathLike[str]) -> Manifest:
-    """Read a manifest, TOML or CSV.
-
-    Parameters
-    ----------
-    path : path
-        Ending in ``.toml`` or ``.csv``. A CSV file has commas and a first line of names: `file`,
-        and of `channel`, `u`, `v`, `x`, `y`, `z`, `distance`, `azimuth`, `polar`,
-        `azimuth_degrees`, `polar_degrees`, `hit`, `sample_rate`, `lead_in`, `note` those that are
-        known. A TOML file has the same in tables ``[[takes]]``, contacts and listeners as lists.
-
-    Returns
-    -------
-    Manifest
-
-    Raises
-    ------
-    FileFormatError
-        When it cannot be read, a column is unknown, an entry is missing or no number, a file is
-        missing, or a place occurs twice.
-    """
-    given = Path(path)
-    kind = given.suffix.lower()
-    if kind == ".csv":
-        manifest = Manifest(path=given, entries=csv_entries(read_text(given), str(given)))
-    elif kind == ".toml":
-        manifest = _from_toml(given, read_toml(given))
-    else:
-        raise FileFormatError(f"{given} ends in {kind!r}: give a manifest in .toml or .csv")
-    if not manifest.entries:
-        raise FileFormatError(f"{given} has no takes: add one for each recording")
-    _require_files(manifest)
-    return manifest
-
-
-def recorded_so_far(path: Path) -> Manifest:
-    """Read a manifest that is being written; one without takes where there is none yet.
-
-    Takes whose files have gone are left out.
-    """
-    if not path.exists():
-        return Manifest(path=path, entries=())
-    manifest = _from_toml(path, read_toml(path))
-    there = zip(manifest.files, manifest.entries, strict=True)
-    return replace(manifest, entries=tuple(entry for file, entry in there if file.is_file()))
-
-
-def _from_toml(path: Path, table: TomlTable) -> Manifest:
-    manifest = Manifest(
-        path=path,
-        symmetry=table.choice("symmetry", SYMMETRIES, "none"),
-        centre=table.numbers("centre", 3) or (0.0, 0.0, 0.0),
-        coordinates=table.texts("coordinates"),
-        entries=tuple(map(toml_entry, table.tables("takes"))),
-    )
-    table.require_known()
-    return manifest
-
-
-def _require_files(manifest: Manifest) -> None:
-    missing = [str(path) for path in manifest.files if not path.is_file()]
-    if missing:
-        raise FileFormatError(
-            f"{manifest.path}: {len(missing)} of {len(manifest.entries)} recordings are missing, "
-            f"the first {missing[0]}: put them there, or take their entries out"
-        )
-
-
-def _require_alike(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
-    """Refuse takes without places among others, or with other numbers of coordinates."""
-    for what in ("contact", "listeners"):
-        without = [entry.file for entry in entries if not getattr(entry, what)]
-        if without and len(without) < len(entries):
-            raise FileFormatError(
-                f"{path}: {len(without)} of {len(entries)} takes have no {what}, the first "
-                f"{without[0]}: add it, or take those of the others out"
-            )
-    counts = sorted({len(entry.contact) for entry in entries})
-    if len(counts) > 1:
-        raise FileFormatError(
-            f"{path}: contacts have {counts[0]} and {counts[1]} coordinates: give all as many"
-        )
-
-
-def _require_once(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
-    files: set[str] = set()
-    places: dict[object, str] = {}
-    for entry in entries:
-        if entry.file in files:
-            raise FileFormatError(f"{path}: {entry.file} occurs twice: take one of them out")
-        files.add(entry.file)
-        place = (entry.contact, entry.listeners, entry.hit)
-        if place in places and (entry.contact or entry.listeners):
-            raise FileFormatError(
-                f"{path}: {places[place]} and {entry.file} have the same contact, listener and "
-                "hit: correct one of them, or number several hits of one place by hit"
-            )
-        places[place] = entry.file
-
-
-def _distinct(places: Iterable[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    return list(dict.fromkeys(places))
-
-
-def _entry_text(entry: ManifestEntry) -> str:
-    told = {
-        "file": entry.file,
-        "contact": list(entry.contact),
-        "listeners": [list(place) for place in entry.listeners],
-        "hit": entry.hit,
-        "sample_rate": entry.sample_rate,
-        "lead_in": entry.lead_in,
-        "peak": entry.peak,
-        "above_noise": entry.above_noise,
-        "note": entry.note,
-    }
-    given = {key: value for key, value in told.items() if value not in (None, "", [])}
-    return "\n[[takes]]\n" + _lines(given)
-
-
-def _lines(values: dict[str, object]) -> str:
-    """Return TOML of numbers, text and lists: JSON writes these alike, but for one character."""
-    texts = (
-        (key, json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f"))
-        for key, value in values.items()
-    )
-    return "".join(f"{key} = {text}\n" for key, text in texts)
