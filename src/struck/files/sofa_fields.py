@@ -1,33 +1,23 @@
-"""Impulse responses of bodies as SOFA files, convention GeneralFIR-E: what other programs read."""
+"""Timbre fields (GeneralTF-E) and impulse responses (GeneralFIR-E) of bodies as SOFA files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import FileFormatError, OptionError
-from struck.files.sampled_field import SampledField
+from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.files.sofa import (
+    LONGEST,
     MOST_VALUES,
     Container,
     Variable,
-    attributes_of,
-    centre_of,
-    contacts_of,
-    geometry_of,
-    is_calibrated,
-    listeners_of,
+    metres,
     opened,
-    origin_attributes,
-    origin_of,
-    origin_variables,
-    radius_of,
-    symmetry_of,
-    way_of,
     write_container,
 )
 from struck.model.arrays import Array
@@ -35,13 +25,30 @@ from struck.model.contact import Place
 from struck.model.exponentials import samples
 from struck.model.material import AIR
 from struck.model.model import ModalModel
-
-# Timbre fields as SOFA files: gains, frequencies and decays of modes, convention GeneralTF-E.
+from struck.model.provenance import Provenance, bibliography
+from struck.model.survey import SYMMETRIES
 
 Contacts = ArrayLike | Sequence[Place]
 
 CONVENTION = "GeneralTF-E"
-_SOFA_FIELD_COMMENT = (
+RESPONSES_CONVENTION = "GeneralFIR-E"
+_PASCAL, _RELATIVE = "Pa/(N s)", "relative"
+_AXES = ("ContactU", "ContactV")
+_UNKNOWN = "unknown"
+_SOURCE, _MODEL = "GainSource", "model"
+_SPARE = 100  # bytes for a last line
+_PLACE = "RecordedContact"
+_ERRORS, _UNMEASURED = "ModeError", "ModeUnmeasured"
+_SURFACE = (
+    " ContactU and ContactV are coordinates on the surface; EmitterPosition repeats them as "
+    "(u, v, 0), as their places in space are not known."
+)
+_RESPONSES_COMMENT = (
+    "Responses of a struck body to a unit impulse, in GainUnit: sums of {count} modes{left_out}. "
+    "Emitters are contacts, measurements are listeners. Data.Delay is the travel time from "
+    "SoundCentre."
+)
+_FIELD_COMMENT = (
     "Modes of a struck body: N holds their ringing frequencies in Hz, ModeDecay the decay rates d "
     "of their amplitudes in 1/s. Emitters are contacts, measurements are listeners. The pressure "
     "after a unit impulse is the sum over modes of Im[g exp((-d + 2 pi i f) t)] with g from "
@@ -60,50 +67,18 @@ def save_sofa(
     author: str = "",
     licence: str = "",
 ) -> None:
-    """Write the gains of a model as a SOFA file of convention GeneralTF-E.
+    """Write the gains of a model as a SOFA file of convention GeneralTF-E (AES69-2022).
 
-    Parameters
-    ----------
-    source : ModalModel or SampledField
-    path : path
-        By custom ending in ``.sofa``; a file there is replaced as a whole.
-    contacts : array-like (P, D), optional
-        Where a model is struck: coordinates of its field, or points on its surface, m, or names.
-        They become emitters. Those that were recorded unless given.
-    listeners : array-like (Q, 3), optional
-        Where it is heard, body coordinates, m. They become measurements. Unless given, those that
-        were recorded.
-    title, author, licence : str
-        What a reader should know.
-
-    Raises
-    ------
-    OptionError
-        When a computed model comes without contacts or listeners, or they do not fit it.
-    ContactError
-        On a contact off the body, or a listener inside it.
-    FileFormatError
-        When the file cannot be written.
-    MissingDependencyError
-        Without h5py.
-
-    Notes
-    -----
-    AES69-2022, AES standard for file exchange: spatial acoustic data file format. Decays stand in a
-    variable of our own, ModeDecay; frequencies and decays come back to the last bit. So do errors
-    of frequencies (ModeError), the radius of the body (BodyRadius), references and notes.
+    Contacts (P, D), coordinates of the model's field, points on its surface, m, or names, become
+    emitters; listeners (Q, 3), body coordinates, m, become measurements; unless given those that
+    were recorded. Decays stand in a variable of our own, ModeDecay; frequencies and decays come
+    back to the last bit. So do errors of frequencies (ModeError), the radius of the body
+    (BodyRadius), references and notes.
     """
     field = sampled(source, contacts, listeners)
-    told = {
-        "SOFAConventions": CONVENTION,
-        "SOFAConventionsVersion": "1.0",
-        "DataType": "TF-E",
-        **attributes_of(field, _SOFA_FIELD_COMMENT, title or field.title, author, licence),
-        **origin_attributes(field.origin),
-    }
     data = field.gains.transpose(1, 2, 0)[:, np.newaxis]  # listeners, receiver, modes, contacts
     variables = {
-        **geometry_of(field),
+        **_geometry_of(field),
         "Data.Real": Variable(values=data.real, letters="MRNE"),
         "Data.Imag": Variable(values=data.imag, letters="MRNE"),
         "N": Variable(
@@ -116,25 +91,19 @@ def save_sofa(
             letters="N",
             attributes={"LongName": "decay rate of the amplitude", "Units": "1/s"},
         ),
-        **origin_variables(field.origin, len(field.frequencies)),
+        **_origin_variables(field.origin, len(field.frequencies)),
     }
-    write_container(path, variables, told)
+    kind = {"SOFAConventions": CONVENTION, "SOFAConventionsVersion": "1.0", "DataType": "TF-E"}
+    told = _attributes_of(field, _FIELD_COMMENT, title, author, licence)
+    write_container(path, variables, kind | told)
 
 
 def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
-    """Read the gains of a SOFA file of convention GeneralTF-E with a variable ModeDecay.
-
-    Raises
-    ------
-    FileFormatError
-        When it is no such file, or what it holds is out of bounds.
-    MissingDependencyError
-        Without h5py.
-    """
+    """Read the gains of a SOFA file of convention GeneralTF-E with a variable ModeDecay."""
     with opened(path) as file:
         file.require_convention(CONVENTION)
         frequencies, decays = _modes(file)
-        listeners, (contacts, coordinates) = listeners_of(file), contacts_of(file)
+        listeners, (contacts, coordinates) = _listeners_of(file), _contacts_of(file)
         shape = (len(listeners), 1, len(frequencies), len(contacts))
         data = file.numbers("Data.Real", shape) + 1j * file.numbers("Data.Imag", shape)
         return SampledField(
@@ -143,27 +112,21 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
             contacts=contacts,
             listeners=listeners,
             gains=np.ascontiguousarray(data[:, 0].transpose(2, 0, 1)),
-            centre=centre_of(file),
-            symmetry=symmetry_of(file),
-            calibrated=is_calibrated(file),
+            centre=_centre_of(file),
+            symmetry=_choice(file, "Symmetry", SYMMETRIES),
+            calibrated=file.text("GainUnit") == _PASCAL,
             coordinates=coordinates,
             title=file.text("Title"),
-            way=way_of(file),
-            radius=radius_of(file),
-            origin=origin_of(file, len(frequencies)),
+            way=_choice(file, "Interpolation", WAYS),
+            radius=_radius_of(file),
+            origin=_origin_of(file, len(frequencies)),
         )
 
 
 def sampled(
     source: ModalModel | SampledField, contacts: Contacts | None, listeners: ArrayLike | None
 ) -> SampledField:
-    """Return gains at contacts and listeners; those of a field as they are.
-
-    Raises
-    ------
-    OptionError
-        When a computed model comes without them, or a `SampledField` with them.
-    """
+    """Return gains at contacts and listeners; those of a field as they are."""
     if isinstance(source, SampledField):
         if contacts is not None or listeners is not None:
             raise OptionError("a SampledField has its own contacts and listeners: leave them out")
@@ -190,17 +153,9 @@ def _modes(file: Container) -> tuple[Array, Array]:
     return frequencies, decays
 
 
-RESPONSES_CONVENTION = "GeneralFIR-E"
-_COMMENT = (
-    "Responses of a struck body to a unit impulse, in GainUnit: sums of {count} modes{left_out}. "
-    "Emitters are contacts, measurements are listeners. Data.Delay is the travel time from "
-    "SoundCentre."
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Responses:
-    """Responses of every contact with every listener.
+    """Impulse responses of every contact with every listener.
 
     Parameters
     ----------
@@ -237,76 +192,41 @@ def save_sofa_responses(
     author: str = "",
     licence: str = "",
 ) -> int:
-    """Write impulse responses of a model as a SOFA file of convention GeneralFIR-E.
+    """Write impulse responses of a model as a SOFA file of convention GeneralFIR-E (AES69-2022).
 
-    Parameters
-    ----------
-    source, path, contacts, listeners, title, author, licence
-        As for `save_sofa`.
-    seconds : float
-        Length of each response.
-    sample_rate : int
-        Hz.
-
-    Returns
-    -------
-    int
-        How many modes were left out, at or above half the sample rate.
-
-    Raises
-    ------
-    OptionError
-        On seconds or a rate out of bounds, or too many samples; and as `save_sofa`.
-    ContactError, FileFormatError, MissingDependencyError
-        As `save_sofa`.
-
-    Notes
-    -----
-    AES69-2022. A response is the sum over modes of Im[g exp((-d + 2 pi i f) t)], sampled.
+    A response, some seconds long, is the sum over modes of Im[g exp((-d + 2 pi i f) t)], sampled;
+    other arguments as of `save_sofa`. Returns how many modes at or above half the sample rate, Hz,
+    were left out.
     """
     field = sampled(source, contacts, listeners)
     length = _length(field, seconds, sample_rate)
     kept = field.frequencies < sample_rate / 2
     lost = int(np.count_nonzero(~kept))
     left_out = f" ({lost} more at or above {sample_rate / 2:g} Hz are left out)" if lost else ""
-    told = {
-        "SOFAConventions": RESPONSES_CONVENTION,
-        "SOFAConventionsVersion": "2.0",
-        "DataType": "FIR-E",
-        **attributes_of(
-            field,
-            _COMMENT.format(count=np.count_nonzero(kept), left_out=left_out),
-            title or field.title,
-            author,
-            licence,
-        ),
-        **origin_attributes(field.origin),
-    }
+    comment = _RESPONSES_COMMENT.format(count=np.count_nonzero(kept), left_out=left_out)
     variables = {
-        **geometry_of(field),
+        **_geometry_of(field),
         "Data.IR": Variable(values=_responses(field, kept, length, sample_rate), letters="MRNE"),
         "Data.SamplingRate": Variable(
             values=np.array([float(sample_rate)]), letters="I", attributes={"Units": "hertz"}
         ),
         "Data.Delay": Variable(values=_travels(field) * sample_rate, letters="MRE"),
     }
-    write_container(path, variables, told)
+    kind = {
+        "SOFAConventions": RESPONSES_CONVENTION,
+        "SOFAConventionsVersion": "2.0",
+        "DataType": "FIR-E",
+    }
+    told = _attributes_of(field, comment, title, author, licence)
+    write_container(path, variables, kind | told)
     return lost
 
 
 def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
-    """Read the responses of a SOFA file of convention GeneralFIR-E.
-
-    Raises
-    ------
-    FileFormatError
-        When it is no such file, or what it holds is out of bounds.
-    MissingDependencyError
-        Without h5py.
-    """
+    """Read the responses of a SOFA file of convention GeneralFIR-E."""
     with opened(path) as file:
         file.require_convention(RESPONSES_CONVENTION)
-        listeners, (contacts, _) = listeners_of(file), contacts_of(file)
+        listeners, (contacts, _) = _listeners_of(file), _contacts_of(file)
         heard, struck = len(listeners), len(contacts)
         shape = file.shape("Data.IR")
         if len(shape) != 4 or shape[2] < 1:
@@ -328,7 +248,7 @@ def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
             delays=np.broadcast_to(delays, (heard, struck)).T.copy(),
             contacts=contacts,
             listeners=listeners,
-            calibrated=is_calibrated(file),
+            calibrated=file.text("GainUnit") == _PASCAL,
         )
 
 
@@ -361,3 +281,184 @@ def _travels(field: SampledField) -> Array:
     struck, heard, _ = field.gains.shape
     distances = np.linalg.norm(field.listeners - field.centre, axis=1)
     return np.broadcast_to((distances / AIR.sound_speed)[:, None, None], (heard, 1, struck))
+
+
+def _attributes_of(
+    field: SampledField, comment: str, title: str, author: str, licence: str
+) -> dict[str, str]:
+    """Return title, author, licence and comment of a field, as attributes of a file."""
+    axes = field.contacts.shape[1]
+    author = author or "not stated"
+    return {
+        "Title": title or field.title or "not stated",
+        "AuthorContact": author,
+        "Organization": author,
+        "License": licence or "not stated",
+        "Comment": comment + (_SURFACE if axes in {1, 2} else ""),
+        "GainUnit": _PASCAL if field.calibrated else _RELATIVE,
+        "Symmetry": field.symmetry,
+        "Interpolation": field.way,
+        **({} if axes else {"ContactPlaces": _UNKNOWN}),
+        **_origin_attributes(field.origin),
+    }
+
+
+def _geometry_of(field: SampledField) -> dict[str, Variable]:
+    """Return the variables of places: measurements are listeners, emitters contacts."""
+    count, axes = field.contacts.shape
+    emitters = np.zeros((count, 3))
+    emitters[:, :axes] = field.contacts
+    origin = np.zeros((1, 3))
+    places = {
+        "ListenerPosition": metres(field.listeners, "MC"),
+        "ReceiverPosition": metres(origin, "RC"),
+        "SourcePosition": metres(origin, "IC"),
+        "EmitterPosition": metres(emitters, "EC"),
+        "SoundCentre": metres(field.centre[np.newaxis], "IC"),
+    }
+    if field.radius:
+        told = {"LongName": "of a ball about SoundCentre that holds the body", "Units": "metre"}
+        radius = np.array([field.radius])
+        places["BodyRadius"] = Variable(values=radius, letters="I", attributes=told)
+    if axes > 2:
+        return places
+    named = zip(_AXES, field.contacts.T, field.coordinates or ("u", "v"), strict=False)
+    for axis, values, name in named:
+        places[axis] = Variable(values=values, letters="E", attributes={"LongName": name})
+    return places
+
+
+def _listeners_of(file: Container) -> Array:
+    """Return one listener for each measurement (M, 3), m."""
+    receivers = file.places("ReceiverPosition")
+    if len(receivers) != 1:
+        raise FileFormatError(
+            f"it has {len(receivers)} receivers, and 1 for each listener is read: split them into "
+            "measurements"
+        )
+    if receivers.any() and "ListenerView" in file:
+        raise FileFormatError(
+            "its receiver is off the listener, who looks somewhere: give ListenerPosition as the "
+            "place of the microphone"
+        )
+    return file.places("ListenerPosition") + receivers
+
+
+def _contacts_of(file: Container) -> tuple[Array, tuple[str, ...]]:
+    """Return contacts (E, D) and the names of their coordinates; x, y, z where no others are."""
+    axes = [axis for axis in _AXES if axis in file]
+    if axes:
+        count = file.shape("EmitterPosition")[:1]
+        values = [file.numbers(axis, count) for axis in axes]
+        return np.stack(values, axis=1), tuple(file.text("LongName", axis) for axis in axes)
+    if file.text("ContactPlaces") == _UNKNOWN:
+        return np.zeros((file.shape("EmitterPosition")[0], 0)), ()
+    sources = file.places("SourcePosition")
+    if len(sources) != 1 or "SourceView" in file:
+        raise FileFormatError(
+            f"its source has {len(sources)} places, or a view, and a body that stands still is "
+            "read: give one SourcePosition, and EmitterPosition along the axes of the room"
+        )
+    return file.places("EmitterPosition") + sources, ("x (m)", "y (m)", "z (m)")
+
+
+def _centre_of(file: Container) -> Array:
+    """Return the apparent origin of the sound (3,), m: the source where no other is given."""
+    name = "SoundCentre" if "SoundCentre" in file else "SourcePosition"
+    places = file.places(name)
+    if len(places) != 1:
+        raise FileFormatError(f"its {name} has {len(places)} places, and 1 is read: give one")
+    return places[0]
+
+
+def _radius_of(file: Container) -> float:
+    """Return the radius of a ball about the centre that holds the body, m; 0 where not known."""
+    if "BodyRadius" not in file:
+        return 0.0
+    radius = float(file.numbers("BodyRadius", (1,))[0])
+    if radius < 0:
+        raise FileFormatError(f"its BodyRadius is {radius:g}: give at least 0 m")
+    return radius
+
+
+def _choice(file: Container, name: str, choices: Sequence[str]) -> str:
+    """Return an attribute that is one of some words; the first of them where it is missing."""
+    found = file.text(name) or choices[0]
+    if found not in choices:
+        raise FileFormatError(f"its {name} is {found!r}: give one of {', '.join(choices)}")
+    return found
+
+
+def _origin_attributes(origin: Origin | None) -> dict[str, str]:
+    """Return the texts about the model that gains came from; none of measured gains."""
+    if origin is None:
+        return {}
+    provenance = origin.provenance
+    told = {
+        _SOURCE: _MODEL,
+        "Method": provenance.method,
+        "References": provenance.cite(),
+        "ReferenceKeys": " ".join(provenance.references),
+        "Notes": _lines(provenance.dropped),
+        "FieldNotes": _lines(origin.notes),
+        _PLACE: "" if origin.place is None else " ".join(map(repr, origin.place.tolist())),
+    }
+    return {name: text for name, text in told.items() if text}
+
+
+def _origin_variables(origin: Origin | None, count: int) -> dict[str, Variable]:
+    """Return the numbers about the modes of the model that gains came from."""
+    variables: dict[str, Variable] = {}
+    if origin is None:
+        return variables
+    if origin.errors is not None:
+        told = {"LongName": "relative error of the frequency, NaN where unknown", "Units": "1"}
+        variables[_ERRORS] = Variable(values=origin.errors, letters="N", attributes=told)
+    if len(origin.unmeasured):
+        values = np.isin(np.arange(count), origin.unmeasured).astype(np.float64)
+        told = {"LongName": "1 where a mode was not measured well", "Units": "1"}
+        variables[_UNMEASURED] = Variable(values=values, letters="N", attributes=told)
+    return variables
+
+
+def _origin_of(file: Container, count: int) -> Origin | None:
+    """Return the model that gains came from; None where they were measured."""
+    if file.text(_SOURCE) != _MODEL:
+        return None
+    errors = file.numbers(_ERRORS, (count,), gaps=True) if _ERRORS in file else None
+    if errors is not None and (errors < 0).any():
+        raise FileFormatError(f"its {_ERRORS} goes down to {np.nanmin(errors):g}: give at least 0")
+    unmeasured = file.numbers(_UNMEASURED, (count,)) if _UNMEASURED in file else np.zeros(count)
+    known = bibliography()
+    return Origin(
+        provenance=Provenance(
+            method=file.text("Method"),
+            references=tuple(key for key in file.text("ReferenceKeys").split() if key in known),
+            dropped=tuple(file.text("Notes").splitlines()),
+        ),
+        errors=errors,
+        unmeasured=np.flatnonzero(unmeasured),
+        notes=tuple(file.text("FieldNotes").splitlines()),
+        place=_place_of(file.text(_PLACE)),
+    )
+
+
+def _place_of(text: str) -> Array | None:
+    if not text:
+        return None
+    try:
+        place = np.array([float(each) for each in text.split()])
+    except ValueError:
+        place = np.full(1, np.nan)
+    if not np.isfinite(place).all():
+        raise FileFormatError(f"its {_PLACE} is {text[:80]!r}: give finite coordinates")
+    return place
+
+
+def _lines(sentences: Iterable[str]) -> str:
+    """Return as many sentences as an attribute holds, a line each, and how many more there are."""
+    lines = [" ".join(sentence.split()) for sentence in sentences]
+    lengths = np.cumsum([len(line.encode()) + 1 for line in lines])
+    kept = int(np.count_nonzero(lengths < LONGEST - _SPARE))
+    more = [f"... and {len(lines) - kept} notes more"] if kept < len(lines) else []
+    return "\n".join([*lines[:kept], *more])
