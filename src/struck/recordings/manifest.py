@@ -419,23 +419,10 @@ _CARTESIAN = ("x", "y", "z")
 _SPHERICAL = ("distance", "azimuth", "polar")
 _DEGREES = ("distance", "azimuth_degrees", "polar_degrees")
 _SYSTEMS = (_CARTESIAN, _SPHERICAL, _DEGREES)
-_WHOLE: dict[str, tuple[int, int]] = {
-    "channel": (1, MOST_HITS),
-    "hit": (1, MOST_HITS),
-    "sample_rate": RATES,
-}
+_WHOLE = {"channel": (1, MOST_HITS), "hit": (1, MOST_HITS), "sample_rate": RATES}
 _TEXTS = ("file", "note")
-COLUMNS = (
-    "file",
-    *_WHOLE,
-    "u",
-    "v",
-    *dict.fromkeys(_CARTESIAN + _SPHERICAL + _DEGREES),
-    "lead_in",
-    "peak",
-    "above_noise",
-    "note",
-)
+_PLACES = ("u", "v", *dict.fromkeys(_CARTESIAN + _SPHERICAL + _DEGREES))
+COLUMNS = ("file", *_WHOLE, *_PLACES, "lead_in", "peak", "above_noise", "note")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -455,7 +442,13 @@ class _Row:
 
 def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
     """Return the takes of a CSV file; rows of one file are its channels."""
-    lines = _rows_lines(text, name)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
+    except csv.Error as error:
+        raise FileFormatError(
+            f"{name}, line {reader.line_num}: it is no CSV ({error}): save it with commas"
+        ) from error
     if not lines:
         raise FileFormatError(f"{name} is empty: begin it with a line as file,u,x,y,z")
     header = lines[0][1]
@@ -465,17 +458,6 @@ def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
         row = _row(header, cells, f"{name}, line {number}")
         by_file.setdefault(row.file, []).append(row)
     return tuple(_joined(rows, name) for rows in by_file.values())
-
-
-def _rows_lines(text: str, name: str) -> list[tuple[int, list[str]]]:
-    """Return the number and the cells of each line that is not empty."""
-    lines = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        return [(lines.line_num, [cell.strip() for cell in row]) for row in lines if any(row)]
-    except csv.Error as error:
-        raise FileFormatError(
-            f"{name}, line {lines.line_num}: it is no CSV ({error}): save it with commas"
-        ) from error
 
 
 def _require_columns(header: Sequence[str], name: str) -> None:
