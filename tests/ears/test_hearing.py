@@ -114,8 +114,8 @@ def test_a_circle_round_the_head_has_no_lines_but_those_of_the_motion(listener: 
     def circle(time: float) -> tuple[float, float, float]:
         return 1.4 * np.cos(2 * np.pi * time), 1.4 * np.sin(2 * np.pi * time), 0.0
 
-    samples = heard(body(circle), listener, tone(2.2))[:, RATE // 10 : RATE // 10 + 2 * RATE]
-    levels = np.abs(np.fft.rfft(samples[:, RATE : 2 * RATE])) / RATE
+    turn = heard(body(circle), listener, tone(1.2))[:, RATE // 10 : RATE // 10 + RATE]
+    levels = np.abs(np.fft.rfft(turn)) / RATE
     carrier = levels[:, 900:1101].max(axis=1)
     # A head's angular orders end about where k a does; the motion's lines lie a turn apart.
     elsewhere = np.r_[100:940, 1061:3000]

@@ -166,11 +166,6 @@ def band_shares(frequencies: ArrayLike, centres: Array) -> Array:
     return np.sin(np.pi / 2 * np.array(triangles)) ** 2
 
 
-def diffuse_coherence(frequencies: ArrayLike, spacing: float) -> Array:
-    """Return the coherence sin(k d) / (k d) of two points in a diffuse field (Cook et al. 1955)."""
-    return np.sinc(2 * np.asarray(frequencies) * spacing / AIR.sound_speed)
-
-
 def statistical_time(
     volume: float, areas: Array, absorptions: Array, formula: str = "eyring"
 ) -> Array:
@@ -193,7 +188,7 @@ def _coherent(spectra: Complex, sample_rate: float, spacing: float) -> Complex:
     if len(spectra) == 1:
         return spectra
     frequencies = np.linspace(0, sample_rate / 2, spectra.shape[1])
-    coherence = diffuse_coherence(frequencies, spacing)
+    coherence = np.sinc(2 * frequencies * spacing / AIR.sound_speed)  # sin(k d) / (k d)
     common = np.sqrt((1 + coherence) / 2) * spectra[0]
     opposite = np.sqrt((1 - coherence) / 2) * spectra[1]
     return np.stack([common + opposite, common - opposite])
