@@ -30,7 +30,7 @@ class Filters(Protocol):
         ...
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Tell what reaches the ears of sound from afar or near.
+        """Return delays and responses of the ears to sound from some places.
 
         Parameters
         ----------
@@ -299,7 +299,7 @@ def _rounded_arrival(radius: float, distance: float) -> Array:
 
 
 def fading(frequencies: Array, first: float, last: float) -> Array:
-    """Return one up to a first frequency, and then half a cosine down to zero at a last one."""
+    """Return a gain of one up to `first`, then half a cosine down to zero at `last`."""
     along = np.clip((frequencies - first) / (last - first), 0, 1)
     return 0.5 + 0.5 * np.cos(np.pi * along)
 

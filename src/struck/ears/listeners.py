@@ -92,7 +92,7 @@ def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
 
 
 class Listener(Protocol):
-    """Someone somewhere who looks somewhere."""
+    """A listener: where it is, where it looks, and the filters of its head."""
 
     @property
     def position(self) -> Course3 | None:
@@ -115,7 +115,7 @@ class Listener(Protocol):
         ...
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return what the head does to sound; `brief` where a little less of it must do, live."""
+        """Return the filters of the head; `brief` ones, cut short, for playing live."""
         ...
 
 

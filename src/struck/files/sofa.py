@@ -37,7 +37,7 @@ _COMMON = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Variable:
     """An array with the letters of its dimensions, as "MRNE", and texts about it."""
 
@@ -48,9 +48,7 @@ class Variable:
 
 def metres(values: Array, letters: str) -> Variable:
     """Return a variable of Cartesian places, m."""
-    return Variable(
-        values=values, letters=letters, attributes={"Type": "cartesian", "Units": "metre"}
-    )
+    return Variable(values, letters, {"Type": "cartesian", "Units": "metre"})
 
 
 def write_container(

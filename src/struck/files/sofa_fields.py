@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,24 +78,16 @@ def save_sofa(
     field = sampled(source, contacts, listeners)
     data = field.gains.transpose(1, 2, 0)[:, np.newaxis]  # listeners, receiver, modes, contacts
     variables = {
-        **_geometry_of(field),
-        "Data.Real": Variable(values=data.real, letters="MRNE"),
-        "Data.Imag": Variable(values=data.imag, letters="MRNE"),
-        "N": Variable(
-            values=field.frequencies,
-            letters="N",
-            attributes={"LongName": "frequency", "Units": "hertz"},
-        ),
+        "Data.Real": Variable(data.real, "MRNE"),
+        "Data.Imag": Variable(data.imag, "MRNE"),
+        "N": Variable(field.frequencies, "N", {"LongName": "frequency", "Units": "hertz"}),
         "ModeDecay": Variable(
-            values=field.decays,
-            letters="N",
-            attributes={"LongName": "decay rate of the amplitude", "Units": "1/s"},
+            field.decays, "N", {"LongName": "decay rate of the amplitude", "Units": "1/s"}
         ),
         **_origin_variables(field.origin, len(field.frequencies)),
     }
-    kind = {"SOFAConventions": CONVENTION, "SOFAConventionsVersion": "1.0", "DataType": "TF-E"}
-    told = _attributes_of(field, _FIELD_COMMENT, title, author, licence)
-    write_container(path, variables, kind | told)
+    names = (title or field.title, author, licence)
+    _write(path, (CONVENTION, "1.0", "TF-E"), field, variables, _FIELD_COMMENT, *names)
 
 
 def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
@@ -205,20 +197,12 @@ def save_sofa_responses(
     left_out = f" ({lost} more at or above {sample_rate / 2:g} Hz are left out)" if lost else ""
     comment = _RESPONSES_COMMENT.format(count=np.count_nonzero(kept), left_out=left_out)
     variables = {
-        **_geometry_of(field),
-        "Data.IR": Variable(values=_responses(field, kept, length, sample_rate), letters="MRNE"),
-        "Data.SamplingRate": Variable(
-            values=np.array([float(sample_rate)]), letters="I", attributes={"Units": "hertz"}
-        ),
-        "Data.Delay": Variable(values=_travels(field) * sample_rate, letters="MRE"),
+        "Data.IR": Variable(_responses(field, kept, length, sample_rate), "MRNE"),
+        "Data.SamplingRate": Variable(np.array([float(sample_rate)]), "I", {"Units": "hertz"}),
+        "Data.Delay": Variable(_travels(field) * sample_rate, "MRE"),
     }
-    kind = {
-        "SOFAConventions": RESPONSES_CONVENTION,
-        "SOFAConventionsVersion": "2.0",
-        "DataType": "FIR-E",
-    }
-    told = _attributes_of(field, comment, title, author, licence)
-    write_container(path, variables, kind | told)
+    names = (title or field.title, author, licence)
+    _write(path, (RESPONSES_CONVENTION, "2.0", "FIR-E"), field, variables, comment, *names)
     return lost
 
 
@@ -283,17 +267,23 @@ def _travels(field: SampledField) -> Array:
     return np.broadcast_to((distances / AIR.sound_speed)[:, None, None], (heard, 1, struck))
 
 
-def _attributes_of(
-    field: SampledField, comment: str, title: str, author: str, licence: str
-) -> dict[str, str]:
-    """Return title, author, licence and comment of a field, as attributes of a file."""
+def _write(
+    path: str | os.PathLike[str],
+    kind: tuple[str, str, str],
+    field: SampledField,
+    variables: Mapping[str, Variable],
+    comment: str,
+    *names: str,
+) -> None:
+    """Write variables of a field, its places and origin; `names` are title, author, licence."""
     axes = field.contacts.shape[1]
-    author = author or "not stated"
-    return {
-        "Title": title or field.title or "not stated",
+    title, author, licence = (name or "not stated" for name in names)
+    attributes = {
+        **dict(zip(("SOFAConventions", "SOFAConventionsVersion", "DataType"), kind, strict=True)),
+        "Title": title,
         "AuthorContact": author,
         "Organization": author,
-        "License": licence or "not stated",
+        "License": licence,
         "Comment": comment + (_SURFACE if axes in {1, 2} else ""),
         "GainUnit": _PASCAL if field.calibrated else _RELATIVE,
         "Symmetry": field.symmetry,
@@ -301,6 +291,7 @@ def _attributes_of(
         **({} if axes else {"ContactPlaces": _UNKNOWN}),
         **_origin_attributes(field.origin),
     }
+    write_container(path, {**_geometry_of(field), **variables}, attributes)
 
 
 def _geometry_of(field: SampledField) -> dict[str, Variable]:
@@ -319,12 +310,12 @@ def _geometry_of(field: SampledField) -> dict[str, Variable]:
     if field.radius:
         told = {"LongName": "of a ball about SoundCentre that holds the body", "Units": "metre"}
         radius = np.array([field.radius])
-        places["BodyRadius"] = Variable(values=radius, letters="I", attributes=told)
+        places["BodyRadius"] = Variable(radius, "I", told)
     if axes > 2:
         return places
     named = zip(_AXES, field.contacts.T, field.coordinates or ("u", "v"), strict=False)
     for axis, values, name in named:
-        places[axis] = Variable(values=values, letters="E", attributes={"LongName": name})
+        places[axis] = Variable(values, "E", {"LongName": name})
     return places
 
 
@@ -413,11 +404,11 @@ def _origin_variables(origin: Origin | None, count: int) -> dict[str, Variable]:
         return variables
     if origin.errors is not None:
         told = {"LongName": "relative error of the frequency, NaN where unknown", "Units": "1"}
-        variables[_ERRORS] = Variable(values=origin.errors, letters="N", attributes=told)
+        variables[_ERRORS] = Variable(origin.errors, "N", told)
     if len(origin.unmeasured):
         values = np.isin(np.arange(count), origin.unmeasured).astype(np.float64)
         told = {"LongName": "1 where a mode was not measured well", "Units": "1"}
-        variables[_UNMEASURED] = Variable(values=values, letters="N", attributes=told)
+        variables[_UNMEASURED] = Variable(values, "N", told)
     return variables
 
 

@@ -24,7 +24,7 @@ _SILENT = 1e-12  # of full scale: keeps logarithms finite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Levels at which a take is taken.
+    """Levels at which a take is accepted.
 
     Parameters
     ----------

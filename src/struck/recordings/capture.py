@@ -51,20 +51,20 @@ class CapturedTake:
 
 
 class Recorder(Protocol):
-    """What records."""
+    """A device that records takes, or a stand-in for one."""
 
     def record(
         self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
     ) -> Sound:
-        """Record so many seconds; call `cue` once `lead_in` seconds of them are recorded.
+        """Record some seconds; call `cue` once `lead_in` seconds of them are recorded.
 
-        What spoilt the recording stands in the notes of the sound: then it is refused.
+        Notes of the sound say what spoilt the recording: then it is refused.
         """
         ...
 
 
 class Operator(Protocol):
-    """Who strikes, or looks on."""
+    """The person who strikes, or who watches a measurement."""
 
     def ready(self, text: str) -> None:
         """Tell what comes, and return when it may begin."""

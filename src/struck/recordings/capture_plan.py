@@ -131,7 +131,7 @@ def _tail(said: IO[bytes]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurveyPlan:
-    """P + Q recordings that tell what P Q would, since the table of a mode has rank one.
+    """P + Q recordings in place of P Q, since the gains of a mode (P, Q) have rank one.
 
     First the pivot listener hears all contacts. That shows which contact drives all modes: the
     pivot contact, which all other listeners hear then. One pair more, of another contact and
@@ -295,20 +295,20 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturePlan:
-    """A measurement.
+    """Plan of a measurement: what is struck, heard from where, and how often.
 
     Parameters
     ----------
     seconds : float
         Of sound kept after each hit.
     lead_in : float
-        Of ambient sound kept before it, s: it tells what is noise.
+        Of ambient sound kept before it, s, from which the noise is estimated.
     patience : float
         How long after its cue a hit may come, s.
     sample_rate : int or None
         Hz; None: the device's own.
     channels : int
-        As many as each listener has places.
+        Number of places of each listener.
     device : int or str or None
         Number or part of the name; None: the default one.
     tries : int
@@ -316,7 +316,7 @@ class CapturePlan:
     prompt : str
         When a person is waited for: at each "take", when the "contact" changes, or "never".
     bounds : Bounds
-        Which levels are taken.
+        Levels at which a take is accepted.
     contacts, listeners : tuple
         What is combined; no listeners where their places do not matter.
     listed : tuple of Point
