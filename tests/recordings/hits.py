@@ -39,3 +39,13 @@ def write(path: Path, samples: Array, rate: int = RATE) -> None:
     path.write_bytes(
         wav.encode(wav.Recording(samples=samples.astype(np.float32), sample_rate=rate))
     )
+
+
+def clip(samples: np.ndarray) -> np.ndarray:
+    """Return a take that is clipped at full scale."""
+    return np.clip(2.5 * samples, -1, 1)
+
+
+def end_early(samples: np.ndarray) -> np.ndarray:
+    """Return a take that ends within its lead-in."""
+    return samples[:, : round(0.1 * RATE)]
