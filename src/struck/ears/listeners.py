@@ -26,16 +26,32 @@ function of the time in s that returns (x, y, z)."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
-    """A place or a direction over time: a point, a table, or a function."""
+    """A place or a direction over time: a point, a table, or a function.
 
-    name: str  # what errors call it
-    times: Array  # (T,), s, of a table
-    points: Array  # (T, 3); a point that does not move has one
+    Parameters
+    ----------
+    name : str
+        What it is, for errors.
+    times, points : array (T,), (T, 3)
+        Of a table, s; a point that does not move has one.
+    function : callable or None
+        In place of a table.
+    """
+
+    name: str
+    times: Array
+    points: Array
     function: Callable[[float], ArrayLike] | None = None
 
     @classmethod
     def of(cls, name: str, course: Course3) -> Trajectory:
-        """Return the trajectory of a user's input; OptionError on no point, table or function."""
+        """Return the trajectory of a `Course3`.
+
+        Raises
+        ------
+        OptionError
+            On what is no point, table or function.
+        """
         if callable(course):
             return cls(name=name, times=np.zeros(0), points=np.zeros((0, 3)), function=course)
         if _is_table(course):
@@ -56,9 +72,9 @@ class Trajectory:
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
-        """Return the values (n, 3) at times (n,), s; those before 0 s count as 0 s.
+        """Return the values at some times, s (n,): (n, 3).
 
-        What is heard at first was sent before then.
+        What is heard at first was sent before 0 s; until then all is held as at 0 s.
         """
         if self.function is not None:
             found = [self.function(max(time, 0.0)) for time in times.tolist()]

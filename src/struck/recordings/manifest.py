@@ -33,28 +33,69 @@ Place = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
-    """A take of a manifest: its file, its places, and its levels."""
+    """A take of a manifest.
 
-    file: str  # relative to the manifest
-    contact: Place = ()  # coordinates u, or u and v
-    listeners: tuple[Place, ...] = ()  # (x, y, z) of each channel, body coordinates, m
-    hit: int = 1  # number among several hits of one place, from 1
-    sample_rate: int | None = None  # Hz
-    lead_in: float | None = None  # s of ambient sound before the hit
-    peak: float | None = None  # dB of full scale, of the loudest channel
-    above_noise: float | None = None  # dB, peak over rms of the ambient sound, worst channel
+    Parameters
+    ----------
+    file : str
+        Name of the recording, relative to the manifest.
+    contact : tuple of numbers
+        Coordinates u, or u and v, of the place that was struck; empty where unknown.
+    listeners : tuple of (x, y, z)
+        Of each channel's microphone, body coordinates, m; empty where unknown.
+    hit : int
+        Number among several hits of one place, from 1.
+    sample_rate : int or None
+        Hz.
+    lead_in : float or None
+        Ambient sound before the hit, s.
+    peak : float or None
+        Of the loudest channel, dB of full scale.
+    above_noise : float or None
+        Peak over the root mean square of the ambient sound, in the worst channel, dB.
+    note : str
+        Anything else.
+    """
+
+    file: str
+    contact: Place = ()
+    listeners: tuple[Place, ...] = ()
+    hit: int = 1
+    sample_rate: int | None = None
+    lead_in: float | None = None
+    peak: float | None = None
+    above_noise: float | None = None
     note: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manifest:
-    """A set of takes with their places; FileFormatError where entries contradict each other."""
+    """A set of takes with their places.
 
-    path: Path  # files stand relative to its folder
-    entries: tuple[ManifestEntry, ...]  # one for each file
-    coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
-    centre: tuple[float, ...] = (0.0, 0.0, 0.0)  # apparent origin of sound, body coordinates, m
-    symmetry: str = "none"  # or "axial", as in `Survey`
+    Parameters
+    ----------
+    path : Path
+        Files stand relative to its folder.
+    entries : tuple of ManifestEntry
+        One for each file.
+    coordinates : tuple of str
+        Names and units of a contact's coordinates, where they are known.
+    centre : tuple of 3 numbers
+        Where the sound seems to come from, body coordinates, m.
+    symmetry : str
+        "none" or "axial", as in `Survey`.
+
+    Raises
+    ------
+    FileFormatError
+        When a file or a place occurs twice, or some takes have places and others none.
+    """
+
+    path: Path
+    entries: tuple[ManifestEntry, ...]
+    coordinates: tuple[str, ...] = ()
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
+    symmetry: str = "none"
 
     def __post_init__(self) -> None:
         _require_alike(self.path, self.entries)
@@ -101,7 +142,13 @@ class Manifest:
         return np.array(numbers, np.int64)
 
     def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
-        """Return the manifest of some files, in their order; RecordingError without an entry."""
+        """Return the manifest of some files, in their order.
+
+        Raises
+        ------
+        RecordingError
+            When one of them has no entry.
+        """
         known = {
             path.resolve(): entry for path, entry in zip(self.files, self.entries, strict=True)
         }
@@ -122,10 +169,25 @@ class Manifest:
 
 
 def read_manifest(path: str | os.PathLike[str]) -> Manifest:
-    """Read a manifest, TOML or CSV, all of whose recordings exist.
+    """Read a manifest, TOML or CSV.
 
-    A CSV file has commas and a first line of names: `file`, and those of `COLUMNS` that are known.
-    A TOML file has the same in tables ``[[takes]]``, contacts and listeners as lists.
+    Parameters
+    ----------
+    path : path
+        Ending in ``.toml`` or ``.csv``. A CSV file has commas and a first line of names: `file`,
+        and of `channel`, `u`, `v`, `x`, `y`, `z`, `distance`, `azimuth`, `polar`,
+        `azimuth_degrees`, `polar_degrees`, `hit`, `sample_rate`, `lead_in`, `note` those that are
+        known. A TOML file has the same in tables ``[[takes]]``, contacts and listeners as lists.
+
+    Returns
+    -------
+    Manifest
+
+    Raises
+    ------
+    FileFormatError
+        When it cannot be read, a column is unknown, an entry is missing or no number, a file is
+        missing, or a place occurs twice.
     """
     given = Path(path)
     kind = given.suffix.lower()
