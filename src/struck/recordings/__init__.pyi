@@ -4,6 +4,7 @@ from .calibration.calibration import corrected as corrected
 from .calibration.calibration import inferable as inferable
 from .capture import capture as capture
 from .capture_plan import CapturePlan as CapturePlan
+from .capture_plan import SurveyPlan as SurveyPlan
 from .capture_plan import read_plan as read_plan
 from .fit import Fitting as Fitting
 from .fit import fit_recordings as fit_recordings
@@ -11,5 +12,4 @@ from .manifest import Manifest as Manifest
 from .manifest import read_manifest as read_manifest
 from .poles.search import Fitted as Fitted
 from .poles.search import fit_poles as fit_poles
-from .capture_plan import SurveyPlan as SurveyPlan
 from .takes import Take as Take
