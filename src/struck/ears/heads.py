@@ -122,7 +122,7 @@ class SphereHead:
     references: tuple[str, ...] = field(
         default=("rayleigh1904", "duda1998", "woodworth1954"), init=False, repr=False
     )
-    radius: float = HEAD_RADIUS
+    radius: float = HEAD_RADIUS  # m, 0.05 to 0.15
     ear_angle: float = 90.0
 
     def __post_init__(self) -> None:
@@ -144,18 +144,13 @@ class WoodworthHead:
     """Woodworth's delay, and the head's shadow by a filter of one pole and one zero.
 
     The source's distance does not count; the ears are at 90 degrees from the front.
-
-    Parameters
-    ----------
-    radius : float
-        m, from 0.05 to 0.15.
     """
 
     name: str = field(default="woodworth", init=False, repr=False)
     references: tuple[str, ...] = field(
         default=("woodworth1938", "brown1998"), init=False, repr=False
     )
-    radius: float = HEAD_RADIUS
+    radius: float = HEAD_RADIUS  # m, 0.05 to 0.15
 
     def __post_init__(self) -> None:
         _require_radius(self.radius)
@@ -171,18 +166,13 @@ class SimpleHead:
     """Left and right by Woodworth's delay alone, as in 1998: no shadow, one level at both ears.
 
     The source's distance does not count; the ears are at 90 degrees from the front.
-
-    Parameters
-    ----------
-    radius : float
-        m, from 0.05 to 0.15.
     """
 
     name: str = field(default="simple1998", init=False, repr=False)
     references: tuple[str, ...] = field(
         default=("doel1998", "begault1994", "woodworth1938"), init=False, repr=False
     )
-    radius: float = HEAD_RADIUS
+    radius: float = HEAD_RADIUS  # m, 0.05 to 0.15
 
     def __post_init__(self) -> None:
         _require_radius(self.radius)

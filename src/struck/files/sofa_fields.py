@@ -147,28 +147,13 @@ def _modes(file: Container) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Responses:
-    """Impulse responses of every contact with every listener.
+    """Impulse responses of P contacts at Q listeners."""
 
-    Parameters
-    ----------
-    samples : array (P, Q, n)
-        From the arrival on, in Pa/(N s) when `calibrated`, else relative.
-    sample_rate : float
-        Hz.
-    delays : array (P, Q)
-        From the impulse to the first sample, s.
-    contacts : array (P, D)
-        Coordinates u, or u and v, or x, y, z in m.
-    listeners : array (Q, 3)
-        m.
-    calibrated : bool
-    """
-
-    samples: Array
-    sample_rate: float
-    delays: Array
-    contacts: Array
-    listeners: Array
+    samples: Array  # (P, Q, n) from the arrival on, in Pa/(N s) if calibrated, else relative
+    sample_rate: float  # Hz
+    delays: Array  # (P, Q), s, from the impulse to the first sample
+    contacts: Array  # (P, D): coordinates u, or u and v, or x, y, z in m
+    listeners: Array  # (Q, 3), m
     calibrated: bool
 
 
