@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from struck.ears.heads import Head, SphereHead
 from struck.ears.measured_head import MeasuredHead
 from struck.ears.sphere import HEAD_RADIUS
-from struck.model.air import AIR
+from struck.model.material import AIR
 
 RATE, DISTANCE = 48_000, 1.4
 AZIMUTHS = np.arange(181)

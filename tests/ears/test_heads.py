@@ -8,7 +8,7 @@ import pytest
 from struck.ears.heads import Filters, Head, SimpleHead, SphereHead, WoodworthHead
 from struck.ears.sphere import pressure
 from struck.errors import OptionError
-from struck.model.air import AIR
+from struck.model.material import AIR
 
 RADIUS, SPEED = 0.0875, 343.21
 HEADS: list[Head] = [SphereHead(), SphereHead(ear_angle=100), WoodworthHead(), SimpleHead()]
