@@ -7,15 +7,14 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from struck.errors import OptionError
+from struck.perception.auditory_scale import bark, threshold_in_quiet
 from struck.recordings.corbett2007 import (
     SharedModes,
     WindowedTransform,
     audible,
-    bark,
     fit_corbett2007,
     inaudible_difference,
     merged,
-    quiet,
     residues,
     steiglitz_mcbride,
 )
@@ -239,8 +238,8 @@ def test_what_is_under_a_neighbour_or_the_threshold_is_not_heard() -> None:
     heard = audible(frequencies, np.full(6, 2.0), 10 ** (levels / 20))
     # 3.3 kHz stands above the threshold in quiet, -5 dB, but 18 dB under what 3 kHz leaves there.
     assert heard.tolist() == [True, False, True, True, False, False]
-    assert quiet(frequencies[4:5])[0] > levels[4]
-    assert quiet(frequencies[5:])[0] < levels[5]
+    assert threshold_in_quiet(frequencies[4:5])[0] > levels[4]
+    assert threshold_in_quiet(frequencies[5:])[0] < levels[5]
 
 
 def test_silence_has_no_modes() -> None:

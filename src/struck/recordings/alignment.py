@@ -14,22 +14,15 @@ import numpy as np
 
 from struck.model.arrays import Array, Complex, Index
 
-_LATEST = 1e-3
-"""By which moments may be off, s."""
-_LIKELY = 3e-4
-"""By which they usually are, s."""
-_FINENESS = 8
-"""Moments are tried so many times a period of the highest mode."""
-_ZOOMS = 3
-"""So often the best is looked for between its neighbours."""
-_CLEAR = 100.0
-"""Energy over that of its standard error from which a gain tells something."""
-_SURE = 3.0
-"""Gains of so many standard errors tell how loud a hit is."""
+_LATEST = 1e-3  # largest error of a moment, s
+_LIKELY = 3e-4  # usual error of a moment, s
+_FINENESS = 8  # delays tried in a period of the highest mode
+_ZOOMS = 3  # refinements of the best delay
+_CLEAR = 100.0  # energy over that of its standard error from which a ratio of gains counts
+_SURE = 3.0  # standard errors from which a gain counts for loudness
+# scatter of modes between hits of a contact; usual b at the highest mode
 _SCATTER, _SLOPE = 0.05, 1.0
-"""Relative scatter of modes between hits of a contact; usual size of b at the highest mode."""
-_TWO = 2
-"""Fewer modes tell no moment."""
+_TWO = 2  # least modes that show a moment
 
 
 def aligned(
@@ -40,27 +33,12 @@ def aligned(
     listeners: Index,
     poles: Complex,
 ) -> tuple[Complex, Array]:
-    """Return gains as if all hits of a contact were the same, and all moments right.
+    """Return gains and errors (n, M) as if a contact's hits were equal and their moments right.
 
-    Parameters
-    ----------
-    gains, errors : array (n, M)
-        Complex gains of each recorded channel, and their standard errors.
-    hits, contacts, listeners : array (n,)
-        Numbers of the hit, the contact and the listener of each.
-    poles : array (M,), complex
-        -d + 2 pi i f, 1/s.
-
-    Returns
-    -------
-    gains, errors : array (n, M)
-
-    Notes
-    -----
-    From the loudest hit on, as far as gains are sure, each is compared with those before it that
-    share a listener: with hits of the same contact if there are any, where strength over frequency
-    is a constant times exp(b f^2), else with those of other contacts, whose strengths are left as
-    they are.
+    Gains are those of n recorded channels, with numbers (n,) of their hits, contacts and listeners
+    and poles (M,), 1/s. From the loudest hit on, each is compared with those before it that share a
+    listener: with hits of the same contact if there are any, where strength over frequency is a
+    constant times exp(b f^2), else with those of other contacts, whose strengths stay.
     """
     gains, errors = gains.copy(), errors.copy()
     frequencies = poles.imag / (2 * np.pi)
@@ -81,10 +59,7 @@ def aligned(
 
 
 def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
-    """Return the median delay of the hits that follow the same one, for each row.
-
-    The first of them was as likely wrong as any other.
-    """
+    """Return the median delay (n,) of the hits that follow the same first one."""
     usual = np.zeros(len(late))
     for leader in np.unique(leaders):
         own = leaders == leader
@@ -96,7 +71,7 @@ def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
 def _compared(
     gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
 ) -> Iterator[tuple[Index, Index]]:
-    """Yield rows of hits that are known, and those of another at the same listeners."""
+    """Yield rows of known hits and those of the next hit at the same listeners."""
     energies = np.where(np.abs(gains) > _SURE * errors, np.abs(gains) ** 2, 0.0).sum(axis=1)
     numbers = np.unique(hits)
     loudness = [energies[hits == number].sum() for number in numbers]
@@ -113,19 +88,7 @@ def _compared(
 
 
 def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Complex, Array]:
-    """Return each pair of contact and listener once, with the weighted mean of its gains.
-
-    Parameters
-    ----------
-    gains, errors : array (n, M)
-    pairs : array (n, 2)
-        Numbers of contact and listener.
-
-    Returns
-    -------
-    pairs : array (m, 2)
-    gains, errors : array (m, M)
-    """
+    """Return each pair (contact, listener) once, with the weighted mean of its gains and errors."""
     distinct, number = np.unique(pairs, axis=0, return_inverse=True)
     share = np.eye(len(distinct))[number.reshape(-1)].T
     weights = 1 / errors**2
@@ -134,7 +97,7 @@ def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Comple
 
 
 def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple[Complex, Array]:
-    """Return the second's gains over the first's by least squares (M,), and how clear they are."""
+    """Return least-squares ratios of the second's gains to the first's, and their clarity (M,)."""
     weights = 1 / (errors[first] ** 2 + errors[second] ** 2)
     own = (weights * np.abs(gains[first]) ** 2).sum(axis=0)
     other = (weights * np.abs(gains[second]) ** 2).sum(axis=0)
@@ -146,10 +109,7 @@ def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple
 def _strength(
     gains: Complex, errors: Array, first: Index, second: Index, frequencies: Array
 ) -> Array:
-    """Return the second hit's strength over the first's (M,), smooth over frequency.
-
-    Beyond the highest mode that tells it, it stays as it is there.
-    """
+    """Return the second hit's strength over the first's (M,), smooth over frequency."""
     ratios, clear = _ratios(gains, errors, first, second)
     kept = (clear > 0) & (ratios != 0)
     if not kept.any():
@@ -165,7 +125,7 @@ def _strength(
 
 
 def _overall(first: Complex, second: Complex) -> float:
-    """Return the ratio of the strengths of all modes together; 1 where either is silent."""
+    """Return the ratio of total strengths; 1 where either is silent."""
     one, other = np.linalg.norm(first), np.linalg.norm(second)
     return float(other / one) if one and other else 1.0
 
@@ -179,7 +139,7 @@ def _delay(
     *,
     turned: bool,
 ) -> float:
-    """Return by how much the second is late: phases ought to be 0, or, `turned`, half a turn."""
+    """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or half a turn."""
     ratios, clear = _ratios(gains, errors, first, second)
     turns = ratios / np.maximum(np.abs(ratios), 1e-300)
     if turned:
@@ -188,10 +148,7 @@ def _delay(
 
 
 def _best_delay(turns: Complex, weights: Array, frequencies: Array) -> float:
-    """Return the delay that makes turns (M,) of unit size most nearly 1, s.
-
-    Among delays as good as each other the least likely errors lose.
-    """
+    """Return the delay that makes phase factors (M,) most nearly 1, s; small ones are likelier."""
     if np.count_nonzero(weights) < _TWO:
         return 0.0
     step = 1 / (_FINENESS * frequencies.max())

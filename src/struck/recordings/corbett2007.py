@@ -1,4 +1,4 @@
-"""The fit of 2007, section 3: exponentials bin by bin, what is heard of them, merged."""
+"""The fit of 2007 (section 3): exponentials in each bin, audible ones kept, alike ones merged."""
 
 from __future__ import annotations
 
@@ -12,56 +12,35 @@ from numpy.typing import ArrayLike, NDArray
 from struck.errors import OptionError
 from struck.model.arrays import Array, Complex, Index
 from struck.model.exponentials import Exponentials
+from struck.perception.auditory_scale import bark, threshold_in_quiet
+from struck.recordings.noise import blackman_harris
 from struck.recordings.segments import Segment
 
-# Modes that nobody hears: below the threshold in quiet, or drowned by a stronger neighbour.
-
-LOUDEST = 90.0
-"""Level given to the strongest amplitude, dB SPL."""
-HEARD = 0.2
-"""Time over which hearing collects energy, s."""
+LOUDEST = 90.0  # level of the strongest amplitude, dB SPL
+HEARD = 0.2  # time over which hearing collects energy, s
+_LOWEST = 20.0  # threshold in quiet of lower ones, Hz
 _DEPTH = 10.0  # of the masked level under the masker, dB
 _DOWNWARD, _UPWARD = 27.0, 15.0  # slopes below and above a masker, dB per Bark
 
 
 def audible(frequencies: Array, decays: Array, amplitudes: Array) -> NDArray[np.bool_]:
-    """Tell which modes (M,) are heard beside the others.
+    """Return which modes (M,) are heard beside the others: by the threshold in quiet and masking.
 
-    A mode's level is that of its mean power over 200 ms. It is heard where it exceeds the threshold
-    in quiet, and the masked level of each stronger one that is heard: 10 dB under that one's level,
-    less 27 dB per Bark downwards and 15 dB per Bark upwards.
-
-    Parameters
-    ----------
-    frequencies, decays, amplitudes : array (M,)
-        Hz, 1/s, and any unit: the largest amplitude counts as 90 dB SPL.
-
-    Notes
-    -----
-    The form is that of mode pruning by masking in additive synthesis (triangular spread over the
-    Bark scale); the constants are common ones, since the paper gives none.
+    A mode's level is that of its mean power over 200 ms, the largest amplitude counting as 90 dB
+    SPL. A stronger mode that is heard masks levels 10 dB below its own, less 27 dB per Bark
+    downwards and 15 dB per Bark upwards: triangular spreading as in additive synthesis, with common
+    constants, since the paper gives none.
     """
     heard = np.zeros(len(frequencies), np.bool_)
     levels = _levels(decays, amplitudes)
     places = bark(frequencies)
-    loud = levels > quiet(frequencies)
+    loud = levels > threshold_in_quiet(np.maximum(frequencies, _LOWEST))
     for mode in np.argsort(-levels, kind="stable"):
         above = places[mode] - places[heard]
         slopes = np.where(above > 0, _UPWARD * above, -_DOWNWARD * above)
         masked = np.max(levels[heard] - _DEPTH - slopes, initial=-np.inf)
         heard[mode] = loud[mode] and levels[mode] >= masked
     return heard
-
-
-def bark(frequencies: Array) -> Array:
-    """Return critical-band rates, Bark (Zwicker & Terhardt 1980)."""
-    return 13 * np.arctan(7.6e-4 * frequencies) + 3.5 * np.arctan((frequencies / 7500) ** 2)
-
-
-def quiet(frequencies: Array) -> Array:
-    """Return the threshold in quiet, dB SPL (Terhardt 1979); below 20 Hz that of 20 Hz."""
-    kilo = np.maximum(frequencies, 20.0) / 1000
-    return 3.64 * kilo**-0.8 - 6.5 * np.exp(-0.6 * (kilo - 3.3) ** 2) + 1e-3 * kilo**4
 
 
 def _levels(decays: Array, amplitudes: Array) -> Array:
@@ -75,26 +54,13 @@ def _levels(decays: Array, amplitudes: Array) -> Array:
     return LOUDEST + 10 * np.log10(relative)
 
 
-# One set of modes for many recordings, as in 2007 (section 3.2): merge what sounds the same.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SharedModes:
-    """Modes of one or several recordings.
+    """Modes of one or several recordings."""
 
-    Parameters
-    ----------
-    frequencies : array (M,)
-        Ringing, ascending, Hz.
-    decays : array (M,)
-        1/s.
-    gains : array (recordings, M), complex
-        g of Im[g exp((-d + 2 pi i f) t)]; 0 where a recording does not have the mode. The paper's
-        own gain is the absolute value: its eq. 1 has no phase.
-    """
-
-    frequencies: Array
-    decays: Array
+    frequencies: Array  # (M,), ringing, ascending, Hz
+    decays: Array  # (M,), 1/s
+    # (recordings, M), g of Im[g exp((-d + 2 pi i f) t)]; 0: a recording lacks the mode
     gains: Complex
 
 
@@ -108,21 +74,11 @@ def inaudible_difference(frequencies: ArrayLike) -> Array:
 
 
 def merged(recordings: Sequence[SharedModes]) -> SharedModes:
-    """Give the modes of separate recordings common frequencies and decays.
+    """Give the modes of separate recordings common frequencies and decays (2007, section 3.2).
 
     From the strongest mode on, each takes from every other recording the nearest one left that
-    sounds the same, if there is any. They share their mean frequency and the decay of the
-    strongest; modes of one recording are never merged.
-
-    Parameters
-    ----------
-    recordings : sequence of SharedModes
-        Each with any number of rows of gains.
-
-    Returns
-    -------
-    SharedModes
-        With the rows of all recordings, in order.
+    sounds the same. They share their mean frequency and the decay of the strongest; modes of one
+    recording are never merged.
     """
     rows = np.cumsum([0, *(len(each.gains) for each in recordings)])
     owners = np.repeat(np.arange(len(recordings)), [len(each.decays) for each in recordings])
@@ -165,37 +121,18 @@ def _group(leader: int, frequencies: Array, owners: Index, left: NDArray[np.bool
     return np.concatenate([[leader], others[first]]).astype(np.int64)
 
 
-# Damped exponentials from a few of their samples (Steiglitz & McBride 1965).
+# K. Steiglitz and L. E. McBride, "A technique for the identification of linear systems", IEEE
+# Transactions on Automatic Control 10(4), 461-464, 1965.
 
-ITERATIONS = 5
-"""Rounds of prefiltering; more do not change poles of clean signals."""
+ITERATIONS = 5  # rounds of prefiltering; more do not change poles of clean signals
 
 
 def steiglitz_mcbride(signal: Complex, terms: int, iterations: int = ITERATIONS) -> Complex:
-    """Return the poles of the rational filter whose impulse response is nearest to a signal.
+    """Return the poles z of the rational filter whose impulse response is nearest to a signal.
 
     Each round filters signal and impulse by the last denominator, after which numerator and
-    denominator follow from a linear least-squares problem; Prony's method gives the first one.
-    Unstable poles are mirrored into the unit circle between rounds.
-
-    Parameters
-    ----------
-    signal : array (n,), complex
-        n at least twice `terms`.
-    terms : int
-        Poles; the numerator has as many coefficients.
-    iterations : int
-        Rounds.
-
-    Returns
-    -------
-    array (at most terms,), complex
-        Poles z of sum c z^n; none where the signal has no such model.
-
-    Notes
-    -----
-    K. Steiglitz and L. E. McBride, "A technique for the identification of linear systems", IEEE
-    Transactions on Automatic Control 10(4), 461-464, 1965.
+    denominator follow from linear least squares; Prony's method gives the first one. Unstable poles
+    are mirrored into the unit circle between rounds.
     """
     from scipy.signal import lfilter
 
@@ -242,28 +179,16 @@ def _delayed(signal: Complex, delays: Iterable[int]) -> Complex:
     return np.stack([np.pad(signal, (delay, 0))[:count] for delay in delays], axis=1)
 
 
-# The windowed Fourier transform of 2007 (eq. 3 and 4): each bin as a signal of its own.
-
-WINDOW = 0.046
-"""Length of a window, s."""
-OVERLAP = 4
-"""Windows that cover a sample."""
+WINDOW = 0.046  # s
+OVERLAP = 4  # windows that cover a sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowedTransform:
-    """Blackman-Harris windows that look forward from their start.
+    """Spectra of Blackman-Harris windows that look forward from their start (eq. 3 and 4)."""
 
-    Parameters
-    ----------
-    length : int
-        Samples of a window, a power of 2.
-    sample_rate : float
-        Hz.
-    """
-
-    length: int
-    sample_rate: float
+    length: int  # samples of a window, a power of 2
+    sample_rate: float  # Hz
 
     @classmethod
     def at(cls, sample_rate: float) -> WindowedTransform:
@@ -288,9 +213,7 @@ class WindowedTransform:
     @cached_property
     def window(self) -> Array:
         """Weights (length,)."""
-        from scipy.signal.windows import blackmanharris
-
-        return blackmanharris(self.length, sym=False)
+        return blackman_harris(self.length)
 
     def of(self, samples: Array) -> Complex:
         """Transform samples (n,), n at least one window: (windows, bins below half the rate).
@@ -304,17 +227,14 @@ class WindowedTransform:
         return spectra * np.exp(-2j * np.pi * (turns % self.length) / self.length)
 
     def answers(self, exponents: Complex) -> Complex:
-        """Return B of eq. 6, what a window makes of exp(exponent t): (..., ) as the exponents."""
+        """Return B of eq. 6, a window's transform of exp(exponent t), shaped as the exponents."""
         times = np.arange(self.length) / self.sample_rate
         return np.asarray(np.exp(exponents[..., None] * times) @ self.window, np.complex128)
 
 
-TERMS = 4
-"""Modes looked for in each bin; one term more takes up the rest (the paper: 2 or 4)."""
-GATE = 12.0
-"""What a bin must rise above the lead-in to be fitted, dB."""
-LONGEST = 60.0
-"""The longest take, s."""
+TERMS = 4  # modes sought in each bin (the paper: 2 or 4); one term more takes up the rest
+GATE = 12.0  # least rise of a fitted bin over the lead-in, dB
+LONGEST = 60.0  # take, s
 _FIRST = 4  # windows in which a bin must rise
 _SMALLEST = 1e-3  # poles nearer to 0 are gone within a window
 
@@ -328,39 +248,15 @@ def fit_corbett2007(
     gate: float = GATE,
     masking: bool = True,
 ) -> SharedModes:
-    """Fit modes to recordings by the method of 2007.
+    """Fit modes to takes of (channels, n) by the method of 2007; a row of gains for each channel.
 
-    Parameters
-    ----------
-    takes : sequence of array (channels, n)
-        Hits, from the impact on. Each channel is a recording of its own, as in the paper.
-    sample_rate : float
-        Hz.
-    lead_ins : sequence of array (channels, n), optional
-        The ambient sound before each take, at least a window of 46 ms long. A bin is fitted only
-        where its first windows exceed it by `gate`; without it, all bins are fitted.
-    terms : int
-        Modes looked for in each bin.
-    gate : float
-        dB.
-    masking : bool
-        Whether modes that nobody hears are dropped from each recording.
+    Takes begin at the impact. A bin is fitted only where its first windows exceed the lead-in,
+    ambient sound of at least 46 ms, by `gate` dB; without lead-ins, all bins are. The paper says
+    that a lead-in was recorded to tell spurious modes but not how. `terms` modes are looked for in
+    each bin; `masking` drops what nobody hears of each recording.
 
-    Returns
-    -------
-    SharedModes
-        A row of complex gains for each channel, take after take.
-
-    Raises
-    ------
-    OptionError
-        On takes that are too short or too long, not finite, or that do not fit their lead-ins.
-
-    Notes
-    -----
     R. Corbett, K. van den Doel, J. E. Lloyd and W. Heidrich, "TimbreFields: 3D interactive sound
-    models for real-time audio", Presence 16(6), 643-654, 2007. The paper says that a lead-in was
-    recorded to tell spurious modes but not how: the gate is the least that does it.
+    models for real-time audio", Presence 16(6), 643-654, 2007.
     """
     transform = WindowedTransform.at(sample_rate)
     if terms < 1:
@@ -381,13 +277,7 @@ def fit_recording(
     terms: int = TERMS,
     gate: float = GATE,
 ) -> SharedModes:
-    """Fit each bin of one recording (n,) with exponentials, and keep those that lie in the bin.
-
-    Returns
-    -------
-    SharedModes
-        With one row of gains; frequencies ascend bin by bin only.
-    """
+    """Fit each bin of one recording (n,), and keep the modes that lie in their bin, bin by bin."""
     spectra = transform.of(samples)
     bins = np.arange(1, spectra.shape[1])  # bin 0 has no modes: a pair of poles is one there
     if lead_in is not None:
@@ -470,23 +360,10 @@ def _channels(samples: Array, name: str, shortest: int, sample_rate: float) -> A
     return channels
 
 
-# The fit of 2007 for the same segments as the modern one.
-
-
 def by_corbett2007(segments: Sequence[Segment], budget: int | None) -> Exponentials:
-    """Fit each channel of each hit by itself and merge what sounds alike.
+    """Fit segments by the method of 2007; of `budget` modes at most, those of most energy.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        The gate is used where all have a lead-in of a window, 46 ms.
-    budget : int or None
-        Not more modes than these, those of most energy; the paper has no such bound.
-
-    Returns
-    -------
-    Ringing
-        In ascending order of frequency.
+    The gate is used where all have a lead-in of a window, 46 ms; the budget is not the paper's.
     """
     rate = segments[0].sample_rate
     window = WindowedTransform.at(rate).length

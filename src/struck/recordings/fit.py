@@ -30,8 +30,6 @@ from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
 from struck.recordings.takes import Take
 
-# What a fit of recordings comes to.
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitting:
@@ -64,10 +62,7 @@ class Fitting:
     residual: Residual
 
 
-# From recordings to a model: takes, shared poles, gains over contact and listener.
-
-RECORDED = "recorded"
-"""The default contact of a model from recordings."""
+RECORDED = "recorded"  # default contact of a model from recordings
 _REFERENCES = {
     "shared": ("roy1989", "golub1973", "corbett2007"),
     "corbett2007": ("corbett2007", "steiglitz1965"),
@@ -126,7 +121,7 @@ def _fitted(
     cache: bool | str | os.PathLike[str],  # noqa: FBT001 - as of the verb
     progress: Progress,
 ) -> Fitted:
-    """Fit poles, taking up what an earlier run has finished."""
+    """Fit poles, going on from finished stages of an earlier run."""
     stages = Stages(cache=opened(choice=cache), progress=progress)
     heard = fingerprint([(take.samples, take.sample_rate) for take in takes])
 
@@ -184,7 +179,7 @@ def _by_natural_frequency(fitted: Fitted) -> Fitted:
 
 
 def _with_room_told(fitted: Fitted, seconds: float | None) -> Fitted:
-    """Note which modes may be the room's."""
+    """Add a note on the modes that may be the room's."""
     if seconds is None or not (count := may_be_of_room(fitted.decays, seconds).sum()):
         return fitted
     note = (
@@ -250,7 +245,7 @@ def _axes(recorded: Recorded) -> tuple[str, ...]:
 
 
 def _loudest(survey: Survey, decays: Array) -> Array:
-    """Return the contact whose recordings hold most energy."""
+    """Return the coordinates of the contact with the most energy."""
     energies = (np.abs(survey.gains) ** 2 / np.maximum(decays, 1e-6)).sum(axis=1)
     return survey.contacts[survey.pairs[energies.argmax(), 0]]
 
@@ -279,7 +274,7 @@ def _provenance(
 
 
 def _middle(errors: Array | None) -> float | None:
-    """Return the median of the errors that are known."""
+    """Return the median of the finite errors."""
     known = np.zeros(0) if errors is None else errors[np.isfinite(errors)]
     return float(np.round(np.median(known), 5)) if known.size else None
 
@@ -287,13 +282,7 @@ def _middle(errors: Array | None) -> float | None:
 def files_read(
     recordings: Recording | Sequence[Recording], manifest: str | os.PathLike[str] | None
 ) -> list[str | os.PathLike[str]]:
-    """Return the names of all files that a fit reads, those in a manifest or a folder of one too.
-
-    Raises
-    ------
-    FileFormatError
-        When a manifest cannot be read.
-    """
+    """Return all files that a fit reads, those named by a manifest or in a folder, too."""
     several = [recordings]
     if isinstance(recordings, Sequence) and not isinstance(recordings, str):
         several = recordings

@@ -28,35 +28,15 @@ _ONE = (str, os.PathLike, Sound, Take)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """Takes of one object with their places.
-
-    Parameters
-    ----------
-    takes : tuple of Take
-    contacts : array (takes, D) or None
-        Coordinates u, or u and v, of what was struck; None where nobody told.
-    listeners : tuple of arrays (channels, 3) or None
-        Body coordinates of the microphones of each take, m; None where nobody told. Channels that
-        hold a force need none.
-    coordinates : tuple of str
-        Names and units of a contact's coordinates.
-    centre : array (3,)
-        Where the sound seems to come from, m.
-    symmetry : str
-        "none" or "axial", as in `Survey`.
-
-    Raises
-    ------
-    OptionError
-        When places do not fit the takes.
-    """
+    """Takes of one object with the places of their contacts and listeners."""
 
     takes: tuple[Take, ...]
-    contacts: Array | None = None
-    listeners: tuple[Array, ...] | None = None
-    coordinates: tuple[str, ...] = ()
+    contacts: Array | None = None  # (takes, D), coordinates u or u and v; None: unknown
+    listeners: tuple[Array, ...] | None = None  # (channels, 3) of each take, m; NaN: a force
+    coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
+    # where the sound seems to come from, m
     centre: Array = field(default_factory=lambda: np.zeros(3))
-    symmetry: str = "none"
+    symmetry: str = "none"  # "none" or "axial", as in `Survey`
 
     def __post_init__(self) -> None:
         if self.symmetry not in SYMMETRIES:
@@ -68,7 +48,7 @@ class Recorded:
             object.__setattr__(self, "listeners", tuple(_of_all_channels(self)))
 
     def distance(self, take: int, channel: int) -> float:
-        """Return how far from the centre a channel listened, m; 1 where nobody told."""
+        """Return how far from the centre a channel listened, m; 1 where unknown."""
         if self.listeners is None:
             return 1.0
         return float(np.linalg.norm(self.listeners[take][channel] - self.centre))
@@ -85,15 +65,7 @@ class Recorded:
         centre: ArrayLike | None = None,
         progress: Progress = silent,
     ) -> Recorded:
-        """Read recordings and gather their places; see `struck.recordings.fit.fit_recordings`.
-
-        Raises
-        ------
-        OptionError
-            When there is no recording, or places are given twice or do not fit.
-        FileFormatError, RecordingError
-            When a file cannot be read, holds nothing to fit, or has no entry in the manifest.
-        """
+        """Read recordings and their places; see `struck.recordings.fit.fit_recordings`."""
         several = _several(recordings)
         told = _manifest(several, manifest)
         if told is None:
@@ -194,7 +166,7 @@ def _columns(contacts: ArrayLike) -> Array:
 def _microphones(
     listeners: ArrayLike | Sequence[ArrayLike], takes: Sequence[Take]
 ) -> tuple[Array, ...]:
-    """Return the places of each take's channels: one for all takes, or one set for each."""
+    """Return the places of each take's channels: one place for all takes, or a set for each."""
     try:
         given = [np.asarray(each, np.float64) for each in listeners]  # type: ignore[union-attr] - an array or a list
     except (TypeError, ValueError) as error:
@@ -218,7 +190,7 @@ def _require_contacts(recorded: Recorded) -> None:
 
 
 def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
-    """Yield the places of each take's channels, unknown for those that hold a force."""
+    """Yield each take's places (channels, 3), NaN for channels that hold a force."""
     listeners, takes = recorded.listeners or (), recorded.takes
     if len(listeners) != len(takes):
         raise OptionError(
@@ -238,25 +210,20 @@ def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
         yield every
 
 
-# When the sound of each hit arrived: the moment from which its fitted modes explain the samples.
-#
 # The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
 # go on to explain the samples up to the moment of the hit, and before it only what rang already
 # does.
 
-_EARLIER = 0.003
-"""So long before the steepest rise a hit may have arrived, s."""
-_MANY, _SAMPLES = 4, 3.0
-"""Of so many takes or more half strike within so many samples: a trigger did."""
-_DOUBTFUL = 100.0
-"""A moment is possible where it leaves no more than this beyond the least, noise being 1."""
+_EARLIER = 0.003  # earliest arrival before the steepest rise, s
+_MANY, _SAMPLES = 4, 3.0  # takes of a trigger at least, and how far off half may be, samples
+_DOUBTFUL = 100.0  # a moment is possible up to this residual energy over the least, noise being 1
 
 
 def arrivals(fitted: Fitted, recorded: Recorded) -> Array:
     """Return when the sound of each row arrived (rows,), s in its take.
 
-    The channels of a hit share one moment, as far apart as their ways. Takes that a machine fired
-    and recorded at once share the moment of impact too, where no take plainly speaks against it.
+    The channels of a hit share one moment but for their distances. Takes that a trigger fired share
+    the moment of impact, too, where no take plainly speaks against it.
     """
     times = np.array([row.onset for row in fitted.rows])
     late = travels(fitted, recorded)
@@ -273,7 +240,7 @@ def _rate(fitted: Fitted, recorded: Recorded, rows: Index) -> int:
 
 
 def _shared_costs(fitted: Fitted, recorded: Recorded, rows: Index, late: Array) -> Array:
-    """Return what is left of a hit for each moment of its arrival, from the earliest on."""
+    """Return the residual energy of a hit for each moment of its arrival, earliest first."""
     shifts = np.round(late * _rate(fitted, recorded, rows)).astype(int)
     costs = [
         _costs(fitted, recorded, int(row), int(shift))
@@ -286,10 +253,9 @@ def _shared_costs(fitted: Fitted, recorded: Recorded, rows: Index, late: Array) 
 def _triggered(
     times: Array, hits: list[Index], costs: list[Array], fitted: Fitted, recorded: Recorded
 ) -> Array:
-    """Return arrivals as of the usual moment of impact, in takes that agree with it.
+    """Return arrivals moved to the median moment of impact, in takes that agree with it.
 
-    A trigger is more exact than any arrival in noise, and nobody's hand strikes many takes within
-    a few samples.
+    A trigger is more exact than any arrival in noise; no hand strikes many takes within samples.
     """
     if recorded.listeners is None or len(hits) < _MANY or len(hits) > len(recorded.takes):
         return times
@@ -308,7 +274,7 @@ def _triggered(
 
 
 def travels(fitted: Fitted, recorded: Recorded) -> Array:
-    """Return how much later each row's sound arrived than where its take heard it first, s."""
+    """Return how much later than at its take's nearest microphone each row's sound arrived, s."""
     if recorded.listeners is None:
         return np.zeros(len(fitted.rows))
     ways = [np.linalg.norm(each - recorded.centre, axis=1) for each in recorded.listeners]
@@ -317,7 +283,7 @@ def travels(fitted: Fitted, recorded: Recorded) -> Array:
 
 
 def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
-    """Return what is left of a channel, over its noise, for each moment from the earliest on."""
+    """Return a channel's residual energy over its noise for each arrival from the earliest on."""
     what = fitted.rows[row]
     take = recorded.takes[what.take]
     rate = take.sample_rate
@@ -348,45 +314,27 @@ def _earlier(fitted: Fitted, row: int) -> int | None:
     return same[-1] if same else None
 
 
-# Gains of many hits and channels, gathered into what a timbre field is made of.
-
-_FINEST = 1e-6
-"""No gain is known better than this, as a share of the largest of its mode."""
-_MOST_GROWN = 1.0
-"""A mode that has died away by more nepers before its hit is fitted is hardly known at the hit."""
-_SLOWEST = 0.02
+_FINEST = 1e-6  # least error of a gain over the largest of its mode
+_MOST_GROWN = 1.0  # nepers a gain is followed back to its hit; beyond, it is hardly known
+_SLOWEST = 0.02  # 1/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gathered:
-    """Gains of each channel of each hit, all as of the same moment after the sound arrived.
+    """Gains of each channel of each hit, all as of the same time after the sound's arrival."""
 
-    Parameters
-    ----------
-    gains, errors : array (n, M)
-        Complex gains and their standard errors.
-    poles : array (M,), complex
-        1/s.
-    hits, takes, channels : array (n,)
-        What each row belongs to; hits count on from take to take.
-    arrivals : array (n,)
-        When the sound of each row arrived, s in its take.
-    lead : float
-        From the arrival of a hit to the moment of the gains, s: until then it is being struck.
-    """
-
-    gains: Complex
-    errors: Array
-    poles: Complex
-    hits: Index
-    takes: Index
-    channels: Index
-    arrivals: Array
-    lead: float
+    gains: Complex  # (n, M)
+    errors: Array  # (n, M), standard errors of the gains' sizes
+    poles: Complex  # (M,), 1/s
+    hits: Index  # (n,), counted on from take to take
+    takes: Index  # (n,)
+    channels: Index  # (n,)
+    arrivals: Array  # (n,), when the sound of each row arrived, s in its take
+    lead: float  # from the arrival of a hit to the moment of the gains, s: it is still being struck
 
     @classmethod
     def of(cls, fitted: Fitted, recorded: Recorded) -> Gathered:
-        """Gather what was fitted."""
+        """Gather the rows of a fit."""
         rows = fitted.rows
         arrived = arrivals(fitted, recorded)
         later = np.array([row.time for row in rows]) - arrived
@@ -412,19 +360,13 @@ class Gathered:
 
     @property
     def energies(self) -> Array:
-        """Energies (n, M) that modes have over their time."""
+        """Energies (n, M) of the modes over their duration."""
         return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _SLOWEST))
 
     def survey(self, recorded: Recorded) -> Survey:
-        """Return what was recorded of contacts, listeners, or both.
+        """Return gains over contact and listener, one for each pair.
 
-        Where nobody told the listeners, the microphone counts as one place 1 m away; where nobody
-        told the contacts, as one contact.
-
-        Raises
-        ------
-        RecordingError
-            When takes without listeners have different numbers of channels.
+        Unknown listeners count as one place 1 m away, unknown contacts as one contact.
         """
         told = self if recorded.listeners is not None else self.in_one_channel()
         places, contact = _contacts(recorded, told.takes)
@@ -446,11 +388,6 @@ class Gathered:
         """Return one row for each hit: in each mode that of the channel that hears it best.
 
         Its size is the root mean square over channels, in the mean over hits.
-
-        Raises
-        ------
-        RecordingError
-            When takes have different numbers of channels.
         """
         counts = np.bincount(self.hits)
         if np.ptp(counts):
@@ -475,15 +412,10 @@ class Gathered:
         )
 
     def in_one_point(self) -> Complex:
-        """Return the gains (M,) of one contact, heard at one place: how the object rings as a rule.
+        """Return gains (M,) of one contact heard at one place: the average sound of the object.
 
-        The size of each mode is its root mean square over hits, each brought to the strength of
-        the loudest one; phases are that one's.
-
-        Raises
-        ------
-        RecordingError
-            When takes have different numbers of channels.
+        The size of each mode is its root mean square over hits, each brought to the strength of the
+        loudest one; phases are that one's.
         """
         one = self.in_one_channel()
         energies = one.energies.sum(axis=1)

@@ -1,4 +1,4 @@
-"""The noise that a take was made in, as a density over frequency."""
+"""Stationary noise of a take as a density over frequency, and the spectra it is measured by."""
 
 from __future__ import annotations
 
@@ -13,36 +13,19 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from struck.model.arrays import AnyComplex, Array
 
-# Windowed transforms whose frames look forward, so that exponentials stay exponentials.
-
-# Harris 1978, table 1: minimum four-term Blackman-Harris window, side lobes below -92 dB.
-_TERMS = (0.35875, -0.48829, 0.14128, -0.01168)
-
 
 def blackman_harris(size: int) -> Array:
-    """Return the periodic four-term Blackman-Harris window."""
-    turns = 2 * np.pi * np.arange(size) / size
-    return np.sum([term * np.cos(index * turns) for index, term in enumerate(_TERMS)], axis=0)
+    """Return the periodic four-term Blackman-Harris window: side lobes below -92 dB."""
+    from scipy.signal.windows import blackmanharris
+
+    return blackmanharris(size, sym=False)
 
 
 def frames(samples: Array, window: Array, step: int, most: int | None = None) -> AnyComplex:
-    """Return the transforms of windowed frames, the phase counted from the first sample.
+    """Return spectra (C, frames, size / 2), complex64, of windowed frames of samples (C, n).
 
-    Parameters
-    ----------
-    samples : array (C, n)
-        At least as long as the window.
-    window : array (size,)
-        Its size is even.
-    step : int
-        From one frame to the next, samples.
-    most : int, optional
-        Not more frames than these.
-
-    Returns
-    -------
-    array (C, frames, size / 2), complex64
-        A mode exp(s t) changes from frame to frame by exp((s - 2 pi i k rate / size) step / rate).
+    Phases count from the first sample, so that a mode exp(s t) changes from frame to frame by
+    exp((s - 2 pi i k rate / size) step / rate).
     """
     size = len(window)
     count = (samples.shape[1] - size) // step + 1
@@ -61,49 +44,30 @@ def _transforms(channel: Array, window: Array, step: int, count: int) -> AnyComp
     return fft.rfft(single, axis=1)[:, : len(window) // 2]
 
 
-WINDOW = 0.046
-"""Length of the windows that a density is averaged over, s."""
-_QUIET = 0.1
-_LONGEST = 10.0
-"""The last seconds of ambient sound are enough."""
+WINDOW = 0.046  # windows of which spectra are averaged, s
+_QUIET = 0.1  # s
+_LONGEST = 10.0  # used of ambient sound, its end, s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Noise:
-    """Density of stationary noise, as the variance a sample of white noise of the same level.
+    """Density of stationary noise: the variance of white noise that is as loud there.
 
     A discrete Fourier transform of N samples so has the mean square N times the density.
-
-    Parameters
-    ----------
-    frequencies : array (F,)
-        Ascending, Hz.
-    densities : array (C, F)
-        In the squared unit of the samples.
     """
 
-    frequencies: Array
-    densities: Array
+    frequencies: Array  # (F,), ascending, Hz
+    densities: Array  # (C, F), squared unit of the samples
 
     @classmethod
     def white(cls, variances: ArrayLike) -> Noise:
-        """Return noise of the same density everywhere, one variance a channel."""
+        """Return white noise of these variances, one for each channel."""
         column = np.reshape(np.asarray(variances, float), (-1, 1))
         return cls(frequencies=np.array([0.0, 1.0]), densities=np.repeat(column, 2, axis=1))
 
     @classmethod
     def heard_in(cls, samples: Array, sample_rate: float, floor: float = 0.0) -> Noise:
-        """Measure the noise of a stretch that holds nothing else.
-
-        Parameters
-        ----------
-        samples : array (C, n)
-            Ambient sound.
-        sample_rate : float
-            Hz.
-        floor : float
-            Least density, for recordings that are digitally silent.
-        """
+        """Measure the noise of ambient samples (C, n); `floor` is the least density."""
         samples = samples[:, -round(_LONGEST * sample_rate) :]
         size = _window_size(sample_rate, samples.shape[1])
         window = blackman_harris(size)
@@ -116,18 +80,9 @@ class Noise:
 
     @classmethod
     def quietest(cls, samples: Array, sample_rate: float, floor: float = 0.0) -> Noise:
-        """Estimate the noise of a take that has no lead-in, from its quietest tenth of a second.
+        """Estimate the noise of a whole take (C, n) from its quietest tenth of a second.
 
-        Lines are taken for modes, not for noise.
-
-        Parameters
-        ----------
-        samples : array (C, n)
-            The whole take.
-        sample_rate : float
-            Hz.
-        floor : float
-            Least density.
+        Spectral lines are taken for modes, not for noise.
         """
         size = round(_QUIET * sample_rate)
         blocks = samples[:, : samples.shape[1] // size * size].reshape(len(samples), -1, size)
@@ -146,24 +101,14 @@ class Noise:
         )
 
     def at(self, frequencies: ArrayLike) -> Array:
-        """Return the densities there, (C, ...)."""
+        """Return densities at frequencies in Hz, (C, ...)."""
         wanted = np.asarray(frequencies, float)
         return np.stack([np.interp(wanted, self.frequencies, each) for each in self.densities])
 
     def raised(self, residual: Array, sample_rate: float, breadth: float = 100.0) -> Noise:
-        """Return a copy that is nowhere below what a fit left over.
+        """Return a copy nowhere below the power of a residual (C, n) averaged over a breadth, Hz.
 
-        Where the model is wrong its error is no noise, yet nothing smaller than it can be told
-        from it.
-
-        Parameters
-        ----------
-        residual : array (C, n)
-            What the fit left.
-        sample_rate : float
-            Hz.
-        breadth : float
-            The residual's power is averaged over so many Hz.
+        A model error is no noise, yet nothing smaller can be told from it.
         """
         length = fft.prev_fast_len(residual.shape[1])
         powers = np.abs(np.fft.rfft(residual[:, :length], axis=1)) ** 2 / length
@@ -180,7 +125,7 @@ class Noise:
         return Noise(frequencies=frequencies, densities=np.maximum(self.at(frequencies), left))
 
     def energy(self, length: int) -> Array:
-        """Return the energy of so many samples, (C,)."""
+        """Return the expected energy of this many samples (C,)."""
         grid = np.linspace(self.frequencies[0], self.frequencies[-1], 2048)
         return length * self.at(grid).mean(axis=1)
 
@@ -191,7 +136,7 @@ def _window_size(sample_rate: float, length: int) -> int:
 
 
 def _smooth_but_for_lines(powers: Array) -> Array:
-    """Average over neighbours, but keep tones: what stands 6 dB over the median around it."""
+    """Average over neighbours, but keep tones: what stands 6 dB over the local median."""
     broad = median_filter(powers, (1, 31), mode="nearest")
     toned = powers > 4 * broad
     calm = uniform_filter1d(np.where(toned, broad, powers), 9, axis=1, mode="nearest")

@@ -18,46 +18,29 @@ from struck.perception.auditory_scale import erb_number
 from struck.recordings.noise import blackman_harris, frames
 from struck.recordings.takes import Take, force_channels
 
+# window and its steps, s; windows transformed at a time
 _WINDOW, _STEP, _CHUNK = 0.023, 0.0029, 4096
-"""Windows, their distance, s, and how many are transformed at a time."""
-_RISE, _LAG = 2.5, 4
-"""dB, mean over bands, from so many windows before."""
-_USUAL = 0.5
-"""A rise is compared with the usual ones within this time, s."""
-_DEPTH = 60.0
-"""dB under the loudest moment that count."""
+_RISE, _LAG = 2.5, 4  # mean over bands, dB, and from how many windows before
+_USUAL = 0.5  # a rise is compared with the median within this time, s
+_DEPTH = 60.0  # dynamic range below the loudest moment, dB
+# least distance of hits, search for the steepest rise, block, s
 _APART, _REACH, _BLOCK = 0.06, 0.015, 0.001
-_STEEP = 2.0
-_ORDER, _PAST = 32, 50
-"""Of linear prediction, and how many milliseconds it learns from."""
-_CLOSE = 0.01
-"""Within this time after a hit the sound is at its loudest, s."""
-_ARRIVED = 3e-4
-"""Of a hit's energy: so much may have sounded before it is taken to have arrived."""
+_STEEP = 2.0  # least power ratio of the steepest rise
+_ORDER, _PAST = 32, 50  # of linear prediction, and its training, ms
+_CLOSE = 0.01  # from a hit to its loudest moment, s
+_ARRIVED = 3e-4  # share of a hit's energy before its arrival
+# s; a fainter hit that sounds at once is the rest of one before
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
-"""A beginning that sounds already is no hit when it is so much quieter than the loudest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hit:
-    """One strike.
+    """One strike: four sample numbers of a take."""
 
-    Parameters
-    ----------
-    onset : int
-        Sample at which the sound begins to rise.
-    arrival : int
-        Sample from which on nearly all of the sound is heard, the blow included.
-    start : int
-        Sample from which it is taken as free ringing: the rise is over.
-    end : int
-        Sample at which the next hit begins, or the take ends.
-    """
-
-    onset: int
-    arrival: int
-    start: int
-    end: int
+    onset: int  # the sound begins to rise
+    arrival: int  # nearly all is heard from here on, the blow included
+    start: int  # the rise is over: free ringing from here on
+    end: int  # the next hit begins, or the take ends
 
 
 def find_hits(take: Take) -> list[Hit]:
@@ -71,7 +54,7 @@ def find_hits(take: Take) -> list[Hit]:
 
 
 def hit_at(take: Take, onset: int, end: int) -> Hit:
-    """Return the hit that begins at a known sample, and is over at `end`, maybe at once."""
+    """Return the hit with a known onset that is over at sample `end`, maybe at once."""
     size = max(1, round(_BLOCK * take.sample_rate))
     energy = (take.samples**2).sum(axis=0)
     start = _risen(energy, onset, end, size)
@@ -80,7 +63,7 @@ def hit_at(take: Take, onset: int, end: int) -> Hit:
 
 
 def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
-    """Return the sample by which so little of the hit has sounded that it may be left out."""
+    """Return the sample until which a negligible share of the hit has sounded."""
     tail = float(energy[max(0, onset - 4 * size) : onset].mean()) if onset else 0.0
     heard = np.cumsum(energy[onset:end] - tail)
     # Within a millisecond the tail of the last hit may fluctuate by as much as it holds.
@@ -89,7 +72,7 @@ def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
 
 
 def _risen(energy: Array, onset: int, end: int, size: int) -> int:
-    """Return the sample by which the sound has risen to half of its loudest."""
+    """Return the sample by which the power has risen to half of its maximum."""
     last = min(end, onset + round(_CLOSE / _BLOCK) * size)
     if last <= onset:
         return onset
@@ -103,7 +86,7 @@ def _energy(take: Take, start: int, seconds: float) -> float:
 
 
 def _rises(take: Take) -> Index:
-    """Return samples around which the bands of hearing rise together."""
+    """Return samples around which many auditory bands rise together."""
     size = 2 ** round(np.log2(_WINDOW * take.sample_rate))
     step = max(1, round(_STEP * take.sample_rate))
     powers = sum(_band_powers(np.pad(channel, size), size, step, take) for channel in take.samples)
@@ -118,7 +101,7 @@ def _rises(take: Take) -> Index:
 
 
 def _band_powers(channel: Array, size: int, step: int, take: Take) -> Array:
-    """Return powers (frames, bands) of one channel, its loudest frame being 1."""
+    """Return band powers (frames, bands) of a channel over its loudest frame."""
     bands = erb_number(np.arange(size // 2) * (take.sample_rate / size)).astype(int)
     firsts = np.flatnonzero(np.diff(bands, prepend=-1))
     window = blackman_harris(size)
@@ -131,7 +114,7 @@ def _band_powers(channel: Array, size: int, step: int, take: Take) -> Array:
 
 
 def _steepest(take: Take, around: Index) -> Iterator[int]:
-    """Move each to the steepest rise nearby, and drop those without one."""
+    """Yield the sample of the steepest rise near each, apart from those without one."""
     size = max(1, round(_BLOCK * take.sample_rate))
     reach = round(_REACH * take.sample_rate)
     apart = round(_APART / 2 * take.sample_rate)
@@ -164,7 +147,7 @@ def _rise(samples: Array, first: int, last: int, size: int) -> Array:
 
 
 def _unpredicted(past: Array, now: Array) -> Array:
-    """Return the squared error of linear prediction, by coefficients of the past."""
+    """Return squared errors of linear prediction with coefficients of the past."""
     if len(past) < 4 * _ORDER or not np.ptp(past):
         return np.square(np.diff(now, prepend=0.0))
     lags = np.correlate(past, past[: len(past) - _ORDER], "valid")
@@ -174,21 +157,18 @@ def _unpredicted(past: Array, now: Array) -> Array:
     return np.square(np.convolve(whole, np.r_[1.0, -weights], "valid"))
 
 
-# What is wrong with a take, as far as samples tell.
+# Findings: what is wrong with a take.
 
-LEAD_IN = 0.1
-"""Ambient sound before the first hit that tells the noise, s."""
-MARGIN = 0.005
-"""Between the ambient sound and the hit, s."""
-_FLAT, _TOPS = 4, 3
+LEAD_IN = 0.1  # least ambient sound before the first hit that shows the noise, s
+MARGIN = 0.005  # between ambient sound and hit, s
+_FLAT, _TOPS = 4, 3  # samples of a flat top, and how many tops show clipping
 _FULL_SCALE = 0.98
-_QUIET = -50.0
-_AUDIBLE = 20.0
-_CHANGED = 6.0
-_CHECKS_BLOCK = 0.05
-_FALLEN = 40.0
-_CHECKS_STEP = 2.0**-23
-"""Of 24 bits, under the peak: what is softer than its rounding is no sound of a room."""
+_QUIET = -50.0  # peak, dB of full scale
+_AUDIBLE = 20.0  # end over lead-in, dB
+_CHANGED = 6.0  # dB
+_CHECKS_BLOCK = 0.05  # s
+_FALLEN = 40.0  # dB
+_CHECKS_STEP = 2.0**-23  # 24 bits: what is softer than its rounding is no sound of a room
 
 
 def clipped(take: Take) -> Mask:
@@ -212,7 +192,7 @@ def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
 
 
 def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
-    """Yield what a person should know of a take, one sentence each."""
+    """Yield what is wrong with a take, one sentence each."""
     yield from _forces(take)
     yield from _clipping(take)
     peak = 20 * np.log10(np.abs(take.samples).max())
@@ -228,7 +208,7 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
 
 
 def _ending(take: Take, before: Array) -> Iterator[str]:
-    """Compare how a take ends with what was heard before its first hit."""
+    """Yield what the end of a take beside its lead-in tells: cut short, or gain control."""
     softest = _softest(take)
     levels, quiet = np.maximum(_levels(take), softest), _level(before)
     end = float(levels[-3:].mean())
@@ -280,5 +260,5 @@ def _level(samples: Array) -> float:
 
 
 def _softest(take: Take) -> float:
-    """Return the level of the rounding error of `_STEP`, which is uniform, dB."""
+    """Return the level of rounding errors of 24 bits under the peak, dB."""
     return float(20 * np.log10(np.abs(take.samples).max() * _CHECKS_STEP / np.sqrt(12)))

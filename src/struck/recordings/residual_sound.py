@@ -16,41 +16,22 @@ from struck.recordings.onsets import find_hits
 from struck.recordings.poles.search import Fitted
 from struck.recordings.takes import Take
 
-# Which modes may be the room's: those that die away as fast as it does, or faster.
-#
 # A room answers a hit with thousands of modes of its own, each about as short-lived as its
 # reverberation. Modes of the object that last clearly longer cannot be mistaken for them.
 
-TRUSTED = 0.6
-"""Of the room's decay rate: slower modes are the object's."""
-_FROM, _TO = -5.0, -25.0
-"""Of the decay curve that tells the reverberation time, dB (ISO 3382-1: T20)."""
-_EARLY = 0.02
-"""So long after the clap it is to be so far above the noise, s."""
-_MEDIAN = 0.4549
-"""Of the squares of Gaussian noise, over their mean."""
+TRUSTED = 0.6  # of the room's decay rate: slower modes are the object's
+_FROM, _TO = -5.0, -25.0  # of the decay curve, dB (ISO 3382-1: T20)
+_EARLY = 0.02  # after the clap, in which it has to be that far above the noise, s
+_MEDIAN = 0.4549  # of squared Gaussian noise over its mean
 
 
 def may_be_of_room(decays: Array, seconds: float) -> Mask:
-    """Return which modes (M,) with decay rates (M,), 1/s, a room of this T60 might have, s."""
+    """Return which modes with decays (M,), 1/s, a room with this T60 in s might have."""
     return decays > TRUSTED * np.log(1000) / seconds
 
 
 def reverberation(room: float | Recording) -> float:
-    """Return the reverberation time T60 of a room, s.
-
-    Parameters
-    ----------
-    room : float, path, Sound or Take
-        The time itself, or a recording of a clap in the room, a burst balloon or the like.
-
-    Raises
-    ------
-    OptionError
-        On a time that no room has.
-    RecordingError
-        When the recording holds no clap, or none that falls by 25 dB.
-    """
+    """Return T60 in s of a room: the time itself, or that of a recorded clap in the empty room."""
     if isinstance(room, int | float):
         if not 0.01 <= room <= 30:
             raise OptionError(f"room is {room}: give its reverberation time, 0.01 to 30 s")
@@ -86,21 +67,18 @@ def _clapped(take: Take) -> float:
     return float(-60 / slope)
 
 
-ATTACK = 0.05
-"""How long an attack is kept, s."""
-AUDIBLE = -20.0
-"""Level of what is left from which noise bands help; below it they would only add noise, dB."""
-_BREADTH = 2.0
-"""Of the bands, in ERB."""
-_LOWEST = 40.0
-_FRAME = 0.01
+ATTACK = 0.05  # s
+AUDIBLE = -20.0  # residual over sound from which noise bands help, dB
+_BREADTH = 2.0  # of a band, ERB
+_LOWEST = 40.0  # Hz
+_FRAME = 0.01  # s
 _OVER_NOISE = 4.0
 _FEWEST = 4
-_SLOWEST, _FASTEST = 1.0, 500.0
+_SLOWEST, _FASTEST = 1.0, 500.0  # 1/s
 
 
 def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> Residual:
-    """Return what a fit leaves of its loudest hit, as heard from 1 m."""
+    """Return attack and noise that a fit leaves of its loudest hit, as heard from 1 m."""
     row = loudest(fitted)
     rate = recorded.takes[fitted.rows[row].take].sample_rate
     original, left, lead = _left(fitted, recorded, gathered, row)
@@ -127,7 +105,7 @@ def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> Residua
 def _left(
     fitted: Fitted, recorded: Recorded, gathered: Gathered, row: int
 ) -> tuple[Array, Array, float]:
-    """Return a hit from its onset on, what is left of it, and when its modes set in, s."""
+    """Return a hit from its onset on, its residual, and when its modes set in, s."""
     what = fitted.rows[row]
     take = recorded.takes[what.take]
     segment, _ = fitted.heard_in(row)
@@ -142,7 +120,7 @@ def _left(
 
 
 def loudest(fitted: Fitted) -> int:
-    """Return the row of most energy."""
+    """Return the number of the row with the most energy."""
     return int(np.argmax([(fitted.heard_in(row)[0] ** 2).sum() for row in range(len(fitted.rows))]))
 
 
@@ -152,7 +130,7 @@ def _edges(sample_rate: int) -> Array:
 
 
 def _bands(left: Array, sample_rate: int, edges: Array, floor: Array) -> tuple[Array, Array]:
-    """Return levels at the beginning and decays of the noise in each band."""
+    """Return initial levels and decays of the residual noise in bands."""
     spectrum = np.fft.rfft(left)
     frequencies = np.fft.rfftfreq(len(left), 1 / sample_rate)
     size = round(_FRAME * sample_rate)
@@ -168,7 +146,7 @@ def _bands(left: Array, sample_rate: int, edges: Array, floor: Array) -> tuple[A
 
 
 def _decaying(powers: Array, step: float, floor: float) -> tuple[float, float]:
-    """Return level and amplitude decay rate of powers that fall into the floor."""
+    """Return level and amplitude decay rate of powers that fall into a noise floor."""
     below = np.flatnonzero(powers < _OVER_NOISE * floor)
     count = int(below[0]) if below.size else len(powers)
     if count < _FEWEST:

@@ -1,4 +1,4 @@
-"""Takes cut into the stretches that ring freely, one a hit."""
+"""Segments: the stretches of takes in which the object rings freely, one for each hit."""
 
 from __future__ import annotations
 
@@ -17,39 +17,21 @@ from struck.recordings.noise import Noise
 from struck.recordings.onsets import Hit, clipped, lead_in
 from struck.recordings.takes import Take
 
-# Stretches of a take in which the object rings freely.
-
-_SEGMENT_SHORTEST = 1024
-_ALIVE = 10.0
-"""A mode is over after so many times its decay time: 87 dB down."""
+_SEGMENT_SHORTEST = 1024  # samples of the shortest spectrum
+_ALIVE = 10.0  # decay times after which a mode is over: 87 dB down
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segment:
-    """Channels of one length that ring freely from their first sample on.
+    """Channels of one length that ring freely from their first sample on, with their spectra."""
 
-    Parameters
-    ----------
-    samples : array (C, n)
-        Recorded samples.
-    sample_rate : float
-        Hz.
-    noise : Noise
-        Of the same channels.
-    rows : slice
-        Where the gains of these channels stand among those of all segments.
-    spectra : tuple of Spectrum
-        Transforms of all samples, of the first half, of the first quarter ...
-    before : array (C, m)
-        Ambient sound of the same channels, before anything was struck; m may be 0.
-    """
-
-    samples: Array
-    sample_rate: float
+    samples: Array  # (C, n)
+    sample_rate: float  # Hz
     noise: Noise
-    rows: slice
+    rows: slice  # where its gains stand among those of all segments
+    # of all samples, of the first half, of the first quarter ...
     spectra: tuple[SegmentSpectrum, ...]
-    before: Array
+    before: Array  # (C, m), ambient sound before anything was struck; m may be 0
 
     @classmethod
     def of(
@@ -83,67 +65,53 @@ class Segment:
         return self.samples.shape[1] / self.sample_rate
 
     def levels(self, slowest: Array) -> NDArray[np.int64]:
-        """Return which is the shortest transform in which a mode of these decays, 1/s, is over."""
+        """Return the number of the shortest spectrum in which each mode (decays, 1/s) is over."""
         durations = np.array([each.length for each in self.spectra]) / self.sample_rate
         long_enough = durations[:, None] >= _ALIVE / slowest
         return np.maximum(long_enough.sum(axis=0) - 1, 0)
 
     def model(self, ringing: Exponentials) -> Array:
-        """Return what these modes sound like here, (C, n)."""
+        """Return the sound of modes here (C, n)."""
         gains = ringing.gains[self.rows]
         return samples(ringing.poles, gains, self.samples.shape[1], self.sample_rate)
 
     def residual(self, ringing: Exponentials) -> Array:
-        """Return the samples without these modes, (C, n)."""
+        """Return the samples without the sound of these modes (C, n)."""
         return self.samples - self.model(ringing) if ringing.count else self.samples
 
 
-_QUANTUM = 1e-5
-"""Of the peak: no recording is taken to be quieter."""
-_LOOKED_AT = 65536
-_SHORTEST, _LONGEST = 0.05, 30.0
-_SPOILT = 0.05
-"""So long after its onset a hit may be clipped, s."""
-_BLOCK = 0.05
+_QUANTUM = 1e-5  # least standard deviation of noise, over the peak
+_LOOKED_AT = 65536  # samples
+_SHORTEST, _LONGEST = 0.05, 30.0  # of a segment, s
+_SPOILT = 0.05  # longest clipped beginning of a hit, s
+_BLOCK = 0.05  # s
 _OVER_NOISE = 2.0
-_FAINT = 1e-3
-"""Of the energy of a take's loudest hit: 30 dB below it, a hit is none of those that were meant."""
-_GRID = 32
-"""Lengths are multiples of one over this, s: alike ones are transformed together."""
+_FAINT = 1e-3  # least energy of a hit over that of the loudest: -30 dB
+_GRID = 32  # lengths are multiples of 1 / this, s: equal ones are transformed together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What a row of gains belongs to: channel of a hit of a take, counted from 0.
-
-    Parameters
-    ----------
-    take, hit, channel : int
-        Which.
-    onset : float
-        When the hit began, s in the take.
-    time : float
-        From when on the gains count, s in the take.
-    """
+    """What a row of gains belongs to: a channel of a hit of a take, each counted from 0."""
 
     take: int
     hit: int
     channel: int
-    onset: float
-    time: float
+    onset: float  # beginning of the hit, s in the take
+    time: float  # moment of the gains, s in the take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stretch:
-    """One hit of a take."""
+    """One hit cut out of a take, with its noise."""
 
-    take: int
-    number: int
+    take: int  # its number
+    number: int  # of the hit in the take
     hit: Hit
-    samples: Array
+    samples: Array  # (C, n)
     noise: Noise
-    before: Array
-    sample_rate: int
+    before: Array  # (C, m), ambient sound before the first hit
+    sample_rate: int  # Hz
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows of its channels."""
@@ -155,21 +123,7 @@ class Stretch:
 def cut(
     takes: Sequence[Take], hits: Sequence[Sequence[Hit]], *, attack: bool = False
 ) -> list[Stretch]:
-    """Cut each take at its hits, and each hit where it is over.
-
-    Parameters
-    ----------
-    takes : sequence of Take
-    hits : sequence of sequences of Hit
-        Of each take.
-    attack : bool
-        Whether hits begin as soon as they are heard, or when they ring freely.
-
-    Raises
-    ------
-    RecordingError
-        When a take has no hit, or none that is long enough and not clipped throughout.
-    """
+    """Cut takes at their hits and these where they are over; `attack` keeps the blow as well."""
     found = []
     for number, (take, own) in enumerate(zip(takes, hits, strict=True)):
         if not own:
@@ -189,7 +143,7 @@ def cut(
 
 
 def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
-    """Return segments, those of one length together, and what their rows belong to."""
+    """Return stretches joined to segments of one length each, and the rows of their channels."""
     alike: dict[tuple[int, int], list[Stretch]] = defaultdict(list)
     for stretch in stretches:
         alike[stretch.samples.shape[1], stretch.before.shape[1]].append(stretch)
@@ -235,7 +189,7 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
 
 
 def _step(take: Take) -> float:
-    """Return the least difference between samples: that of 16 bits makes noise of its own."""
+    """Return the least difference between samples: rounding to 16 bits is noise, too."""
     middle = int(np.abs(take.samples).max(axis=0).argmax())
     values = np.unique(take.samples[:, max(0, middle - _LOOKED_AT // 8) :][:, :_LOOKED_AT])
     return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
@@ -248,7 +202,7 @@ def _loudness(take: Take, hit: Hit) -> float:
 
 
 def _unclipped(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
-    """Begin after the last clipped sample; never, if that is late."""
+    """Begin after the last clipped sample; leave the hit out (empty) if that is late."""
     spoilt = np.flatnonzero(flat[hit.onset : hit.end])
     if not len(spoilt):
         return hit

@@ -13,8 +13,8 @@ from struck.files import wav
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 
-_RATES = (4000, 400_000)
-_SHORTEST = 0.1
+_RATES = (4000, 400_000)  # Hz
+_SHORTEST = 0.1  # s
 _TABLE = "a list of recordings, not one: give it alone, or as manifest= (--manifest)"
 _OTHERS = {
     ".csv": _TABLE,
@@ -87,13 +87,7 @@ class Take:
 
 
 def require_one_rate(takes: list[Take]) -> None:
-    """Refuse takes of different sample rates.
-
-    Raises
-    ------
-    RecordingError
-        When rates differ.
-    """
+    """Refuse takes of different sample rates."""
     for take in takes[1:]:
         if take.sample_rate != takes[0].sample_rate:
             raise RecordingError(
@@ -128,7 +122,7 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
 
 
 def _read(path: Path) -> tuple[Array, int]:
-    """Read a file, plain WAV without other libraries: those overlook what is cut short."""
+    """Return samples (C, n) and rate; plain WAV without soundfile, which accepts cut files."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -144,7 +138,7 @@ def _read(path: Path) -> tuple[Array, int]:
 
 
 def _require_lossless(path: Path, head: bytes) -> None:
-    """Refuse what people give for a recording and is none, before another library looks at it."""
+    """Refuse models, lists, gains and MP3 before a sound library looks at them."""
     kind = path.suffix.lower()
     if kind in _OTHERS:
         raise FileFormatError(f"{path} is {_OTHERS[kind]}")
@@ -157,7 +151,7 @@ def _require_lossless(path: Path, head: bytes) -> None:
 
 
 def _read_wav(data: bytes, path: Path) -> tuple[wav.Recording | None, str]:
-    """Return what is in a WAV file, or why another library has to read it."""
+    """Return what a WAV file holds, or why soundfile has to read it."""
     try:
         return wav.decode(data, str(path)), ""
     except FileFormatError as error:
@@ -188,24 +182,19 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
     return samples, rate
 
 
-# Channels that hold the force of the blow instead of sound: an instrumented hammer's.
-
-_PULSE, _AFTER = 0.002, 0.1
-"""A blow lasts so long on either side of its peak, and so long after it all is quiet again, s."""
-_SHORT = 0.8
-"""Of the energy, in the pulse."""
-_PUSHED = 0.8
-"""Of the pulse's energy, what is of one sign more than of the other: a blow does not pull."""
+_PULSE, _AFTER = 0.002, 0.1  # half of a blow, and from its peak until all is quiet again, s
+_SHORT = 0.8  # least share of the energy in the pulse
+_PUSHED = 0.8  # least share of one sign: a blow does not pull
 
 
 def force_channels(take: Take) -> Mask:
-    """Return which channels (C,) hold pulses of one sign and no ringing; never all."""
+    """Return which channels (C,) hold the force of a hammer: pulses of one sign; never all."""
     found = np.array([_is_force(channel, take.sample_rate) for channel in take.samples])
     return found & ~found.all()
 
 
 def without_force(take: Take) -> Take:
-    """Return a take of the microphones alone."""
+    """Return a take without its force channels."""
     force = force_channels(take)
     if not force.any():
         return take
