@@ -1,4 +1,4 @@
-"""How well fitted modes agree with computed ones under some hypothesis, and a better hypothesis.
+"""Agreement of fitted modes with computed ones under hypotheses, improved step by step.
 
 Expectation maximisation: how likely each pair is under a hypothesis, then the hypothesis that suits
 these pairs best (A. P. Dempster, N. M. Laird and D. B. Rubin, Journal of the Royal Statistical
@@ -19,27 +19,18 @@ from struck.model.arrays import Array, Index
 from struck.model.model import ModalModel
 from struck.model.modes import Stiffness, changed
 
-# Where a computed model expects its modes to lie, for any Poisson's ratio.
-
-LEAST_RATIO, GREATEST_RATIO = -0.9, 0.49
-"""Poisson's ratios that a search may try."""
+LEAST_RATIO, GREATEST_RATIO = -0.9, 0.49  # Poisson's ratios that a search may try
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expected:
-    """The modes of a body, whatever it is made of.
+    """Modes that a computed model expects of a body for any Poisson's ratio."""
 
-    Parameters
-    ----------
-    model : ModalModel
-        The body as computed.
-    """
-
-    model: ModalModel
+    model: ModalModel  # the body as computed
 
     @cached_property
     def stiffness(self) -> Stiffness:
-        """What the model tells of its modes."""
+        """Frequencies of the model's modes and how they follow the material."""
         model = self.model
         return Stiffness(
             frequencies=model.natural_frequencies,
@@ -56,7 +47,7 @@ class Expected:
 
     @property
     def follows(self) -> bool:
-        """Whether the model tells how its modes follow Poisson's ratio."""
+        """Whether the model knows how its modes follow Poisson's ratio."""
         slopes = self.model.poisson_slopes
         known = slopes is not None and bool(np.isfinite(slopes).all())
         return known and self.model.material is not None and not self.model.tensioned
@@ -78,43 +69,26 @@ class Expected:
         return np.log([each.frequencies for each in every]), np.array(slopes)
 
 
-# First guesses of what a recording and a model have in common: a factor and Poisson's ratio.
-#
 # Every fitted mode could be every computed one; each such pair votes for the factor between the
 # two. True pairs agree, false ones scatter (a Hough transform: D. H. Ballard, 'Generalizing the
 # Hough transform to detect arbitrary shapes', Pattern Recognition 13, 1981).
 
 _RATIOS = np.arange(0.0, 0.49, 0.02)
+# disagreement of true pairs about ln of the factor; 0.003 comes from the ratios' grid
 _WIDTHS = (0.004, 0.016)
-"""How far true pairs may disagree about the logarithm of the factor; the ratios' grid alone makes
-them disagree by 0.3 %."""
-_KEPT = 12
+_KEPT = 12  # guesses
 _NEIGHBOURS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hypotheses:
-    """What may be true of a recording, H cases side by side.
+    """H hypotheses side by side on what a recording and a model have in common."""
 
-    Parameters
-    ----------
-    shifts : array (H,)
-        Logarithm of the factor from computed frequencies to fitted ones.
-    ratios : array (H,)
-        Poisson's ratio.
-    scatters : array (H,)
-        Standard deviation of ln f about what the model expects.
-    found : array (H,)
-        Share of the computed modes that were fitted.
-    false : array (H,)
-        Share of the fitted modes that the model does not have.
-    """
-
-    shifts: Array
-    ratios: Array
-    scatters: Array
-    found: Array
-    false: Array
+    shifts: Array  # (H,), ln of the factor from computed to fitted frequencies
+    ratios: Array  # (H,), Poisson's
+    scatters: Array  # (H,), standard deviation of ln f about what the model expects
+    found: Array  # (H,), share of the computed modes that were fitted
+    false: Array  # (H,), share of the fitted modes that the model does not have
 
     @classmethod
     def of(cls, shifts: Array, ratios: Array, scatters: Array) -> Hypotheses:
@@ -138,10 +112,7 @@ class Hypotheses:
 
 
 def densities(logarithms: Array) -> Array:
-    """Return how many modes there are for each unit of ln f, around each of some (M,), ascending.
-
-    Counted among the three neighbours on either side.
-    """
+    """Return modes for each unit of ln f around each of (M,), ascending: three on either side."""
     place = np.arange(len(logarithms))
     low = np.maximum(place - _NEIGHBOURS, 0)
     high = np.minimum(place + _NEIGHBOURS, len(place) - 1)
@@ -151,17 +122,7 @@ def densities(logarithms: Array) -> Array:
 
 
 def guesses(heard: Array, expected: Expected, widest: float) -> Hypotheses:
-    """Return likely factors and Poisson's ratios.
-
-    Parameters
-    ----------
-    heard : array (M,)
-        ln f0 of the fitted modes, ascending.
-    expected : Expected
-        The computed ones.
-    widest : float
-        Largest factor either way.
-    """
+    """Return likely factors up to `widest` and Poisson's ratios for ascending ln f0 (M,)."""
     if widest == 1:
         own = np.array([expected.poisson_ratio])
         return Hypotheses.of(np.zeros(1), own, np.array([_WIDTHS[0]]))
@@ -217,19 +178,10 @@ def _peaks(votes: Array) -> tuple[Index, Index]:
 
 
 def posteriors(odds: Array) -> tuple[Array, Array]:
-    """Return how likely each pair is, and how likely the lists are as a whole.
+    """Return probabilities of pairs (H, M, N) and ln of the likelihood sums (H,) of all matchings.
 
-    Parameters
-    ----------
-    odds : array (H, M, N)
-        Of each pair of M with N entries, for each of H separate cases.
-
-    Returns
-    -------
-    pairs : array (H, M, N)
-        The share of all matchings, by likelihood, that hold the pair.
-    logarithms : array (H,)
-        Of the likelihoods of all matchings summed up; the empty one has the likelihood 1.
+    `odds` (H, M, N) say how many times likelier each is as a pair than as two lonely entries; the
+    empty matching has the likelihood 1.
     """
     first, reached = _sums(odds)
     last, left = _sums(odds[:, ::-1, ::-1])
@@ -259,17 +211,14 @@ def _sums(odds: Array) -> tuple[Array, Array]:
     return sums, logarithms
 
 
-# What a recording tells of a body's modes, whoever fitted it.
-
-_BESIDE = 1.0
-"""Where a model is heard from, m beyond its centre."""
+_BESIDE = 1.0  # where a model is heard from, m beyond its centre
 
 
 class FittedModes(Protocol):
     """Modes fitted to a recording.
 
-    `frequency_errors` (Hz) and `decay_errors` (1/s), standard errors of (M,) modes, count where
-    the object has them.
+    `frequency_errors` (Hz) and `decay_errors` (1/s), standard errors of (M,) modes, count where the
+    object has them.
     """
 
     @property
@@ -290,30 +239,13 @@ class FittedModes(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Partials:
-    """Modes as heard, in any order.
+    """Modes as heard, in any order, checked."""
 
-    Parameters
-    ----------
-    frequencies : array (M,)
-        Ringing, Hz.
-    decays : array (M,)
-        1/s.
-    amplitudes : array (M,)
-        Of the gains; root mean square over channels.
-    frequency_errors, decay_errors : array (M,)
-        Standard errors, Hz and 1/s; 0 where unknown.
-
-    Raises
-    ------
-    RecordingError
-        When there are no modes, arrays differ in length, or numbers are none that modes can have.
-    """
-
-    frequencies: Array
-    decays: Array
-    amplitudes: Array
-    frequency_errors: Array
-    decay_errors: Array
+    frequencies: Array  # (M,), ringing, Hz
+    decays: Array  # (M,), 1/s
+    amplitudes: Array  # (M,), of the gains; root mean square over channels
+    frequency_errors: Array  # (M,), standard errors, Hz; 0 where unknown
+    decay_errors: Array  # (M,), 1/s
 
     def __post_init__(self) -> None:
         count = len(self.frequencies)
@@ -362,7 +294,7 @@ class Partials:
 
     @property
     def natural_frequencies(self) -> Array:
-        """Without damping, Hz (M,)."""
+        """Frequencies without damping, Hz (M,)."""
         return np.hypot(self.frequencies, self.decays / (2 * np.pi))
 
 
@@ -371,8 +303,7 @@ def _errors(fitted: Any, name: str, count: int) -> Array:  # noqa: ANN401 - whoe
     return np.zeros(count) if stated is None else np.nan_to_num(np.asarray(stated, np.float64))
 
 
-RATIO_PRIOR = 0.1
-"""Standard deviation of Poisson's ratio about the model's own before anything was heard."""
+RATIO_PRIOR = 0.1  # standard deviation of Poisson's ratio about the model's own beforehand
 # A scatter, and for how many pairs it counts: two or three alone never make it vanish.
 _SCATTER, _SCATTER_PAIRS = 3e-4, 2.0
 # A few modes lie farther off than the others, as theory or a support has it: share, and how far.
@@ -387,37 +318,19 @@ _LARGEST_ODDS = np.exp(25.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What H hypotheses make of M fitted and N computed modes.
+    """Likelihood of H hypotheses and of their pairs of M fitted with N computed modes."""
 
-    Parameters
-    ----------
-    pairs : array (H, M, N)
-        How likely each pair is; computed modes in ascending order.
-    regular : array (H, M, N)
-        How likely each pair lies no farther off than most.
-    order : array (H, N)
-        Numbers of the computed modes in this order.
-    apart : array (H, M, N)
-        ln f0 as heard, less what is expected.
-    slopes : array (H, N)
-        Of the expected ln f0 over Poisson's ratio.
-    sought, told : array (H,)
-        How many computed modes could have been fitted, and fitted ones computed.
-    likelihoods : array (H,)
-        Logarithms, but for a constant.
-    """
-
-    pairs: Array
-    regular: Array
-    order: Index
-    apart: Array
-    slopes: Array
-    sought: Array
-    told: Array
-    likelihoods: Array
+    pairs: Array  # (H, M, N), probabilities; computed modes in ascending order
+    regular: Array  # (H, M, N), the same of pairs no farther off than most
+    order: Index  # (H, N), numbers of the computed modes in this order
+    apart: Array  # (H, M, N), ln f0 as heard less expected
+    slopes: Array  # (H, N), of the expected ln f0 over Poisson's ratio
+    sought: Array  # (H,), computed modes that could have been fitted
+    told: Array  # (H,), fitted modes that could have been computed
+    likelihoods: Array  # (H,), logarithms but for a constant
 
     def over_modes(self) -> Array:
-        """Return how likely each pair is (H, M, N), by the numbers of the computed modes."""
+        """Return the probability of each pair (H, M, N), by numbers of the computed modes."""
         numbered = np.zeros_like(self.pairs)
         np.put_along_axis(numbered, self.order[:, None], self.pairs, axis=2)
         return numbered
@@ -425,27 +338,13 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Agreement:
-    """Fitted modes beside computed ones.
+    """Fitted modes beside computed ones."""
 
-    Parameters
-    ----------
-    heard : array (M,)
-        ln f0 of the fitted modes, ascending.
-    errors : array (M,)
-        Their standard errors.
-    crowd : array (M,)
-        How many fitted modes there are around each for a unit of ln f.
-    expected : Expected
-        The computed modes.
-    audible : array (N,)
-        How far each of these can be expected to be heard, 0 to 1.
-    """
-
-    heard: Array
-    errors: Array
-    crowd: Array
+    heard: Array  # (M,), ln f0 of the fitted modes, ascending
+    errors: Array  # (M,), their standard errors
+    crowd: Array  # (M,), fitted modes around each for a unit of ln f
     expected: Expected
-    audible: Array
+    audible: Array  # (N,), share of each computed mode that can be expected to be heard, 0 to 1
 
     @classmethod
     def of(cls, partials: Partials, expected: Expected, audible: Array) -> Agreement:
@@ -462,7 +361,7 @@ class Agreement:
         )
 
     def under(self, cases: Hypotheses) -> Evidence:
-        """Return what hypotheses make of the modes."""
+        """Return the evidence for hypotheses."""
         logarithms, slopes = self.expected.logarithms(cases.ratios)
         logarithms = logarithms + cases.shifts[:, None]
         order = np.argsort(logarithms, axis=1, kind="stable")
@@ -526,7 +425,7 @@ class Agreement:
         return (cases.ratios - self.expected.poisson_ratio) / RATIO_PRIOR
 
     def _steps(self, cases: Hypotheses, evidence: Evidence) -> tuple[Array, Array]:
-        """Return the least squares of shift and ratio, each pair counting as far as it is likely.
+        """Return least-squares steps of shift and ratio, pairs weighted by their probability.
 
         Poisson's ratio, when little heard depends on it, keeps to the model's own.
         """
@@ -544,7 +443,7 @@ class Agreement:
         return (pull - mixed * ratio) / plain, ratio
 
     def _scatters(self, cases: Hypotheses, evidence: Evidence) -> Array:
-        """Return how far most lie about where they are expected, errors of fitting apart (H,)."""
+        """Return scatters about expected frequencies, errors of fitting apart (H,)."""
         own = cases.scatters[:, None, None] ** 2
         share = own / self._variances(cases)
         squares = (share * evidence.apart) ** 2 + own * (1 - share)

@@ -32,8 +32,6 @@ from struck.recordings.calibration.agreement import (
 from struck.recordings.calibration.losses import Losses, losses
 from struck.recordings.calibration.pairing import Pairing, explains, paired
 
-# Make a computed model ring as a recording does, mode by mode.
-
 # Modes closer than this share of their frequency are two of a round body's pair.
 _SHARED = 1e-3
 
@@ -137,8 +135,6 @@ def _curve(natural: Array, decays: Array) -> Measured:
     return Measured(frequencies=tuple(places.tolist()), rates=tuple(means.tolist()))
 
 
-# Least squares for E / density and Poisson's ratio, from modes that are paired.
-
 _ELASTIC_FIT_ROUNDS = 20
 _LEAST = 1e-9  # what rounding leaves of ln f
 _FARTHEST, _FEWEST = 4.0, 3
@@ -146,54 +142,22 @@ _FARTHEST, _FEWEST = 4.0, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElasticFit:
-    """What frequencies tell.
+    """E / density and Poisson's ratio by least squares."""
 
-    Parameters
-    ----------
-    shift : float
-        ln of the factor from computed frequencies to fitted ones: half that of E / density.
-    ratio : float
-        Poisson's.
-    covariance : array (2, 2)
-        Of ln(E / density) and the ratio.
-    freedom : float
-        Modes less the coefficients that they told.
-    scatter : float
-        Standard deviation of ln f about the fit, errors of fitting apart.
-    residuals : array (P,)
-        ln f heard less expected.
-    regular : array (P,), bool
-        Which modes counted: those not off by more than four standard deviations of the pairing.
-    """
-
-    shift: float
-    ratio: float
-    covariance: Array
-    freedom: float
-    scatter: float
-    residuals: Array
-    regular: NDArray[np.bool_]
+    shift: float  # ln of fitted over computed frequencies: half that of E / density
+    ratio: float  # Poisson's
+    covariance: Array  # (2, 2), of ln(E / density) and the ratio
+    freedom: float  # modes less the coefficients that they told
+    scatter: float  # standard deviation of ln f about the fit, errors of fitting apart
+    residuals: Array  # (P,), ln f heard less expected
+    regular: NDArray[np.bool_]  # (P,), modes that counted: within four deviations of the pairing
 
 
 def elastic_fit(
     partials: Partials, expected: Expected, pairing: Pairing, assumed: float
 ) -> ElasticFit:
-    """Fit E / density and Poisson's ratio.
+    """Fit E / density and Poisson's ratio, `assumed` beforehand within 0.1, to paired modes.
 
-    Parameters
-    ----------
-    partials : Partials
-        The fitted modes.
-    expected : Expected
-        The computed ones.
-    pairing : Pairing
-        Which is which.
-    assumed : float
-        Poisson's ratio before anything was heard, within about 0.1; it stays where modes do not
-        depend on it.
-
-    Notes
-    -----
     Modes count by their standard errors and a scatter common to all, for the model is not exact
     either: R. C. Paule and J. Mandel, Journal of Research of the National Bureau of Standards 87,
     1982. The model's stated errors may all go one way, or each its own: both are added.
@@ -246,7 +210,7 @@ class _Task:
         )
 
     def apart(self, place: Array) -> tuple[Array, Array]:
-        """Return the residuals (P,) and how what is expected follows shift and ratio (P, 2)."""
+        """Return the residuals (P,) and their design: slopes over shift and ratio (P, 2)."""
         logarithms, slopes = self.expected.logarithms(place[1:])
         chosen = slopes[0, self.computed]
         residuals = self.heard - logarithms[0, self.computed] - place[0]
@@ -305,8 +269,7 @@ class _Task:
         return double @ covariance @ double, self.freedom(design, scatter)
 
 
-FEWEST = 3
-"""Pairs without which nothing is told."""
+FEWEST = 3  # pairs without which nothing is told
 _ROUNDS = 8
 # Steps this small, slopes carry on exactly.
 _SETTLED = 1e-5
@@ -399,20 +362,6 @@ class Calibration:
                 f"Poisson's ratio within {ratio:.2g}, standard errors; the density was assumed"
             ),
         )
-
-    def errors_of(self, model: ModalModel) -> Array:
-        """Return the relative standard errors of another body's frequencies due to the material.
-
-        Parameters
-        ----------
-        model : ModalModel
-            Computed with `material()`, with the slopes of its modes over Poisson's ratio.
-        """
-        slopes = model.poisson_slopes
-        if slopes is None or not np.isfinite(slopes).all():
-            raise MaterialError("these modes do not tell how they follow Poisson's ratio")
-        design = np.stack([np.full(len(slopes), 0.5), slopes], axis=1)
-        return np.sqrt(np.einsum("mi,ij,mj->m", design, self.covariance, design))
 
     def summary(self) -> list[str]:
         """Return what was found, a line each, with standard errors."""

@@ -18,18 +18,16 @@ from struck.errors import RecordingError
 from struck.model.arrays import Array
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 
-# Laws by which decays may depend on frequency, and their least squares of ln d.
-
 _ROUNDS = 15
 
 
 class LossLaw(ABC):
-    """A way in which decays may depend on frequency."""
+    """A law by which decays depend on frequency, fitted by least squares of ln d."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """What people call it."""
+        """Name of the law."""
 
     @property
     @abstractmethod
@@ -46,7 +44,7 @@ class LossLaw(ABC):
 
     @abstractmethod
     def labels(self, coefficients: Array) -> tuple[str, ...]:
-        """Return what the coefficients are called."""
+        """Return the names of the coefficients."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,13 +93,13 @@ class Terms(LossLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class LossCurve(LossLaw):
-    """Straight lines in ln f and ln d between knots that hold equally many modes apart."""
+    """Straight lines in ln f and ln d between knots with equally many modes in between."""
 
     knots: tuple[float, ...]
 
     @classmethod
     def through(cls, frequencies: Array, count: int) -> LossCurve:
-        """Place so many knots, fewer where modes fall together."""
+        """Place this many knots, fewer where modes coincide."""
         return cls(knots=tuple(np.unique(np.quantile(frequencies, np.linspace(0, 1, count)))))
 
     @property
@@ -145,59 +143,30 @@ _MODES_A_COEFFICIENT = 3
 _FOLDS = 10
 _HUBER = 2.0
 _WORST = 3.0
-_LEAST = 1e-4
-"""No decay is told more closely than this, relative."""
+_LEAST = 1e-4  # least relative error of a decay
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Losses:
-    """How the modes of a body lose their energy.
+    """Law of damping that the modes of a body follow, with its errors and its rivals."""
 
-    Parameters
-    ----------
-    law : Damping
-        What predicts unseen modes best; a simpler one where it is not significantly worse.
-    name : str
-        What it is called.
-    coefficients, standard_errors : mapping
-        Of the law, by name, in its units.
-    scatter : float
-        Standard deviation of ln d about the law.
-    scores : mapping
-        By law: root mean square of ln d of unseen modes about it, capped at three standard
-        deviations of the closest.
-    """
-
+    # what predicts unseen modes best; a simpler one where it is not significantly worse
     law: Damping
     name: str
-    coefficients: Mapping[str, float]
+    coefficients: Mapping[str, float]  # of the law, by name, in its units
     standard_errors: Mapping[str, float]
-    scatter: float
+    scatter: float  # standard deviation of ln d about the law
+    # By law: root mean square of ln d of unseen modes about it, capped at three standard deviations
+    # of the closest.
     scores: Mapping[str, float]
 
 
 def losses(frequencies: ArrayLike, decays: ArrayLike, errors: ArrayLike | None = None) -> Losses:
-    """Find the law of damping that some modes follow.
+    """Find the law of damping that modes follow; those that do not decay are left out.
 
-    Parameters
-    ----------
-    frequencies : array-like (n,)
-        Natural, Hz.
-    decays : array-like (n,)
-        1/s; modes that do not decay are left out.
-    errors : array-like (n,), optional
-        Standard errors of the decays, 1/s.
-
-    Returns
-    -------
-    Losses
-        A constant loss tangent, one with external losses (1998, eq. 12 and 13), Rayleigh damping
-        (2002, eq. 9), or a free curve, by tenfold cross-validation.
-
-    Raises
-    ------
-    RecordingError
-        When no mode decays.
+    A constant loss tangent, one with external losses (1998, eq. 12 and 13), Rayleigh damping (2002,
+    eq. 9), or a free curve, by tenfold cross-validation. Natural frequencies (n,) in Hz, decays and
+    their standard errors in 1/s.
     """
     told = np.asarray(decays, np.float64)
     stated = np.zeros_like(told) if errors is None else np.asarray(errors, np.float64)
@@ -271,7 +240,7 @@ class _Decays:
         return coefficients, slopes, weights, scatter
 
     def unseen(self, law: LossLaw) -> Array:
-        """Return how far ln d is from what the law, fitted to other modes, says (n,)."""
+        """Return ln d less that of the law fitted to other modes (n,), by cross-validation."""
         count = len(self.decays)
         folds = np.arange(count) % min(_FOLDS, count)
         apart = np.zeros(count)
@@ -288,7 +257,7 @@ def _spread(apart: Array) -> float:
 
 
 def _standard_errors(design: Array) -> Array:
-    """Return those of coefficients in whatever units, of equations of unit variance (n, k)."""
+    """Return standard errors of coefficients in any units, of equations of unit variance (n, k)."""
     sizes = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv((design / sizes).T @ (design / sizes))
     return np.sqrt(np.diag(inverse)) / sizes

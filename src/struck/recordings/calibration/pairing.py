@@ -39,45 +39,23 @@ _SAME_SHIFT, _SAME_RATIO = 2e-3, 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pairing:
-    """Fitted modes with the computed ones that they are.
+    """Fitted modes with the computed ones that they are."""
 
-    Parameters
-    ----------
-    fitted, computed : array (P,)
-        Numbers of the modes of each pair, in ascending order of fitted frequency.
-    confidence : array (P,)
-        How likely each pair is. Some are below a half: those that may be exchanged with neighbours.
-    extra : array
-        Numbers of the fitted modes without a partner.
-    missing : array
-        Numbers of the computed modes without a partner.
-    factor : float
-        By which fitted frequencies exceed the computed ones of `poisson_ratio`: the root of
-        E / density over the model's, times the model's size over the body's.
-    poisson_ratio : float
-        With which the model fits best; its own where it does not tell how modes follow it, NaN
-        where it has none.
-    scatter : float
-        Standard deviation of ln f about what the model then expects, errors of fitting apart.
-    expected : array (N,)
-        Natural frequencies that the model then expects, Hz.
-    certainty : float
-        How likely this factor and ratio are, beside others.
-    support : float
-        ln of how much likelier the fitted modes are with the model than alone. Above 0 the model
-        surely explains the recording; below, `beyond_chance` tells.
-    """
-
-    fitted: Index
-    computed: Index
-    confidence: Array
-    extra: Index
-    missing: Index
+    fitted: Index  # (P,), numbers of the modes, by ascending fitted frequency
+    computed: Index  # (P,), their partners
+    confidence: Array  # (P,), probabilities; below 0.5 where neighbours may be exchanged
+    extra: Index  # fitted modes without a partner
+    missing: Index  # computed modes without a partner
+    # Fitted over computed frequencies at `poisson_ratio`: the root of E / density over the model's,
+    # times the model's size over the body's.
     factor: float
+    # best for the model; its own where slopes are unknown, NaN without a material
     poisson_ratio: float
-    scatter: float
-    expected: Array
-    certainty: float
+    scatter: float  # standard deviation of ln f about `expected`, errors of fitting apart
+    expected: Array  # (N,), natural frequencies with this factor and ratio, Hz
+    certainty: float  # probability of this factor and ratio beside others
+    # ln of how much likelier the fitted modes are with the model than alone. Above 0 the model
+    # surely explains the recording; below, `beyond_chance` tells.
     support: float
 
     def __len__(self) -> int:
@@ -93,30 +71,10 @@ def paired(
 ) -> Pairing:
     """Find which fitted mode is which of a model's modes.
 
-    Parameters
-    ----------
-    fitted : FittedModes or Partials
-        Anything with `frequencies`, `decays` and `gains`, in any order; some modes may be missing,
-        some none of the body's.
-    model : ModalModel
-        The body as computed.
-    widest : float
-        Largest factor between their frequencies, either way; 1 where factor and Poisson's ratio
-        are known but for some parts in a thousand.
-    audible : array-like (N,), optional
-        How far each computed mode can be expected in the recording, 0 to 1: one that was not woken
-        is not missed.
-
-    Returns
-    -------
-    Pairing
-
-    Raises
-    ------
-    OptionError
-        On a `widest` below 1, or `audible` outside 0 to 1.
-    RecordingError
-        When there are no modes on either side, or such as no mode can be.
+    Some may be missing, some none of the body's. `widest` is the largest factor between their
+    frequencies, 1 where factor and Poisson's ratio are known but for some parts in a thousand;
+    `audible` (N,), 0 to 1, is how far each computed mode can be expected in the recording: one that
+    was not woken is not missed.
     """
     partials = fitted if isinstance(fitted, Partials) else Partials.of(fitted)
     if not len(model.frequencies):
@@ -167,7 +125,7 @@ def _improved(agreement: Agreement, cases: Hypotheses, rounds: int) -> Hypothese
 
 
 def _decided(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
-    """Pair what is likelier paired than not, over all hypotheses as far as each is likely."""
+    """Pair what is likelier paired than not, over all hypotheses weighted by probability."""
     evidence = agreement.under(cases)
     weights, best, certainty = _weights(cases, evidence.likelihoods)
     likely: Array = (weights[:, None, None] * evidence.over_modes()).sum(axis=0)
@@ -194,9 +152,9 @@ def _decided(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
 
 
 def _weights(cases: Hypotheses, likelihoods: Array) -> tuple[Array, int, float]:
-    """Return how likely each case is, the number of the best, and how likely it and its like are.
+    """Return probabilities of the cases, the number of the best, and that it and its like have.
 
-    Cases that have come to the same place share what one of them has.
+    Cases that have come to the same place share the probability of one of them.
     """
     best = int(np.argmax(likelihoods))
     weights = np.exp(likelihoods - likelihoods[best])
@@ -219,7 +177,7 @@ def _confidences(
 
 
 def _steadiness(agreement: Agreement, rows: Index, logarithms: Array, scatter: float) -> Array:
-    """Return how likely pairs are not exchanged with their neighbours, whose order may be wrong."""
+    """Return how likely pairs are not exchanged with neighbours, whose order may be wrong."""
     variances = agreement.errors[rows] ** 2 + scatter**2
     heard, expected = np.diff(agreement.heard[rows]), np.diff(logarithms)
     between = (variances[1:] + variances[:-1]) / 2
@@ -230,40 +188,21 @@ def _steadiness(agreement: Agreement, rows: Index, logarithms: Array, scatter: f
     return steadiness
 
 
-# Whether a model explains a recording, or merely has as many modes.
-
-SIGNIFICANT = 4.0
-"""Standard deviations beyond chance at which a model is taken to be that of the body."""
+SIGNIFICANT = 4.0  # standard deviations beyond chance at which a model is taken to be the body's
 _TRIALS = 8
 _LEAST = 1e-3  # one mode fits any other as well
 _SMOOTH = 4  # modes between which frequencies are drawn anew
 
 
 def explains(fitted: FittedModes | Partials, model: ModalModel, pairing: Pairing) -> bool:
-    """Return whether fitted modes agree with a model better than with random ones.
-
-    Parameters
-    ----------
-    fitted : FittedModes or Partials
-    model : ModalModel
-    pairing : Pairing
-        Of the two.
-    """
+    """Return whether fitted modes agree with a model better than with random ones."""
     if not len(pairing):
         return False
     return pairing.support > 0 or beyond_chance(fitted, model) >= SIGNIFICANT
 
 
 def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
-    """Return how far a model's support lies above that of random ones, in standard deviations.
-
-    Parameters
-    ----------
-    fitted : FittedModes or Partials
-    model : ModalModel
-    seed : int
-        Of eight random models whose modes are as many and as dense as the model's.
-    """
+    """Return how far a model's support lies above that of random ones, standard deviations."""
     chance = np.random.default_rng(seed)
     partials = fitted if isinstance(fitted, Partials) else Partials.of(fitted)
     own = first_support(partials, model)
