@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from struck.model.material import Material
     from struck.model.model import ModalModel
     from struck.perception.sound_map import SoundMap
-    from struck.recordings.gain_table import Recording
+    from struck.recordings.takes import Recording
     from struck.report.comparison import Comparison, Other
     from struck.scene.body import Action, Body
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.alignment import aligned, averaged
+from struck.recordings.gain_table import aligned, averaged
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from struck.errors import RecordingError
 from struck.model.survey import Survey
 from struck.recordings.fit import Fitting, fit_recordings
-from struck.recordings.poles.verdict import ModalVerdict
+from struck.recordings.poles.search import ModalVerdict
 from struck.recordings.takes import Take
 from struck.report import fit_page, fit_pictures
 from struck.report.fit_page import report

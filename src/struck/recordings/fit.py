@@ -24,11 +24,11 @@ from struck.model.residual import Residual
 from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
-from struck.recordings.gain_table import Gathered, Recorded, Recording
+from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
-from struck.recordings.takes import Take
+from struck.recordings.takes import Recorded, Recording, Take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

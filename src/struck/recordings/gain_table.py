@@ -1,14 +1,11 @@
-"""What is fitted: takes, and where each was struck and heard."""
+"""Gain table: fitted rows brought to their arrivals, equal hits and one row a pair of places."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from struck.errors import OptionError, RecordingError
 from struck.files.sound import Sound
@@ -16,199 +13,11 @@ from struck.model.arrays import Array, Complex, Index
 from struck.model.material import AIR
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES, Survey
-from struck.recordings.alignment import aligned, averaged
 from struck.recordings.manifest import KINDS, NAME, Manifest, read_manifest
+from struck.errors import RecordingError
+from struck.model.survey import Survey
 from struck.recordings.poles.search import Fitted
-from struck.recordings.takes import Take, force_channels
-
-Recording = str | os.PathLike[str] | Sound | Take
-"""What can be fitted: a file, or samples."""
-_ONE = (str, os.PathLike, Sound, Take)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recorded:
-    """Takes of one object with the places of their contacts and listeners."""
-
-    takes: tuple[Take, ...]
-    contacts: Array | None = None  # (takes, D), coordinates u or u and v; None: unknown
-    listeners: tuple[Array, ...] | None = None  # (channels, 3) of each take, m; NaN: a force
-    coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
-    # where the sound seems to come from, m
-    centre: Array = field(default_factory=lambda: np.zeros(3))
-    symmetry: str = "none"  # "none" or "axial", as in `Survey`
-
-    def __post_init__(self) -> None:
-        if self.symmetry not in SYMMETRIES:
-            raise OptionError(f"symmetry is {self.symmetry!r}: give one of {', '.join(SYMMETRIES)}")
-        if self.centre.shape != (3,) or not np.isfinite(self.centre).all():
-            raise OptionError(f"centre is {self.centre.tolist()}: give x, y, z, m")
-        _require_contacts(self)
-        if self.listeners is not None:
-            object.__setattr__(self, "listeners", tuple(_of_all_channels(self)))
-
-    def distance(self, take: int, channel: int) -> float:
-        """Return how far from the centre a channel listened, m; 1 where unknown."""
-        if self.listeners is None:
-            return 1.0
-        return float(np.linalg.norm(self.listeners[take][channel] - self.centre))
-
-    @classmethod
-    def of(
-        cls,
-        recordings: Recording | Sequence[Recording],
-        *,
-        contacts: ArrayLike | None = None,
-        listeners: ArrayLike | Sequence[ArrayLike] | None = None,
-        manifest: str | os.PathLike[str] | None = None,
-        symmetry: str | None = None,
-        centre: ArrayLike | None = None,
-        progress: Progress = silent,
-    ) -> Recorded:
-        """Read recordings and their places; see `struck.recordings.fit.fit_recordings`."""
-        several = _several(recordings)
-        told = _manifest(several, manifest)
-        if told is None:
-            takes = tuple(_taken(several, progress))
-            return cls(
-                takes=takes,
-                contacts=None if contacts is None else _columns(contacts),
-                listeners=None if listeners is None else _microphones(listeners, takes),
-                coordinates=() if contacts is None else ("u", "v")[: _columns(contacts).shape[1]],
-                centre=np.zeros(3) if centre is None else _numbers("centre", centre),
-                symmetry=symmetry or "none",
-            )
-        if contacts is not None or listeners is not None:
-            raise OptionError(
-                f"places are given, and {told.path} tells them too: leave one of them out"
-            )
-        return cls._told(told, symmetry, centre, progress)
-
-    @classmethod
-    def _told(
-        cls,
-        manifest: Manifest,
-        symmetry: str | None,
-        centre: ArrayLike | None,
-        progress: Progress,
-    ) -> Recorded:
-        contacts = np.array([entry.contact for entry in manifest.entries])
-        listeners = tuple(np.array(entry.listeners) for entry in manifest.entries)
-        return cls(
-            takes=tuple(_taken(manifest.files, progress)),
-            contacts=contacts if manifest.has_contacts else None,
-            listeners=listeners if manifest.has_listeners else None,
-            coordinates=manifest.coordinates or ("u", "v")[: contacts.shape[1]],
-            centre=_numbers("centre", manifest.centre if centre is None else centre),
-            symmetry=symmetry or manifest.symmetry,
-        )
-
-
-def _manifest(
-    recordings: list[Recording], manifest: str | os.PathLike[str] | None
-) -> Manifest | None:
-    """Return the manifest that was named, or that is itself the recording, or lies in a folder."""
-    if not recordings:
-        raise OptionError("there are no recordings: give at least one")
-    files = [each for each in recordings if isinstance(each, str | os.PathLike)]
-    paths = [Path(each).resolve() for each in files]
-    twice = [str(path) for path in paths if paths.count(path) > 1]
-    if twice:
-        raise OptionError(f"{twice[0]} is given twice, as if it were two recordings: give it once")
-    if manifest is not None:
-        if len(files) < len(recordings):
-            raise OptionError(f"{manifest} tells of files: give recordings as paths")
-        return read_manifest(manifest).chosen(files)
-    if len(files) != 1 or len(recordings) != 1:
-        return None
-    path = Path(files[0])
-    if path.is_dir():
-        if not (path / NAME).is_file():
-            raise RecordingError(f"{path} has no {NAME}: give its recordings one by one")
-        path = path / NAME
-    return read_manifest(path) if path.suffix.lower() in KINDS else None
-
-
-def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:
-    for number, each in enumerate(recordings):
-        progress("reading", number / len(recordings))
-        if isinstance(each, Take):
-            yield each
-        elif isinstance(each, Sound):
-            yield Take.of(each, f"recording {number + 1}")
-        else:
-            yield Take.load(each)
-    progress("reading", 1.0)
-
-
-def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    several = [recordings] if isinstance(recordings, _ONE) else recordings
-    if not isinstance(several, Sequence) or not all(isinstance(each, _ONE) for each in several):
-        raise OptionError(
-            f"recordings are of type {type(recordings).__name__}: give files, or samples as "
-            "struck.Sound(samples=..., sample_rate=...), one or several"
-        )
-    return list(several)
-
-
-def _numbers(name: str, given: ArrayLike) -> Array:
-    try:
-        return np.asarray(given, np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {given!r}: give numbers, as many for each") from error
-
-
-def _columns(contacts: ArrayLike) -> Array:
-    given = np.atleast_1d(_numbers("contacts", contacts))
-    return given[:, None] if given.ndim == 1 else given
-
-
-def _microphones(
-    listeners: ArrayLike | Sequence[ArrayLike], takes: Sequence[Take]
-) -> tuple[Array, ...]:
-    """Return the places of each take's channels: one place for all takes, or a set for each."""
-    try:
-        given = [np.asarray(each, np.float64) for each in listeners]  # type: ignore[union-attr] - an array or a list
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"listeners are {listeners!r}: give x, y, z of each, m") from error
-    if len(given) == 3 and all(each.ndim == 0 for each in given):
-        return tuple(np.array([given]) for _ in takes)
-    return tuple(each[None] if each.ndim == 1 else each for each in given)
-
-
-def _require_contacts(recorded: Recorded) -> None:
-    contacts, count = recorded.contacts, len(recorded.takes)
-    if contacts is None:
-        return
-    if contacts.ndim != 2 or len(contacts) != count or contacts.shape[1] not in {1, 2}:
-        raise OptionError(
-            f"contacts have shape {contacts.shape}, and there are {count} recordings: give one or "
-            "two coordinates for each"
-        )
-    if not np.isfinite(contacts).all():
-        raise OptionError("a contact is not finite: give numbers")
-
-
-def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
-    """Yield each take's places (channels, 3), NaN for channels that hold a force."""
-    listeners, takes = recorded.listeners or (), recorded.takes
-    if len(listeners) != len(takes):
-        raise OptionError(
-            f"listeners are given for {len(listeners)} recordings of {len(takes)}: give them for "
-            "each, or one place for all"
-        )
-    for take, places in zip(takes, listeners, strict=True):
-        sounding = ~force_channels(take)
-        every = np.full((take.channels, 3), np.nan)
-        told = places[sounding] if len(places) == take.channels else places
-        if told.shape != (np.count_nonzero(sounding), 3) or not np.isfinite(told).all():
-            raise OptionError(
-                f"listeners of {take.name} have shape {places.shape}, and it has "
-                f"{np.count_nonzero(sounding)} microphones: give x, y, z for each, m"
-            )
-        every[sounding] = told
-        yield every
-
+from struck.recordings.takes import Recorded
 
 # The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
 # go on to explain the samples up to the moment of the hit, and before it only what rang already
@@ -449,3 +258,163 @@ def _listeners(recorded: Recorded, told: Gathered) -> tuple[Array, Index]:
     )
     places, number = np.unique(every, axis=0, return_inverse=True)
     return places, number.reshape(-1)
+
+
+# How hard and when each hit was. Nobody strikes twice alike. Two hits of one contact, heard at one
+# place, differ by a factor that is smooth over frequency: strength, length of the contact, and the
+# moment that was taken for their beginning. Contacts heard at one place differ in their drives,
+# which are real: what turns all their phases in proportion to frequency is an error of the moment
+# again.
+
+_LATEST = 1e-3  # largest error of a moment, s
+_LIKELY = 3e-4  # usual error of a moment, s
+_FINENESS = 8  # delays tried in a period of the highest mode
+_ZOOMS = 3  # refinements of the best delay
+_CLEAR = 100.0  # energy over that of its standard error from which a ratio of gains counts
+_SURE = 3.0  # standard errors from which a gain counts for loudness
+# scatter of modes between hits of a contact; usual b at the highest mode
+_SCATTER, _SLOPE = 0.05, 1.0
+_TWO = 2  # least modes that show a moment
+
+
+def aligned(
+    gains: Complex,
+    errors: Array,
+    hits: Index,
+    contacts: Index,
+    listeners: Index,
+    poles: Complex,
+) -> tuple[Complex, Array]:
+    """Return gains and errors (n, M) as if a contact's hits were equal and their moments right.
+
+    Gains are those of n recorded channels, with numbers (n,) of their hits, contacts and listeners
+    and poles (M,), 1/s. From the loudest hit on, each is compared with those before it that share a
+    listener: with hits of the same contact if there are any, where strength over frequency is a
+    constant times exp(b f^2), else with those of other contacts, whose strengths stay.
+    """
+    gains, errors = gains.copy(), errors.copy()
+    frequencies = poles.imag / (2 * np.pi)
+    late = np.zeros(len(gains))
+    leaders = hits.copy()
+    for first, second in _compared(gains, errors, hits, contacts, listeners):
+        own = np.flatnonzero(hits == hits[second[0]])
+        repeated = contacts[first[0]] == contacts[second[0]]
+        delay = _delay(gains, errors, first, second, frequencies, turned=not repeated)
+        late[own], leaders[own] = delay, leaders[first[0]]
+        gains[own] *= np.exp(poles * delay)
+        if repeated:
+            strength = _strength(gains, errors, first, second, frequencies)
+            gains[own] /= strength
+            errors[own] /= strength
+    usual = _usual_delays(late, hits, leaders)
+    return gains * np.exp(-poles * usual[:, None]), errors
+
+
+def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
+    """Return the median delay (n,) of the hits that follow the same first one."""
+    usual = np.zeros(len(late))
+    for leader in np.unique(leaders):
+        own = leaders == leader
+        _, once = np.unique(hits[own], return_index=True)
+        usual[own] = np.median(late[own][once])
+    return usual
+
+
+def _compared(
+    gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
+) -> Iterator[tuple[Index, Index]]:
+    """Yield rows of known hits and those of the next hit at the same listeners."""
+    energies = np.where(np.abs(gains) > _SURE * errors, np.abs(gains) ** 2, 0.0).sum(axis=1)
+    numbers = np.unique(hits)
+    loudness = [energies[hits == number].sum() for number in numbers]
+    known: list[int] = []
+    for number in numbers[np.argsort(loudness, kind="stable")[::-1]]:
+        own = np.flatnonzero(hits == number)
+        shared = [row for row in known if listeners[row] in listeners[own]]
+        alike = [row for row in shared if contacts[row] == contacts[own[0]]]
+        chosen = {int(listeners[row]): row for row in reversed(alike or shared)}
+        if chosen:
+            second = [own[np.argmax(listeners[own] == place)] for place in chosen]
+            yield np.array(list(chosen.values())), np.array(second)
+        known += own.tolist()
+
+
+def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Complex, Array]:
+    """Return each pair (contact, listener) once, with the weighted mean of its gains and errors."""
+    distinct, number = np.unique(pairs, axis=0, return_inverse=True)
+    share = np.eye(len(distinct))[number.reshape(-1)].T
+    weights = 1 / errors**2
+    total = share @ weights
+    return distinct, (share @ (weights * gains)) / total, 1 / np.sqrt(total)
+
+
+def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple[Complex, Array]:
+    """Return least-squares ratios of the second's gains to the first's, and their clarity (M,)."""
+    weights = 1 / (errors[first] ** 2 + errors[second] ** 2)
+    own = (weights * np.abs(gains[first]) ** 2).sum(axis=0)
+    other = (weights * np.abs(gains[second]) ** 2).sum(axis=0)
+    ratios = (weights * gains[first].conj() * gains[second]).sum(axis=0) / np.maximum(own, 1e-300)
+    clear = np.minimum(own, other)
+    return ratios, np.where(clear > _CLEAR, clear, 0.0)
+
+
+def _strength(
+    gains: Complex, errors: Array, first: Index, second: Index, frequencies: Array
+) -> Array:
+    """Return the second hit's strength over the first's (M,), smooth over frequency."""
+    ratios, clear = _ratios(gains, errors, first, second)
+    kept = (clear > 0) & (ratios != 0)
+    if not kept.any():
+        return np.full(len(frequencies), _overall(gains[first], gains[second]))
+    squares = (frequencies / frequencies.max()) ** 2
+    columns = np.stack([np.ones_like(squares), np.minimum(squares, squares[kept].max())], axis=1)
+    # Modes scatter by more than noise: nobody strikes the same spot twice.
+    weights = np.sqrt(np.minimum(clear[kept], 1 / _SCATTER**2))
+    levels = weights * np.log(np.abs(ratios[kept]))
+    design = np.vstack([columns[kept] * weights[:, None], [0.0, 1 / _SLOPE]])
+    slopes, *_ = np.linalg.lstsq(design, np.append(levels, 0.0), rcond=None)
+    return np.exp(columns @ slopes)
+
+
+def _overall(first: Complex, second: Complex) -> float:
+    """Return the ratio of total strengths; 1 where either is silent."""
+    one, other = np.linalg.norm(first), np.linalg.norm(second)
+    return float(other / one) if one and other else 1.0
+
+
+def _delay(
+    gains: Complex,
+    errors: Array,
+    first: Index,
+    second: Index,
+    frequencies: Array,
+    *,
+    turned: bool,
+) -> float:
+    """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or half a turn."""
+    ratios, clear = _ratios(gains, errors, first, second)
+    turns = ratios / np.maximum(np.abs(ratios), 1e-300)
+    if turned:
+        return _best_delay(turns**2, np.sqrt(clear), 2 * frequencies)
+    return _best_delay(turns, np.sqrt(clear), frequencies)
+
+
+def _best_delay(turns: Complex, weights: Array, frequencies: Array) -> float:
+    """Return the delay that makes phase factors (M,) most nearly 1, s; small ones are likelier."""
+    if np.count_nonzero(weights) < _TWO:
+        return 0.0
+    step = 1 / (_FINENESS * frequencies.max())
+    delays = np.arange(-np.ceil(_LATEST / step), np.ceil(_LATEST / step) + 1) * step
+    likely = np.exp(-0.5 * (delays / _LIKELY) ** 2)
+    scores = _agreement(turns, weights, frequencies, delays) * likely
+    best = float(delays[np.argmax(scores)])
+    for _ in range(_ZOOMS):
+        near = best + step * np.linspace(-1, 1, 2 * _FINENESS + 1)
+        best = float(near[np.argmax(_agreement(turns, weights, frequencies, near))])
+        step /= _FINENESS
+    return best
+
+
+def _agreement(turns: Complex, weights: Array, frequencies: Array, delays: Array) -> Array:
+    waves = np.exp(2j * np.pi * np.outer(delays, frequencies))
+    return np.asarray((waves @ (weights * turns)).real, np.float64)

@@ -11,10 +11,10 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 from struck.model.residual import FADE, Residual
 from struck.perception.auditory_scale import erb_number, frequency_of
-from struck.recordings.gain_table import Gathered, Recorded, Recording
+from struck.recordings.gain_table import Gathered
 from struck.recordings.onsets import find_hits
 from struck.recordings.poles.search import Fitted
-from struck.recordings.takes import Take
+from struck.recordings.takes import Recorded, Recording, Take
 
 # A room answers a hit with thousands of modes of its own, each about as short-lived as its
 # reverberation. Modes of the object that last clearly longer cannot be mistaken for them.

@@ -19,10 +19,9 @@ from struck.model.arrays import Array, Mask
 from struck.model.html import document, note, picture, table
 from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
-from struck.recordings.gain_table import Recorded
-from struck.recordings.poles.search import Fitted
-from struck.recordings.poles.verdict import LEAST, ModalVerdict
+from struck.recordings.poles.search import MODAL_MARGIN, Fitted, ModalVerdict
 from struck.recordings.residual_sound import loudest
+from struck.recordings.takes import Recorded
 from struck.report import fit_pictures
 from struck.report.charts import counted
 from struck.report.fit_pictures import (
@@ -299,7 +298,7 @@ def _meaning(verdict: ModalVerdict) -> str:
         return "hardly anything is missing"
     if ratio >= _LITTLE:
         return "little is missing: as a rule the attack, and the room"
-    if ratio >= LEAST:
+    if ratio >= MODAL_MARGIN:
         return "part of the sound is missing: attack, room, noise; listen to the residual"
     return "the modes are not what one hears"
 

@@ -12,8 +12,9 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 from struck.model.residual import Residual
 from struck.model.survey import Survey
-from struck.recordings.gain_table import Recorded, arrivals
+from struck.recordings.gain_table import arrivals
 from struck.recordings.poles.search import Fitted
+from struck.recordings.takes import Recorded
 from struck.report.charts import (
     BLUE,
     FAINT,

@@ -8,7 +8,7 @@ import pytest
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine
-from struck.recordings.poles.selection import weeded
+from struck.recordings.poles.selection import weed
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -31,7 +31,7 @@ def test_a_satellite_that_noise_made_is_dropped(seed: int) -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), seed)
     crowded = started(np.append(FREQUENCIES, 1129.5), np.append(DECAYS, 7.0))
     fitted = refine([given], crowded, sweeps=4, steps=6)
-    kept = weeded([given], fitted)
+    kept = weed([given], fitted)
     assert kept.count == 3
     assert np.sort(kept.frequencies) == pytest.approx(FREQUENCIES, abs=0.01)
 
@@ -40,9 +40,9 @@ def test_a_weak_mode_that_is_there_stays() -> None:
     tones, decays = np.append(FREQUENCIES, 1127.0), np.append(DECAYS, 4.0)
     given = segment(tones, decays, np.array([1.0, 1.0, 1.0, 0.03]), 1)
     fitted = refine([given], started(tones, decays), sweeps=4, steps=6)
-    assert weeded([given], fitted).count == 4
+    assert weed([given], fitted).count == 4
 
 
 def test_nothing_is_weeded_of_nothing() -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), 1)
-    assert weeded([given], Exponentials.silence(1)).count == 0
+    assert weed([given], Exponentials.silence(1)).count == 0

@@ -1,4 +1,4 @@
-"""First estimates of poles, by ESPRIT in the bins of windowed transforms of several lengths.
+"""First estimates of poles: ESPRIT in the bins of windowed transforms, and matched filters.
 
 In a bin of a transform whose frames look forward each mode is an exponential from frame to frame,
 and few modes share a bin. Poles follow from the invariance of the signal subspace under a shift by
@@ -21,10 +21,8 @@ from struck.recordings.noise import Noise, blackman_harris, frames
 from struck.recordings.segments import Segment
 
 _OVERLAP = 8
-_RISE = 8.0
-"""A bin is searched when its first frames rise so far over the noise: 9 dB."""
-_GONE = 3.0
-"""Frames count until the power falls to so many times the noise."""
+_RISE = 8.0  # least power of a bin's first frames over the noise that is searched: 9 dB
+_GONE = 3.0  # power over noise down to which frames count
 _FIRST = 6
 _FEWEST = 12
 _WINDOW = 28
@@ -35,24 +33,12 @@ _COUNTS = np.array([24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resolution:
-    """A window and what is looked for in it.
+    """Window of a transform and the poles that are looked for in its bins."""
 
-    Parameters
-    ----------
-    window : int
-        Samples, a power of two.
-    fastest : float
-        Decay rates of candidates are below, 1/s.
-    frames : int
-        Not more frames than these.
-    orders : int
-        Not more poles a bin than these.
-    """
-
-    window: int
-    fastest: float
-    frames: int
-    orders: int
+    window: int  # samples, a power of two
+    fastest: float  # largest decay rate, 1/s
+    frames: int  # at most
+    orders: int  # poles of a bin at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,14 +50,14 @@ class Candidates:
 
     @classmethod
     def joined(cls, parts: Sequence[Candidates]) -> Candidates:
-        """Return all in one."""
+        """Return the candidates of all parts."""
         return cls(
             poles=np.concatenate([np.zeros(0, complex), *(part.poles for part in parts)]),
             energies=np.concatenate([np.zeros(0), *(part.energies for part in parts)]),
         )
 
     def distinct(self, resolved: float, share: float) -> Candidates:
-        """Return the strongest of those within so many Hz, or this share of their widths."""
+        """Return the strongest of those within `resolved` Hz or this share of their widths."""
         frequencies, widths = self.poles.imag / (2 * np.pi), -self.poles.real / (2 * np.pi)
         open_ = np.ones(len(self.poles), bool)
         kept = []
@@ -86,22 +72,7 @@ class Candidates:
 def candidates(
     segments: Sequence[Segment], left: Sequence[Array], resolution: Resolution
 ) -> Candidates:
-    """Search what is left of all segments together.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits, at one sample rate.
-    left : sequence of arrays (C, n)
-        Their samples, less the modes found so far.
-    resolution : Resolution
-        Where to look.
-
-    Returns
-    -------
-    Candidates
-        None where the segments are too short for the window.
-    """
+    """Search the residuals (C, n) of all segments by ESPRIT; none if too short for the window."""
     search = _Search(
         window=blackman_harris(resolution.window),
         step=resolution.window // _OVERLAP,
@@ -120,7 +91,7 @@ def candidates(
 
 
 def _counted(powers: Array, spacing: float, sample_rate: float) -> Iterator[tuple[int, Index]]:
-    """Yield numbers of frames and the bins that stay over the noise for about so many."""
+    """Yield numbers of frames and the bins that stay over the noise for about that long."""
     total = len(powers)
     centres = np.arange(powers.shape[1]) * spacing
     heard = (powers[:_FIRST].max(axis=0) > _RISE) & (centres > 30) & (centres < 0.47 * sample_rate)
@@ -146,7 +117,7 @@ class _Search:
         return self.sample_rate / len(self.window)
 
     def white(self, segments: Sequence[Segment], left: Sequence[Array]) -> AnyComplex:
-        """Return frames of the long segments, (C, frames, bins), in units of the noise."""
+        """Return frames of the long segments (C, frames, bins), in units of the noise."""
         counts = [(each.shape[1] - len(self.window)) // self.step + 1 for each in left]
         most = min(max(counts), self.resolution.frames)
         count = min(each for each in (*counts, most) if each >= most / 2)
@@ -161,7 +132,7 @@ class _Search:
         return np.concatenate(parts)
 
     def bins(self, white: AnyComplex, bins: Index) -> list[Candidates]:
-        """Return what is found in some bins, (bins, C, frames), noise being 1."""
+        """Return the poles in some bins of white frames (bins, C, frames)."""
         count = white.shape[2]
         length = min(count // 2, _WINDOW)
         whitening = self._whitening(length)
@@ -183,7 +154,7 @@ class _Search:
         return found
 
     def _whitening(self, length: int) -> Array:
-        """Return what makes noise in overlapping frames white, nearly."""
+        """Return the matrix that makes noise in overlapping frames nearly white."""
         size, energy = len(self.window), (self.window**2).sum()
         lags = [
             (self.window[: size - shift] * self.window[shift:]).sum() / energy
@@ -195,7 +166,7 @@ class _Search:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
 
     def _accepted(self, ratios: AnyComplex, white: AnyComplex, bins: Index) -> Candidates:
-        """Return poles that belong to their own bin and do not merely cancel others."""
+        """Return the poles that lie in their own bin and do not merely cancel others."""
         rate = self.sample_rate / self.step
         modulus = np.clip(np.abs(ratios), 1e-2, np.exp(-0.05 / rate))
         decays, shifts = -np.log(modulus) * rate, np.angle(ratios) * rate / (2 * np.pi)
@@ -214,7 +185,7 @@ class _Search:
 
 
 def _strongest_directions(white: AnyComplex) -> AnyComplex:
-    """Turn many channels into few: the directions that hold most of the energy."""
+    """Return white frames with channels reduced to the directions of most energy."""
     if white.shape[1] <= 2 * _DIRECTIONS:
         return white
     _, vectors = np.linalg.eigh(white @ white.conj().swapaxes(1, 2))
@@ -234,34 +205,18 @@ def _least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
     return np.linalg.solve(normal + 1e-10 * size * np.eye(normal.shape[1]), adjoint @ sides)
 
 
-# Weak modes that stand alone, by matched filters.
-#
-# Against white noise nothing detects a mode of known decay better than the correlation with its
-# exponential. For all frequencies at once that is one Fourier transform a decay rate.
-
+# 1/s; between two of them a twelfth of the energy is lost at most
 DECAYS = (0.7, 2.0, 6.0, 18.0, 54.0, 160.0, 480.0)
-"""Tried decay rates, 1/s; between two of them a twelfth of the energy is lost at most."""
-_BREADTH = 30.0
-"""What is left is averaged over so many Hz."""
-_LOWEST, _HIGHEST = 30.0, 0.47
+_BREADTH = 30.0  # Hz over which the residual is averaged
+_LOWEST, _HIGHEST = 30.0, 0.47  # frequencies, Hz and of the sample rate
 
 
 def matched(segments: Sequence[Segment], left: Sequence[Array], least: float) -> Candidates:
-    """Search what is left of all segments for modes by their energy.
+    """Search the residuals (C, n) of all segments for modes with at least this energy over noise.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits, at one sample rate.
-    left : sequence of arrays (C, n)
-        Their samples, less the modes found so far.
-    least : float
-        Energy over noise, summed over channels, that counts; where more than noise is left over a
-        breadth of bins, over that.
-
-    Returns
-    -------
-    Candidates
+    Energies are summed over channels; where more than noise is left over a breadth of bins, they
+    count over that. Against white noise nothing detects a mode of known decay better than the
+    correlation with its exponential: one Fourier transform for each decay rate.
     """
     rate = segments[0].sample_rate
     noises = [
@@ -291,7 +246,7 @@ def _count(decay: float, samples: Array, sample_rate: float) -> int:
 def _energies(
     noise: Noise, samples: Array, decay: float, frequencies: NDArray[np.floating]
 ) -> Array:
-    """Return energies along one exponential, over noise or what is left, summed over channels."""
+    """Return energies along one exponential over noise, summed over channels."""
     size, rate = 2 * (len(frequencies) - 1), 2 * frequencies[-1]
     shape = np.exp(-decay / rate * np.arange(_count(decay, samples, rate)))
     floor = noise.at(frequencies) * (shape**2).sum()

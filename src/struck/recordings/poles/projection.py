@@ -1,8 +1,8 @@
-"""Compiled: the bins of a group split into what its modes explain and the rest.
+"""Compiled variable projection: the bins of a group of modes split into their fit and a residual.
 
-A mode that rings from the first of N samples on has the transform r / (1 - z / u) at
-u = exp(2 pi i k / N), exactly: z = exp(s / rate) and r = g (1 - z^N) / 2i. Its conjugate belongs to
-it, for samples are real.
+A mode that rings from the first of N samples on has the transform r / (1 - z / u) at u = exp(2 pi i
+k / N), exactly: z = exp(s / rate) and r = g (1 - z^N) / 2i. Its conjugate belongs to it, for
+samples are real.
 """
 
 from __future__ import annotations
@@ -14,66 +14,35 @@ import numpy as np
 from struck.model.arrays import AnyComplex, Array, Index
 from struck.synth.compiler import Compiler
 
-# Groups of modes and the bins that hold them, as compiled code reads them.
-
 
 class GroupBlocks(NamedTuple):
-    """A block for each group and segment: bins of the shortest transform in which the modes end.
+    """Blocks of all groups and segments: bins of the shortest spectrum in which the modes end."""
 
-    Parameters
-    ----------
-    members : array, int
-        The modes of all groups, group by group.
-    starts : array (G + 1,), int
-        Where each group begins in it.
-    numbers : array (G, S), int
-        Of the blocks.
-    firsts, offsets : arrays (G S + 1,), int
-        Where the bins and the data of each block begin.
-    turns : array (K,), complex
-        exp(-2 pi i k / N) of all bins.
-    data : array, complex
-        The transforms there, (bins, channels) of each block.
-    lengths : array (G S,)
-        N / sample rate of the blocks, s.
-    weights : array (C, G)
-        One over the noise's energy in a bin.
-    rows : array (S + 1,), int
-        Where the gains of each segment begin.
-    sample_rate : float
-        Hz.
-    """
+    members: Index  # modes of all groups, group by group
+    starts: Index  # (G + 1,), where each group begins in members
+    numbers: Index  # (G, S), of the blocks
+    firsts: Index  # (G S + 1,), where the bins of each block begin
+    offsets: Index  # (G S + 1,), where its data begin
+    turns: AnyComplex  # (K,), exp(-2 pi i k / N) of all bins
+    data: AnyComplex  # spectra there, (bins, channels) of each block
+    lengths: Array  # (G S,), N / sample rate of the blocks, s
+    weights: Array  # (C, G), one over the noise's energy in a bin
+    rows: Index  # (S + 1,), where the gains of each segment begin
+    sample_rate: float  # Hz
 
-    members: Index
-    starts: Index
-    numbers: Index
-    firsts: Index
-    offsets: Index
-    turns: AnyComplex
-    data: AnyComplex
-    lengths: Array
-    weights: Array
-    rows: Index
-    sample_rate: float
-
-
-# The compiler of the fit's loops.
 
 _COMPILER = Compiler.of_packages(__file__)
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 
 
-# Compiled: which bins lie around the modes of a group.
-
-Scalar = Any
-"""An element of an array."""
+Scalar = Any  # an element of an array
 
 
 @jitted
 def bins_around(
     low: Index, high: Index, members: Index, starts: Index, groups: Index
 ) -> tuple[Index, Index]:
-    """Return the bins from low to high of any mode of each group, and how many each has."""
+    """Return the bins from low to high of any mode of each group, and their number (G,)."""
     most = 0
     for group in groups:
         for place in range(starts[group], starts[group + 1]):
@@ -96,7 +65,7 @@ def bins_around(
 
 @jitted_within
 def _next_run(low: Index, high: Index, some: Index, following: Scalar) -> tuple[Scalar, Scalar]:
-    """Return from where to where the next bins run, from `following` on; none where all are had."""
+    """Return the next run of bins from `following` on; -1, -1 where there is none."""
     first, last = -1, -1
     for mode in some:
         begin, end = max(low[mode], following), high[mode] + 1
@@ -105,21 +74,11 @@ def _next_run(low: Index, high: Index, some: Index, following: Scalar) -> tuple[
     return first, last
 
 
-# Compiled: which modes are coupled, directly or by way of others.
-
-
 @jitted
 def labelled(coupling: Array, threshold: float, most: int) -> Index:
-    """Return a number for the group of each mode, from 0 on.
+    """Return the group number of each mode: those coupled (M, M) beyond a threshold, in chains.
 
-    Parameters
-    ----------
-    coupling : array (M, M)
-        Of modes with each other.
-    threshold : float
-        Modes coupled more than this belong together.
-    most : int
-        Where more than these would, the threshold is doubled.
+    Where more than `most` would belong together, their threshold is doubled.
     """
     labels = np.full(len(coupling), -1)
     thresholds = np.full(len(coupling), threshold)
@@ -140,7 +99,7 @@ def labelled(coupling: Array, threshold: float, most: int) -> Index:
 
 @jitted_within
 def _reached(coupling: Array, first: int, threshold: float, labels: Index, queue: Index) -> int:
-    """Write which modes a free one reaches, by way of others; return how many."""
+    """Write which modes a free one reaches through others; return their number."""
     free = labels < 0
     queue[0], free[first] = first, False
     size, place = 1, 0
@@ -154,11 +113,10 @@ def _reached(coupling: Array, first: int, threshold: float, labels: Index, queue
     return size
 
 
-# Compiled algebra of a few complex vectors: inner products, QR factors, triangular systems.
+# Algebra of a few complex vectors: inner products, QR factors, triangular systems.
 
-_CANCELLED = 0.1
-_DEPENDENT = 1e-14
-"""A vector that others explain but for this counts as independent by so much."""
+_CANCELLED = 0.1  # share left from which no second turn is needed
+_DEPENDENT = 1e-14  # least independent share of a vector
 
 
 @jitted_within
@@ -260,7 +218,7 @@ def inverse_spreads(triangle: AnyComplex) -> Array:
 
 @jitted_within
 def solve_damped(matrix: AnyComplex, damping: float, side: AnyComplex) -> AnyComplex:
-    """Solve a Hermitian system whose diagonal grows by a share, by Cholesky's factors L L^H."""
+    """Solve a Hermitian system with its diagonal raised by a share, by Cholesky's L L^H."""
     size = len(matrix)
     factor, solved = np.zeros_like(matrix), side.copy()
     for i in range(size):
@@ -282,35 +240,22 @@ def solve_damped(matrix: AnyComplex, damping: float, side: AnyComplex) -> AnyCom
     return solved
 
 
-_CHANCE = 3.0
-"""Standard deviations of the mean energy that a bin of noise leaves."""
+_CHANCE = 3.0  # standard deviations of the mean energy that a bin of noise leaves
 
 
 class Projection(NamedTuple):
-    """What M modes explain of the blocks of a group; one array holds those of all S segments.
+    """Least-squares fit of M modes to a group's blocks; arrays hold those of all S segments."""
 
-    Parameters
-    ----------
-    lines, basis : arrays, complex
-        Transforms (M, K) of the modes, r left out, and their orthonormal factors, block by block.
-    triangles : array (S, M, M), complex
-        The other factors.
-    residues : array (M, C), complex
-        Least-squares factors r of the lines.
-    left : array, complex
-        What they leave of the data, (C, K) of each block.
-    """
-
-    lines: AnyComplex
-    basis: AnyComplex
-    triangles: AnyComplex
-    residues: AnyComplex
-    left: AnyComplex
+    lines: AnyComplex  # (M, K) of each block, spectra of the modes without r
+    basis: AnyComplex  # (M, K) of each block, their orthonormal factors
+    triangles: AnyComplex  # (S, M, M), their triangular factors
+    residues: AnyComplex  # (M, C), least-squares factors r of the lines
+    left: AnyComplex  # (C, K) of each block, residual of the data
 
 
 @jitted_within
 def empty_projection(blocks: GroupBlocks, group: int, modes: int) -> Projection:
-    """Return room for the projection of a group."""
+    """Return empty arrays for the projection of a group."""
     bins, data, segments = 0, 0, blocks.numbers.shape[1]
     for number in blocks.numbers[group]:
         bins += blocks.firsts[number + 1] - blocks.firsts[number]
@@ -338,7 +283,7 @@ def turns_of(blocks: GroupBlocks, number: int) -> AnyComplex:
 
 @jitted_within
 def span(pole: Scalar, length: Scalar) -> complex:
-    """Return (1 - z^N) / 2i: from gains to residues."""
+    """Return (1 - z^N) / 2i, the ratio of residue to gain."""
     return (1 - np.exp(pole * length)) / 2j
 
 
@@ -365,10 +310,7 @@ def write_lines(
 def project(
     blocks: GroupBlocks, group: int, data: AnyComplex, poles: AnyComplex, projection: Projection
 ) -> float:
-    """Fit the lines of some poles to the cleared data of a group; return the energy left.
-
-    It is in units of the noise's in one bin.
-    """
+    """Fit the lines of poles to a group's cleared data; return the residual over a bin's noise."""
     modes, line, datum, cost = len(poles), 0, 0, 0.0
     for segment in range(blocks.numbers.shape[1]):
         turns = turns_of(blocks, blocks.numbers[group, segment])
@@ -394,93 +336,17 @@ def project(
 
 
 @jitted_within
-def write_slopes(
-    lines: AnyComplex, basis: AnyComplex, sample_rate: float, slopes: AnyComplex
-) -> None:
-    """Write what the lines' derivatives to the poles hold that the lines do not explain."""
-    for m in range(len(lines)):
-        for k in range(lines.shape[1]):
-            slopes[m, k] = (lines[m, k] * lines[m, k] - lines[m, k]) * (1 / sample_rate)
-        take_off_all(slopes[m], basis)
-
-
-@jitted_within
-def normal_equations(
-    blocks: GroupBlocks, group: int, projection: Projection
-) -> tuple[AnyComplex, AnyComplex]:
-    """Return matrix (M, M) and right side (M,) for steps of the poles, gains eliminated.
-
-    Variable projection with Kaufman's derivative: the slopes of the lines, less what the lines
-    themselves explain of them, times the residues. Summed over the channels this is an elementwise
-    product, so their number costs next to nothing.
-    """
-    modes, line, datum = len(projection.residues), 0, 0
-    matrix = np.zeros((modes, modes), np.complex128)
-    side = np.zeros(modes, np.complex128)
-    for segment in range(blocks.numbers.shape[1]):
-        bins = len(turns_of(blocks, blocks.numbers[group, segment]))
-        first, last = blocks.rows[segment], blocks.rows[segment + 1]
-        slopes = np.empty((modes, bins), np.complex128)
-        lines = rows_of(projection.lines, line, modes, bins)
-        basis = rows_of(projection.basis, line, modes, bins)
-        left = rows_of(projection.left, datum, last - first, bins)
-        write_slopes(lines, basis, blocks.sample_rate, slopes)
-        weights = blocks.weights[first:last, group]
-        _add_equations(slopes, left, projection.residues[:, first:last], weights, matrix, side)
-        line += modes * bins
-        datum += left.size
-    return matrix, side
-
-
-@jitted_within
-def _add_equations(
-    slopes: AnyComplex,
-    left: AnyComplex,
-    residues: AnyComplex,
-    weights: Array,
-    matrix: AnyComplex,
-    side: AnyComplex,
-) -> None:
-    for i in range(len(slopes)):
-        for c in range(len(left)):
-            side[i] += np.conj(residues[i, c]) * weights[c] * inner(slopes[i], left[c])
-        for j in range(i + 1):
-            shared = 0.0j
-            for c in range(len(left)):
-                shared += np.conj(residues[i, c]) * weights[c] * residues[j, c]
-            part = inner(slopes[i], slopes[j]) * shared
-            matrix[i, j] += part
-            if i != j:
-                matrix[j, i] += np.conj(part)
-
-
-@jitted_within
 def misfit(projection: Projection, cost: float) -> float:
-    """Return the energy left a bin and channel, noise being 1; 1 where chance may explain it."""
+    """Return the residual of a bin and channel, noise being 1; 1 where chance may explain it."""
     unknowns = projection.residues.size + len(projection.residues)
     values = max(len(projection.left) - unknowns, 1)
     left = cost / values
     return left if left > 1 + _CHANCE / np.sqrt(values) else 1.0
 
 
-# Compiled: the bins of a group without all other modes.
-
-
 @jitted_within
 def cleared(blocks: GroupBlocks, group: int, poles: AnyComplex, gains: AnyComplex) -> AnyComplex:
-    """Return the data of a group, (C, K) of each block, less all other modes.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        Of the group and others.
-    group : int
-        Which.
-    poles : array (M,)
-        Of all modes.
-    gains : array (C, M)
-        Of all modes in all segments.
-    """
+    """Return the data of a group, (C, K) of each block, less all other modes."""
     members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
     others = _without(members, len(poles))
     size = 0
@@ -502,7 +368,7 @@ def cleared(blocks: GroupBlocks, group: int, poles: AnyComplex, gains: AnyComple
 
 @jitted_within
 def _without(members: Index, count: int) -> Index:
-    """Return all other modes."""
+    """Return the numbers of all other modes."""
     others, size = np.empty(count, np.int64), 0
     for mode in range(count):
         outside = True
@@ -554,7 +420,7 @@ def _take_off_others(
 
 @jitted_within
 def _write_shape(turns: AnyComplex, ratio: Scalar, real: Array, imaginary: Array) -> None:
-    """Write 1 / ((1 - z / u) (u - conj(z))): real part, less the other."""
+    """Write the real and minus the imaginary part of 1 / ((1 - z / u) (u - conj(z)))."""
     square = ratio.real * ratio.real + ratio.imag * ratio.imag
     more, less, twice = 1 + square, 1 - square, 2 * ratio.real
     for k in range(len(turns)):
@@ -582,7 +448,7 @@ def _take_off_mirrored(
     interval: float,
     block: AnyComplex,
 ) -> None:
-    """Subtract what the conjugate poles add at positive frequencies."""
+    """Subtract the spectra of the conjugate poles at positive frequencies."""
     line = np.empty(len(turns), np.complex128)
     for mode in modes:
         write_line(turns, np.exp(np.conj(poles[mode]) * interval), line)

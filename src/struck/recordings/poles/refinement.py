@@ -1,4 +1,4 @@
-"""One global fit: poles shared by all channels and hits, refined group by group.
+"""Global fit: poles shared by all channels and hits, refined group by group.
 
 Levenberg-Marquardt with the complex gains eliminated (variable projection). Modes far apart hardly
 know of each other, so groups of overlapping modes take turns, each against the data without the
@@ -26,15 +26,12 @@ from struck.recordings.poles.normal_equations import take_turns
 from struck.recordings.poles.projection import GroupBlocks, bins_around, labelled
 from struck.recordings.segments import Segment
 
-# Choosing the bins that hold groups of modes, in the transforms of all segments.
-
 _BINS = 16.0
-_WIDTHS = 8.0
-"""A mode is fitted within so many bins or half widths d / 2 pi of its frequency."""
+_WIDTHS = 8.0  # bins and half widths d / 2 pi around a mode in which it is fitted
 
 
 class _Part(NamedTuple):
-    """Bins of some groups in one transform of one segment."""
+    """Bins of some groups in one spectrum of one segment."""
 
     groups: Index
     counts: Index
@@ -47,7 +44,7 @@ class _Part(NamedTuple):
 def blocks_around(
     segments: Sequence[Segment], poles: AnyComplex, groups: Sequence[Index]
 ) -> GroupBlocks:
-    """Choose and read the bins around the modes of each group."""
+    """Return the bins around the modes of each group, in spectra of all segments."""
     members, starts = np.concatenate(groups), _running([len(group) for group in groups])
     slowest = np.minimum.reduceat(-poles.real[members], starts[:-1])
     middles = np.add.reduceat(poles.imag[members], starts[:-1]) / (2 * np.pi * np.diff(starts))
@@ -104,49 +101,29 @@ def _running(counts: Sequence[int] | Index) -> Index:
     return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
 
 
-# Modes that overlap are fitted together, others apart.
-
-_COUPLED = 0.01
-_MOST = 16
-_FEW = 6
+_COUPLED = 0.01  # squared correlation
+_MOST = 16  # modes of a group
+_FEW = 6  # modes of groups that are joined
 
 
 def overlap(left: AnyComplex, right: AnyComplex, duration: float) -> Array:
-    """Return the squared correlations of exponentials, 1 for equal poles.
+    """Return squared correlations of exponentials, 1 for equal poles: 4 d1 d2 / |conj(s1) + s2|^2.
 
-    Parameters
-    ----------
-    left, right : arrays, complex
-        Poles -d + 2 pi i f, 1/s, that broadcast with each other.
-    duration : float
-        Length of the recording, s: in it even undamped modes overlap.
-
-    Returns
-    -------
-    array
-        4 d1 d2 / |conj(s1) + s2|^2.
+    In a recording of this duration, s, even undamped modes overlap.
     """
     one, other = np.maximum(-left.real, 2 / duration), np.maximum(-right.real, 2 / duration)
     return 4 * one * other / ((one + other) ** 2 + (left.imag - right.imag) ** 2)
 
 
 def overlaps(poles: AnyComplex, duration: float) -> Array:
-    """Return the squared correlations of modes with each other, (M, M), as `overlap` does."""
+    """Return the squared correlations of modes with each other, (M, M)."""
     return overlap(poles[:, None], poles, duration)
 
 
 def overlapping(poles: AnyComplex, duration: float, coupled: float = _COUPLED) -> list[Index]:
-    """Return groups of modes that overlap, in ascending order of frequency.
+    """Return groups of modes with squared correlations beyond `coupled`, by frequency.
 
-    Parameters
-    ----------
-    poles : array (M,), complex
-        -d + 2 pi i f, 1/s.
-    duration : float
-        Length of the recording, s.
-    coupled : float
-        Modes whose squared correlation exceeds this belong together, as far as groups stay small
-        enough to be fitted at once.
+    The threshold rises until groups are small enough to be fitted at once.
     """
     if not poles.size:
         return []
@@ -161,7 +138,7 @@ def overlapping(poles: AnyComplex, duration: float, coupled: float = _COUPLED) -
 
 
 def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
-    """Join small neighbours that last about as long: fewer and larger products of matrices."""
+    """Yield groups, small neighbours of like decays joined: fewer and larger matrix products."""
     sizes = [len(group) for group in groups]
     starts = np.cumsum([0, *sizes[:-1]])
     lowest = np.minimum.reduceat(decays[np.concatenate(groups)], starts).tolist()
@@ -175,32 +152,17 @@ def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
     yield np.concatenate(groups[first:])
 
 
-_WITNESSES, _EVERY = 4, 4
-_WORSE = 1.05
-"""A group that gets better may make the whole a little worse, for a while."""
-_TOUCHING = 1e-3
-"""Squared correlation from which a mode that moved calls its neighbour up again."""
+_WITNESSES, _EVERY = 4, 4  # channels, and every how many rows of samples
+_WORSE = 1.05  # largest growth of the residual by one sweep
+_TOUCHING = 1e-3  # squared correlation from which a mode that moved calls its neighbour up again
 
 
 def refine(
     segments: Sequence[Segment], ringing: Exponentials, sweeps: int, steps: int = 2
 ) -> Exponentials:
-    """Move the poles to the least squares of all segments together.
+    """Move the poles to the least squares of all segments; 0 steps fit the gains alone.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits.
-    ringing : Ringing
-        Where to start.
-    sweeps : int
-        How often each group gets its turn.
-    steps : int
-        Steps of Levenberg and Marquardt in one turn; 0 fits the gains alone.
-
-    Returns
-    -------
-    Ringing
+    Each group gets a turn of some steps of Levenberg and Marquardt in every sweep.
     """
     duration = max(segment.duration for segment in segments)
     if not steps:
@@ -238,10 +200,7 @@ def with_best_gains(segments: Sequence[Segment], ringing: Exponentials) -> Expon
 
 
 def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
-    """Return the energy that a fit leaves of a few channels, each against its noise.
-
-    Of every so many milliseconds: that is enough to tell whether it grows.
-    """
+    """Return the residual over the noise in some channels and samples: enough to see growth."""
     energy = 0.0
     for segment in segments:
         some = slice(None, None, -(-len(segment.samples) // _WITNESSES))
@@ -267,40 +226,16 @@ def _swept(
 
 
 class Attempt(NamedTuple):
-    """What other poles would explain in the place of a group's.
+    """Refined poles in the place of a group's, with their gains and residual."""
 
-    Parameters
-    ----------
-    poles : array (M,), complex
-        As they have settled.
-    gains : array (C, M), complex
-        Theirs.
-    cost : float
-        Energy left, in units of the noise's in one bin.
-    misfit : float
-        The same a bin and channel, noise being 1; 1 where chance may explain it.
-    """
-
-    poles: AnyComplex
-    gains: AnyComplex
-    cost: float
-    misfit: float
+    poles: AnyComplex  # (M,)
+    gains: AnyComplex  # (C, M)
+    cost: float  # residual energy over the noise's in a bin
+    misfit: float  # the same a bin and channel; 1 where chance may explain it
 
 
 def settled(blocks: GroupBlocks, ringing: Exponentials, start: AnyComplex, steps: int) -> Attempt:
-    """Refine other poles in the place of the only group of some blocks.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        Around one group.
-    ringing : Ringing
-        All modes; those outside the group stay as they are.
-    start : array, complex
-        Poles to start with.
-    steps : int
-        Of Levenberg and Marquardt at most.
-    """
+    """Refine other start poles in the place of the only group of some blocks."""
     gains, places = np.ascontiguousarray(ringing.gains), np.array([0, len(start)])
     moved, own, costs, misfits = take_turns(
         blocks, ringing.poles, gains, start, places, steps, keep=False

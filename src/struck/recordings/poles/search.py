@@ -1,4 +1,4 @@
-"""Finding all modes: candidates at several resolutions, each pass on what the last one left."""
+"""Search for all modes that takes share: several passes, each on the residual of the last one."""
 
 from __future__ import annotations
 
@@ -26,19 +26,90 @@ from struck.recordings.poles.selection import (
     significance,
     split,
     strongest_per_band,
-    weeded,
+    weed,
 )
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.poles.verdict import LEAST, MODES, ModalVerdict, judged
 from struck.recordings.segments import Row, Segment, cut, joined
 from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
 
-# What a fit of shared poles found, with how far it may be off.
+MODAL_MARGIN = 8.0  # least signal over the misfit of `_MODAL_MODES` modes of a modal sound, dB
+_MODAL_MODES = 128
+_STEADY = 0.5  # share of the energy
+_SLOW = 0.05  # 1/s: it would ring for more than two minutes
+_LATE, _EARLY = 0.1, 0.05  # s
+_SWELLS = 6.0  # dB
 
-_CLEAR = 40.0
-"""Energy of a mode that is measured, over that of the noise in a bin."""
-CLEAR = 10 * np.log10(2 * _CLEAR)
-"""The same over the noise's energy in a sample, dB."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModalVerdict:
+    """Whether a sound is modal, that of a struck object, and if not, why not."""
+
+    modal: bool  # decaying modes explain it
+    reason: str  # why not, in one sentence; empty where it is
+    signal_to_residual: float  # energy of the segments over their residual, dB
+    # the same without the noise's own share of the residual, dB; may be infinite
+    signal_to_misfit: float
+
+
+def judge(segments: Sequence[Segment], ringing: Exponentials) -> ModalVerdict:
+    """Return whether fitted modes make these segments modal."""
+    signal = sum(float((each.samples**2).sum()) for each in segments)
+    left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
+    noise = sum(float(each.noise.energy(each.samples.shape[1]).sum()) for each in segments)
+    misfit = _decibels(signal, left - noise)
+    reason = _reason(segments, ringing, misfit)
+    return ModalVerdict(
+        modal=not reason,
+        reason=reason,
+        signal_to_residual=_decibels(signal, left),
+        signal_to_misfit=misfit,
+    )
+
+
+def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -> str:
+    if not ringing.count:
+        return "nothing rings that stands out of the noise"
+    if _steady(segments, ringing) > _STEADY:
+        return "most of it is a steady tone that does not decay: nothing was struck"
+    if misfit < MODAL_MARGIN:
+        return (
+            f"what {ringing.count} decaying modes leave is only {misfit:.1f} dB below the sound, "
+            f"and {MODAL_MARGIN:g} dB are needed: it is noise-like, as of a cymbal, or moves in "
+            "pitch, as speech does"
+        )
+    if _swelling(segments) > _SWELLS:
+        return "it grows louder after its beginning: nothing was struck there"
+    return ""
+
+
+def _steady(segments: Sequence[Segment], ringing: Exponentials) -> float:
+    """Return the share of energy in modes that are sure to decay too slowly."""
+    errors = standard_errors(segments, ringing).decays
+    steady = ringing.of(ringing.decays + errors < _SLOW)
+    if not steady.count:
+        return 0.0
+    whole = sum(float((each.samples**2).sum()) for each in segments)
+    return sum(float((each.model(steady) ** 2).sum()) for each in segments) / whole
+
+
+def _swelling(segments: Sequence[Segment]) -> float:
+    """Return how far the level of the loudest segment rises after its beginning, dB."""
+    segment = max(segments, key=lambda each: float((each.samples**2).sum()))
+    size = max(1, round(_EARLY * segment.sample_rate))
+    count = segment.samples.shape[1] // size
+    if count < 2 * _LATE / _EARLY:
+        return 0.0
+    blocks = (segment.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
+    late = round(_LATE / _EARLY)
+    return _decibels(float(blocks[late:].max()), float(blocks[:late].max()))
+
+
+def _decibels(above: float, below: float) -> float:
+    return float(10 * np.log10(above / below)) if below > 0 else np.inf
+
+
+_CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
+CLEAR = 10 * np.log10(2 * _CLEAR)  # the same over the noise's energy in a sample, dB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,9 +191,9 @@ def fitted_of(
     *,
     measured: bool = False,
 ) -> Fitted:
-    """Return a fit with its errors, tones of the surroundings and earlier hits taken off.
+    """Return a fit with its errors, without tones of the surroundings and earlier hits.
 
-    Where modes are to be `measured`, those that are hardly there are left out, too.
+    Where modes are to be `measured`, weak ones are left out, too.
     """
     surrounding = ambient(segments, heard)
     errors = standard_errors(segments, heard)
@@ -157,7 +228,7 @@ def fitted_of(
 
 
 def _weak(segments: list[Segment], heard: Exponentials) -> Mask:
-    """Return the modes of which hardly more is known than that something is there.
+    """Return which modes are too weak to be measured.
 
     At an energy E over noise a decay rate is known to sqrt(2 / E) of itself at best: 22 %. Whether
     it is one mode or two nobody can tell.
@@ -167,7 +238,7 @@ def _weak(segments: list[Segment], heard: Exponentials) -> Mask:
 
 
 def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> AnyComplex:
-    """Take off each hit's gains what the hit before has left ringing."""
+    """Subtract from each hit's gains what still rings of the hit before."""
     own = gains.copy()
     last: dict[tuple[int, int], int] = {}
     for row, what in enumerate(rows):
@@ -178,13 +249,11 @@ def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> A
     return own
 
 
-# What a person should know of many takes, each thing once.
-
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 
 def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[str]:
-    """Yield findings on takes: of those that several share, the first, and how many more.
+    """Yield findings on takes; of alike ones the first, and how many more takes share it.
 
     Files are named without their folders, which are nobody's business.
     """
@@ -201,26 +270,24 @@ def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[s
 Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
 Look = Callable[[Sequence[Segment], Sequence[Array]], Candidates]
 
+# Window, s; fastest decay, 1/s; frames; poles of a bin. The first twice: the second look finds
+# what stood under the strongest modes, before shorter windows could take it for something else.
 _WINDOWS = (
     (0.186, 15.0, 300, 20),
     (0.186, 15.0, 300, 20),
     (0.046, 100.0, 250, 8),
     (0.012, 900.0, 150, 8),
 )
-"""Window, s; fastest decay, 1/s; frames; poles a bin. The first twice: the second look finds what
-stood under the strongest modes, before shorter windows could take it for something else."""
 _ROUNDS = 4
-_LIKELY = 1e-6
-_SPARE = 1.25
-_STEP = 0.85
-_FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0
-"""Of the amplitude, within so many Hz."""
-_BEATING = 15.0
-"""1/s."""
+_LIKELY = 1e-6  # chance that noise makes a candidate
+_SPARE = 1.25  # of the budget until modes are refined
+_STEP = 0.85  # of the modes stay in a round of pruning
+_FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0  # of the amplitude within so many Hz
+_BEATING = 15.0  # 1/s
 
 
 def computed(_name: str, compute: Callable[[], Exponentials]) -> Exponentials:
-    """Return the result of a stage, nothing being kept."""
+    """Return the result of a stage without keeping it."""
     return compute()
 
 
@@ -231,24 +298,11 @@ def search(
     progress: Progress = silent,
     kept: Kept = computed,
 ) -> Exponentials:
-    """Find what rings in all segments together.
+    """Find the modes of all segments together, by frequency.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits, at one sample rate.
-    budget : int, optional
-        Not more modes than these, the ones that explain most. Without it: all that stand out from
-        noise and from what the model cannot explain.
-    progress : Progress
-        Told the stage and the fraction done.
-    kept : callable
-        Given the name of a stage and what computes it, returns its result.
-
-    Returns
-    -------
-    Ringing
-        In ascending order of frequency.
+    With a budget, those that explain most; else all that stand out from noise and from what the
+    model cannot explain. `kept` is given the name of a stage and its computation, and returns its
+    result.
     """
     ringing = Exponentials.silence(sum(len(segment.samples) for segment in segments))
     looks = list(_looks(segments, 1 if budget else _ROUNDS))
@@ -293,11 +347,11 @@ def _refined(
 
 
 def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
-    """Keep what stands out, with the best gains of all at once."""
+    """Keep the modes that stand out, with the best gains of all at once."""
     noisy = segments if budget else _noisier(segments, ringing)
-    proven = weeded(noisy, prune(noisy, ringing))
+    proven = weed(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
-        proven = weeded(noisy, refine(segments, proven, sweeps=2, steps=4))
+        proven = weed(noisy, refine(segments, proven, sweeps=2, steps=4))
     return with_best_gains(segments, proven).by_frequency()
 
 
@@ -314,7 +368,7 @@ def _looks(segments: Sequence[Segment], rounds: int) -> Iterator[Look]:
 
 
 def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | None) -> Exponentials:
-    """Fit old and new modes together and drop what is none."""
+    """Fit old and new modes together and drop those that explain nothing."""
     ringing = refine(segments, ringing, sweeps=1, steps=0)
     if most is not None:
         ringing = prune(segments, ringing, budget=most)
@@ -343,7 +397,7 @@ def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
 
 
 def _masked(segments: Sequence[Segment]) -> list[Segment]:
-    """Take for noise what lies far below its surroundings: under a budget it has no chance."""
+    """Raise the noise to what lies far below its surroundings: under a budget it has no chance."""
     return [
         replace(
             each,
@@ -354,14 +408,12 @@ def _masked(segments: Sequence[Segment]) -> list[Segment]:
 
 
 def _noisier(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment]:
-    """Take what is left over for noise where it is more."""
+    """Raise the noise to the residual where that is more."""
     return [
         replace(each, noise=each.noise.raised(each.residual(ringing), each.sample_rate))
         for each in segments
     ]
 
-
-# Fitting: takes of one object in, the modes that all of them share out.
 
 METHODS = ("shared", "corbett2007")
 
@@ -377,40 +429,15 @@ def fit_poles(
     progress: Progress = silent,
     kept: Kept = computed,
 ) -> Fitted:
-    """Fit one set of modes to all channels and hits of all takes.
+    """Fit one set of modes to all channels and hits of all takes of one object.
 
-    Parameters
-    ----------
-    takes : Take or sequence of Take
-        Of the same object, at one sample rate.
-    method : str
-        "shared": all poles of all channels and hits in one fit; "corbett2007": the paper's own, a
-        fit of each and a merge.
-    budget : int or None
-        Not more modes than these, those that explain most; None for all that are clear of noise.
-    onsets : sequence of sequences of float, optional
-        Times of the hits in each take, s; found unless given.
-    attack : bool, optional
-        Whether the modes stand for the whole sound, from the blow itself on, or only for what rings
-        freely after it. The whole under a budget, unless given.
-    progress : Progress
-        Told the stage and the fraction done.
-    kept : callable
-        Given a name and what computes a stage of the work, returns its result: where one is kept,
-        a fit that was stopped goes on from there.
-
-    Returns
-    -------
-    Fitted
-        Where the sound is not that of a struck object, its verdict says so.
-
-    Raises
-    ------
-    RecordingError
-        When takes differ in sample rate, or one of them holds no hit.
-    OptionError
-        When there is no take, the budget is below 1, onsets are none of the takes', or the method
-        is unknown.
+    `method` "shared" fits all poles in one fit, "corbett2007" each recording by itself, and merges.
+    `budget` is the number of modes, those that explain most; None: all that are clear of noise.
+    `onsets` are times of the hits in each take, s, found unless given. With `attack` the modes
+    stand for the whole sound, from the blow itself on, else for free ringing only; the whole under
+    a budget, unless given. `kept` returns the result of a named stage of the work, so that a
+    stopped fit goes on from there. Where the sound is not that of a struck object, the verdict says
+    so.
     """
     if method not in METHODS:
         raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
@@ -427,7 +454,7 @@ def fit_poles(
         verdict = _verdict(segments, ringing, budget)
     else:
         ringing = kept(method, lambda: by_corbett2007(segments, budget))
-        verdict = judged(segments, ringing)
+        verdict = judge(segments, ringing)
     notes = list(notes_on(takes, hits))
     measured = method == "shared" and budget is None
     rows = _numbered(rows, takes)
@@ -436,13 +463,13 @@ def fit_poles(
 
 
 def _without_errors(fitted: Fitted) -> Fitted:
-    """Return what the paper's method tells: those of least squares are none of its poles'."""
+    """Drop the standard errors: the 2007 method does not minimise the residual they come from."""
     unknown = np.full(len(fitted.frequencies), np.nan)
     return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
 
 
 def _numbered(rows: list[Row], takes: list[Take]) -> list[Row]:
-    """Give channels their numbers in the takes, where force sensors count too."""
+    """Count the rows' channels as in the takes, where force sensors count, too."""
     channels = [np.flatnonzero(~force_channels(take)) for take in takes]
     return [replace(row, channel=int(channels[row.take][row.channel])) for row in rows]
 
@@ -472,8 +499,8 @@ def _given(take: Take, times: list[float]) -> Iterator[Hit]:
 
 def _verdict(segments: list[Segment], ringing: Exponentials, budget: int | None) -> ModalVerdict:
     """Judge a fit; a poor one of few modes only after another try with more."""
-    verdict = judged(segments, ringing)
-    if budget is not None and budget < MODES and verdict.signal_to_misfit < LEAST:
-        richer = judged(segments, search(segments, budget=MODES))
+    verdict = judge(segments, ringing)
+    if budget is not None and budget < _MODAL_MODES and verdict.signal_to_misfit < MODAL_MARGIN:
+        richer = judge(segments, search(segments, budget=_MODAL_MODES))
         return verdict if richer.modal else richer
     return verdict

@@ -1,9 +1,8 @@
-"""Which modes to keep: those that explain what no other does."""
+"""Selection of modes: what no other explains is kept, pairs are split, redundant modes dropped."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -16,6 +15,7 @@ from struck.perception.auditory_scale import erb_number
 from struck.recordings.poles.candidates import Candidates
 from struck.recordings.poles.normal_equations import SLOWEST, add_unique, damped
 from struck.recordings.poles.refinement import (
+    Attempt,
     blocks_around,
     overlap,
     overlapping,
@@ -23,32 +23,18 @@ from struck.recordings.poles.refinement import (
     refine,
     settled,
 )
-from struck.recordings.poles.uncertainty import told_by
+from struck.recordings.poles.uncertainty import pole_statistics
 from struck.recordings.segments import Segment
 
-# Tones of the surroundings: they sound before the hit as they do after it, and never decay.
-
-_STEADY = 3.0
-"""A tone decays by less than this many nepers in a segment."""
-_SAME = 0.25
-_CERTAIN = 6.0
+_STEADY = 3.0  # nepers that a tone decays by in a segment at most
+_SAME = 0.25  # of the expected energy is in the lead-in
+_CERTAIN = 6.0  # expected energy over noise
 
 
 def ambient(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
-    """Return which modes are tones that the lead-ins hold too, at the same level.
+    """Return which modes (M,) are steady tones that the lead-ins hold at the same level, too.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        With what was heard before the hits.
-    ringing : Ringing
-        M modes.
-
-    Returns
-    -------
-    array (M,), bool
-        Never those that decay within a segment, or that the lead-ins are too short or too noisy
-        to show.
+    Never those that decay within a segment, or that the lead-ins are too short or noisy to show.
     """
     duration = max(segment.duration for segment in segments)
     steady = ringing.decays * duration < _STEADY
@@ -64,7 +50,7 @@ def ambient(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
 
 
 def _energies(segment: Segment, ringing: Exponentials) -> tuple[Array, Array]:
-    """Return energies over noise of the tones in the lead-in: measured, and if they sound there."""
+    """Return energies over noise of tones in the lead-in: as measured, and as expected there."""
     length = segment.before.shape[1]
     window = np.hanning(length)
     sums = correlations(1j * ringing.poles.imag, segment.before * window, segment.sample_rate)
@@ -73,19 +59,17 @@ def _energies(segment: Segment, ringing: Exponentials) -> tuple[Array, Array]:
     return (np.abs(sums) ** 2 / floor).sum(axis=0), (gains**2 / floor).sum(axis=0)
 
 
-CHANCE = 2e-9
-"""That noise alone explains a mode: 16 dB of energy in one channel."""
-_COLLINEAR = 1e-3
-_LOWEST, _HIGHEST = 15.0, 0.49
-"""Frequencies, Hz and of the sample rate."""
-_TOUCHING = 0.05
-_SHARE = 2
-_PER_BAND = 4
+CHANCE = 2e-9  # that noise alone explains a mode: 16 dB of energy in one channel
+_COLLINEAR = 1e-3  # least share
+_LOWEST, _HIGHEST = 15.0, 0.49  # frequencies, Hz and of the sample rate
+_TOUCHING = 0.05  # squared correlation
+_SHARE = 2  # at most one in this many goes at once for the budget
+_PER_BAND = 4  # candidates
 
 
 @cache
 def significance(channels: int, chance: float = CHANCE) -> float:
-    """Return the energy over noise that noise in so many channels exceeds by this chance.
+    """Return the energy over noise that noise in these channels exceeds by this chance.
 
     The energy of complex noise along one direction is exponentially distributed, its sum over
     channels a gamma distribution.
@@ -94,7 +78,7 @@ def significance(channels: int, chance: float = CHANCE) -> float:
 
 
 def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array, Array]:
-    """Return what each mode alone explains over noise, and its share of the mode's energy."""
+    """Return the energy over noise that each mode alone explains, and its share of the mode's."""
     duration = max(segment.duration for segment in segments)
     energy, share = np.zeros(ringing.count), np.zeros(ringing.count)
     if not ringing.count:
@@ -105,7 +89,7 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
 
 
 def strongest_per_band(segments: Sequence[Segment], found: Candidates, most: int) -> Candidates:
-    """Return the candidates of most energy, at most a few in each band of hearing (ERB)."""
+    """Return the candidates of most energy, a few in each auditory band (ERB) at most."""
     frequencies = np.asarray(found.poles.imag / (2 * np.pi), float)
     order = np.argsort(-found.energies * _colour(segments, frequencies))
     bands = erb_number(frequencies[order]).astype(int)
@@ -118,7 +102,7 @@ def strongest_per_band(segments: Sequence[Segment], found: Candidates, most: int
 
 
 def _colour(segments: Sequence[Segment], frequencies: Array) -> Array:
-    """Return the noise's density at frequencies over its mean: it turns ratios into energies."""
+    """Return the noise's density at frequencies over its mean, which turns ratios into energies."""
     parts = [
         segment.noise.at(frequencies) / (segment.noise.energy(1)[:, None]) for segment in segments
     ]
@@ -126,176 +110,119 @@ def _colour(segments: Sequence[Segment], frequencies: Array) -> Array:
 
 
 def prune(
-    segments: Sequence[Segment],
-    ringing: Exponentials,
-    *,
-    budget: int | None = None,
-    least: float | None = None,
+    segments: Sequence[Segment], ringing: Exponentials, *, budget: int | None = None
 ) -> Exponentials:
-    """Drop modes that noise, or other modes, could stand for.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        With the noise to compare with.
-    ringing : Ringing
-        Fitted modes.
-    budget : int, optional
-        Not more modes than these: the weakest go first.
-    least : float, optional
-        Energy over noise that a mode must explain alone; `significance` unless given.
-
-    Returns
-    -------
-    Ringing
-        The gains fitted anew.
-    """
-    least = significance(len(ringing.gains)) if least is None else least
+    """Drop modes that noise or other modes could stand for, and the weakest beyond a budget."""
+    least = significance(len(ringing.gains))
+    duration = max(segment.duration for segment in segments)
     while ringing.count:
         energy, share = energies(segments, ringing)
-        bad = (energy < least) | (share < _COLLINEAR) | _impossible(ringing, segments)
+        touching = overlaps(ringing.poles, duration) > _TOUCHING
+        bad = (energy < least) | (share < _COLLINEAR) | _impossible(ringing, segments, touching)
         excess = ringing.count - budget if budget is not None else 0
         if excess > 0:
             rank = energy * _colour(segments, ringing.frequencies)
             bad[np.argsort(rank)[: max(1, min(excess, ringing.count // _SHARE))]] = True
         if not bad.any():
             break
-        ringing = ringing.of(~_apart(bad, energy, ringing, segments))
+        ringing = ringing.of(~_apart(bad, energy, touching))
         ringing = refine(segments, ringing, sweeps=2, steps=0)
     return ringing
 
 
-def _impossible(ringing: Exponentials, segments: Sequence[Segment]) -> Mask:
+def _impossible(ringing: Exponentials, segments: Sequence[Segment], touching: Mask) -> Mask:
     highest = _HIGHEST * max(segment.sample_rate for segment in segments)
     outside = (ringing.frequencies < _LOWEST) | (ringing.frequencies > highest)
     # A tone that never decays may be of the surroundings; one beside others makes up for a body
     # that changed from hit to hit.
     steady = ringing.decays < 1.01 * SLOWEST
-    close = overlaps(ringing.poles, max(segment.duration for segment in segments))
-    return outside | (steady & ((close > _TOUCHING).sum(axis=1) > 1))
+    return outside | (steady & (touching.sum(axis=1) > 1))
 
 
-def _apart(bad: Mask, energy: Array, ringing: Exponentials, segments: Sequence[Segment]) -> Mask:
-    """Choose among bad modes the weakest of each that touch: its neighbour may do without it."""
-    duration = max(segment.duration for segment in segments)
-    touching = overlaps(ringing.poles, duration) > _TOUCHING
-    chosen = np.zeros(ringing.count, bool)
+def _apart(bad: Mask, energy: Array, touching: Mask) -> Mask:
+    """Return the weakest of bad modes that touch: its neighbour may do without it."""
+    chosen = np.zeros(len(bad), bool)
     for mode in np.flatnonzero(bad)[np.argsort(energy[bad])]:
         chosen[mode] = not (touching[mode] & chosen).any()
     return chosen
 
 
-# Modes so close that they pass for one: the beating pairs of nearly symmetric objects.
-#
-# Two poles around their centroid s sound as a exp(s t) plus c t^2 exp(s t) / 2, to second order:
-# the term in between is gone when s is fitted. So what one pole leaves over is correlated with the
-# second derivative of its line, and the ratio c / a tells how far apart the two are, and whether in
-# frequency or in decay.
+# Beating pairs of nearly symmetric objects: two poles around their centroid s sound as a exp(s t)
+# plus c t^2 exp(s t) / 2, to second order: the term in between is gone when s is fitted. So what
+# one pole leaves over is correlated with the second derivative of its line, and the ratio c / a
+# tells how far apart the two are, and whether in frequency or in decay.
 
-_SUSPECT, _SPLIT_PROVEN = 1e-3, 1e-5
+_SUSPECT, _PROVEN = 1e-3, 1e-5  # chance that noise makes a pair, before and after a trial
 _STEPS = 12
-_SPLIT_COMPANY, _SPLIT_CLOSE = 6, 0.05
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Suspect:
-    mode: int
-    distance: complex
+_COMPANY = 6  # modes that are fitted anew in a trial
+_SPLIT_CLOSE, _CLOSE = 0.05, 0.02  # squared correlations of company, to split and to weed
 
 
 def split(
     segments: Sequence[Segment], ringing: Exponentials, fastest: float = np.inf
 ) -> Exponentials:
-    """Split the modes that are two, where noise cannot be the reason.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits.
-    ringing : Ringing
-        Refined.
-    fastest : float
-        Modes that decay faster, 1/s, are left alone.
-
-    Returns
-    -------
-    Ringing
-        With one mode more for each pair.
-    """
-    duration = max(segment.duration for segment in segments)
-    for suspect in _suspects(segments, ringing, fastest):
-        close = overlap(ringing.poles[suspect.mode], ringing.poles, duration)
-        group = np.argsort(-close)[:_SPLIT_COMPANY]
-        group = group[close[group] > _SPLIT_CLOSE]
-        ringing = _tried(segments, ringing, suspect, group)
+    """Split the modes that are pairs, where noise cannot be the reason; fast ones (1/s) stay."""
+    for mode, distance in _suspects(segments, ringing, fastest):
+        ringing = _split_up(segments, ringing, mode, distance / 2)
     return ringing
 
 
-def _tried(
-    segments: Sequence[Segment], ringing: Exponentials, suspect: _Suspect, group: Index
+def _split_up(
+    segments: Sequence[Segment], ringing: Exponentials, mode: int, half: complex
 ) -> Exponentials:
     """Split one mode, its neighbours giving way, if that explains more than noise would."""
+    group = _company(segments, ringing, mode, _SPLIT_CLOSE)
     blocks = blocks_around(segments, ringing.poles, [group])
     before = settled(blocks, ringing, ringing.poles[group], 0)
-    half = suspect.distance / 2
-    start = np.append(ringing.poles[group], ringing.poles[suspect.mode] - half)
-    start[np.flatnonzero(group == suspect.mode)] += half
+    start = np.append(ringing.poles[group], ringing.poles[mode] - half)
+    start[np.flatnonzero(group == mode)] += half
     after = settled(blocks, ringing, damped(start), _STEPS)
-    if before.cost - after.cost < before.misfit * significance(
-        len(ringing.gains) + 1, _SPLIT_PROVEN
-    ):
+    if before.cost - after.cost < before.misfit * significance(len(ringing.gains) + 1, _PROVEN):
         return ringing
-    split_up = ringing.joined(after.poles[-1:])
-    both = np.append(group, ringing.count)
-    split_up.poles[both], split_up.gains[:, both] = after.poles, after.gains
-    return split_up
+    return _refitted(ringing.joined(after.poles[-1:]), np.append(group, ringing.count), after)
+
+
+def _company(segments: Sequence[Segment], ringing: Exponentials, mode: int, least: float) -> Index:
+    """Return the modes that overlap most with one, itself included."""
+    duration = max(segment.duration for segment in segments)
+    close = overlap(ringing.poles[mode], ringing.poles, duration)
+    group = np.argsort(-close)[:_COMPANY]
+    return group[close[group] > least]
+
+
+def _refitted(ringing: Exponentials, group: Index, attempt: Attempt) -> Exponentials:
+    """Return a copy with the poles and gains of a group replaced."""
+    poles, gains = ringing.poles.copy(), ringing.gains.copy()
+    poles[group], gains[:, group] = attempt.poles, attempt.gains
+    return Exponentials(poles=poles, gains=gains)
 
 
 def _suspects(
     segments: Sequence[Segment], ringing: Exponentials, fastest: float
-) -> Iterator[_Suspect]:
-    """Yield modes whose residual looks like a pair."""
-    told = told_by(segments, ringing)
+) -> Iterator[tuple[int, complex]]:
+    """Yield modes whose residual looks like a pair, with the distance of its poles."""
+    found = pole_statistics(segments, ringing)
     widths = ringing.decays
-    distances = np.sqrt(8 * told.crossed / np.maximum(told.whole, 1e-300))
+    distances = np.sqrt(8 * found.crossed / np.maximum(found.whole, 1e-300))
     lengths = np.clip(np.abs(distances), 0.2 * widths, 3 * widths)
     distances *= lengths / np.maximum(np.abs(distances), 1e-30)
     least = significance(len(ringing.gains), _SUSPECT)
-    suspicious = (told.energies > least) & (widths < fastest)
-    for mode in told.order[suspicious[told.order]]:
-        yield _Suspect(mode=int(mode), distance=complex(distances[mode]))
+    suspicious = (found.energies > least) & (widths < fastest)
+    for mode in found.order[suspicious[found.order]]:
+        yield int(mode), complex(distances[mode])
 
 
-# Weak modes beside strong ones that are not needed once the strong ones are fitted without them.
-#
-# What a mode alone explains is told with all others as they are. Beside a strong mode that
+# The energy that a mode alone explains counts all others as they are. Beside a strong mode that
 # misleads: its pole has moved to make room, and would do without its neighbour where it stood
 # before.
 
-_WEAK = 0.1
-"""Of the amplitude of a mode that it overlaps with."""
+_WEAK = 0.1  # of the amplitude of a mode that it overlaps with
+# A mode with less than this share of its own, and this much louder than any sample, only cancels.
 _ALIKE, _LOUD = 0.03, 2.0
-"""A mode of which others can stand for all but this share of its energy, and so many times as loud
-as the loudest sample, is there to cancel them."""
-_COMPANY, _CLOSE = 6, 0.02
-_PROVEN = 1e-5
 
 
-def weeded(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
-    """Drop weak modes whose neighbours explain as much alone, but for what noise would.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All channels and hits.
-    ringing : Ringing
-        Refined.
-
-    Returns
-    -------
-    Ringing
-        Neighbours of what went are refined, with new gains.
-    """
+def weed(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
+    """Drop weak modes whose neighbours explain as much alone, but for what noise would."""
     duration = max(segment.duration for segment in segments)
     ringing = _uncrowded(segments, ringing)
     for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:
@@ -307,7 +234,7 @@ def weeded(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
 
 
 def _uncrowded(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
-    """Drop modes so much alike that gains beyond all that was heard only cancel each other."""
+    """Drop modes so alike that gains beyond all that was heard only cancel each other."""
     peaks = np.concatenate([np.abs(each.samples).max(axis=1) for each in segments])
     while True:
         _, shares = energies(segments, ringing)
@@ -327,11 +254,8 @@ def _is_weak(ringing: Exponentials, mode: int, close: NDArray[np.float64]) -> bo
 def _without(
     segments: Sequence[Segment], ringing: Exponentials, mode: int, *, needed: bool = True
 ) -> Exponentials:
-    """Drop a mode, `needed` only if its neighbours, refined without it, lose as little as noise."""
-    duration = max(segment.duration for segment in segments)
-    close = overlap(ringing.poles[mode], ringing.poles, duration)
-    group = np.argsort(-close)[:_COMPANY]
-    group = group[close[group] > _CLOSE]
+    """Drop a mode, a `needed` one only if its refined neighbours lose no more than noise."""
+    group = _company(segments, ringing, mode, _CLOSE)
     blocks = blocks_around(segments, ringing.poles, [group])
     rest = group[group != mode]
     fewer = settled(blocks, ringing, ringing.poles[rest], _STEPS)
@@ -340,6 +264,4 @@ def _without(
         least = whole.misfit * significance(len(ringing.gains) + 1, _PROVEN)
         if fewer.cost - whole.cost > least:
             return ringing
-    poles, gains = ringing.poles.copy(), ringing.gains.copy()
-    poles[rest], gains[:, rest] = fewer.poles, fewer.gains
-    return Exponentials(poles=poles, gains=gains).of(np.arange(len(poles)) != mode)
+    return _refitted(ringing, rest, fewer).of(np.arange(ringing.count) != mode)
