@@ -213,7 +213,7 @@ def _made(
         complete_to=0.0,
         errors=fitted.frequency_errors / fitted.frequencies,
         places=places,
-        coordinates=() if survey is None else _axes(recorded),
+        coordinates=() if survey is None else recorded.coordinates or ("u",),
         residual=rest if residual else None,
         provenance=_provenance(fitted, recorded, gains, method, gathered),
     )
@@ -238,10 +238,6 @@ def _gains(
     if way == "table":
         return survey, TimbreTable.of(survey)
     return survey, TimbreField.of(survey, radius=radius)
-
-
-def _axes(recorded: Recorded) -> tuple[str, ...]:
-    return recorded.coordinates or ("u",)
 
 
 def _loudest(survey: Survey, decays: Array) -> Array:

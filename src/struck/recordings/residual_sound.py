@@ -7,14 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from struck.errors import OptionError, RecordingError
-from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 from struck.model.residual import FADE, Residual
 from struck.perception.auditory_scale import erb_number, frequency_of
 from struck.recordings.gain_table import Gathered
 from struck.recordings.onsets import find_hits
 from struck.recordings.poles.search import Fitted
-from struck.recordings.takes import Recorded, Recording, Take
+from struck.recordings.takes import Recorded, Recording, Take, take_of
 
 # A room answers a hit with thousands of modes of its own, each about as short-lived as its
 # reverberation. Modes of the object that last clearly longer cannot be mistaken for them.
@@ -36,13 +35,7 @@ def reverberation(room: float | Recording) -> float:
         if not 0.01 <= room <= 30:
             raise OptionError(f"room is {room}: give its reverberation time, 0.01 to 30 s")
         return float(room)
-    return _clapped(_take(room))
-
-
-def _take(room: Recording) -> Take:
-    if isinstance(room, Take):
-        return room
-    return Take.of(room, "the clap") if isinstance(room, Sound) else Take.load(room)
+    return _clapped(take_of(room, "the clap"))
 
 
 def _clapped(take: Take) -> float:

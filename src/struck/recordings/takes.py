@@ -328,13 +328,15 @@ def _manifest(
 def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:
     for number, each in enumerate(recordings):
         progress("reading", number / len(recordings))
-        if isinstance(each, Take):
-            yield each
-        elif isinstance(each, Sound):
-            yield Take.of(each, f"recording {number + 1}")
-        else:
-            yield Take.load(each)
+        yield take_of(each, f"recording {number + 1}")
     progress("reading", 1.0)
+
+
+def take_of(recording: Recording, name: str) -> Take:
+    """Return a take: itself, that of a sound with a name of its own, or what a file holds."""
+    if isinstance(recording, Take):
+        return recording
+    return Take.of(recording, name) if isinstance(recording, Sound) else Take.load(recording)
 
 
 def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:

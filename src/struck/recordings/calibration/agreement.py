@@ -261,8 +261,10 @@ class Partials:
             raise RecordingError("a mode rings at 0 Hz: leave it out")
 
     @classmethod
-    def of(cls, fitted: FittedModes | ModalModel) -> Partials:
+    def of(cls, fitted: FittedModes | Partials | ModalModel) -> Partials:
         """Take fitted modes of any make; of a model, as its default contact sounds."""
+        if isinstance(fitted, Partials):
+            return fitted
         if isinstance(fitted, ModalModel):
             return cls._of_model(fitted)
         frequencies = np.asarray(fitted.frequencies, np.float64)

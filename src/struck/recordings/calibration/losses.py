@@ -6,7 +6,6 @@ two standard deviations counted less (P. J. Huber, Annals of Mathematical Statis
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -21,49 +20,18 @@ from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 _ROUNDS = 15
 
 
-class LossLaw(ABC):
-    """A law by which decays depend on frequency, fitted by least squares of ln d."""
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Name of the law."""
-
-    @property
-    @abstractmethod
-    def count(self) -> int:
-        """Number of coefficients."""
-
-    @abstractmethod
-    def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the coefficients of the least squares, and the slopes of ln d over them (n, k)."""
-
-    @abstractmethod
-    def damping(self, coefficients: Array) -> Damping:
-        """Return the law with these coefficients."""
-
-    @abstractmethod
-    def labels(self, coefficients: Array) -> tuple[str, ...]:
-        """Return the names of the coefficients."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class Terms(LossLaw):
+class Terms:
     """A sum of powers of frequency, each with a factor of at least 0."""
 
-    title: str
+    name: str
     kind: type[InternalFriction | Rayleigh]
-    parts: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """What people call it."""
-        return self.title
+    labels: tuple[str, ...]  # names of the factors
 
     @property
     def count(self) -> int:
         """Number of coefficients."""
-        return len(self.parts)
+        return len(self.labels)
 
     def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
         """Return the coefficients of the least squares, and the slopes of ln d over them (n, k)."""
@@ -81,18 +49,13 @@ class Terms(LossLaw):
 
     def damping(self, coefficients: Array) -> Damping:
         """Return the law with these coefficients."""
-        given = dict(zip(self.parts, map(float, coefficients), strict=True))
+        given = dict(zip(self.labels, map(float, coefficients), strict=True))
         required = {"mass": 0.0, "stiffness": 0.0} if self.kind is Rayleigh else {"loss_tangent": 0}
         return self.kind(**(required | given))
 
-    def labels(self, coefficients: Array) -> tuple[str, ...]:
-        """Return what the coefficients are called."""
-        del coefficients
-        return self.parts
-
 
 @dataclass(frozen=True, kw_only=True)
-class LossCurve(LossLaw):
+class LossCurve:
     """Straight lines in ln f and ln d between knots with equally many modes in between."""
 
     knots: tuple[float, ...]
@@ -104,7 +67,7 @@ class LossCurve(LossLaw):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Name of the law."""
         return f"curve of {self.count} points"
 
     @property
@@ -124,18 +87,18 @@ class LossCurve(LossLaw):
         """Return the law with these coefficients."""
         return Measured(frequencies=self.knots, rates=tuple(map(float, coefficients)))
 
-    def labels(self, coefficients: Array) -> tuple[str, ...]:
-        """Return what the coefficients are called."""
-        del coefficients
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the rates."""
         return tuple(f"rate at {knot:.4g} Hz" for knot in self.knots)
 
 
+LossLaw = Terms | LossCurve
+_BOTH = "loss tangent and external"
 LAWS = (
-    Terms(title="loss tangent", kind=InternalFriction, parts=("loss_tangent",)),
-    Terms(
-        title="loss tangent and external", kind=InternalFriction, parts=("loss_tangent", "external")
-    ),
-    Terms(title="Rayleigh", kind=Rayleigh, parts=("mass", "stiffness")),
+    Terms(name="loss tangent", kind=InternalFriction, labels=("loss_tangent",)),
+    Terms(name=_BOTH, kind=InternalFriction, labels=("loss_tangent", "external")),
+    Terms(name="Rayleigh", kind=Rayleigh, labels=("mass", "stiffness")),
 )
 
 _CURVES = (3, 5, 8, 12)
@@ -196,12 +159,11 @@ class _Decays:
         law = _simplest(laws, capped)
         coefficients, slopes, weights, scatter = self.settled(law)
         deviations = _standard_errors(slopes * np.sqrt(weights)[:, None])
-        labels = law.labels(coefficients)
         return Losses(
             law=law.damping(coefficients),
             name=law.name,
-            coefficients=dict(zip(labels, map(float, coefficients), strict=True)),
-            standard_errors=dict(zip(labels, map(float, deviations), strict=True)),
+            coefficients=dict(zip(law.labels, map(float, coefficients), strict=True)),
+            standard_errors=dict(zip(law.labels, map(float, deviations), strict=True)),
             scatter=scatter,
             scores={name: float(np.sqrt(each.mean())) for name, each in capped.items()},
         )

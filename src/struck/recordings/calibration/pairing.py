@@ -76,7 +76,7 @@ def paired(
     `audible` (N,), 0 to 1, is how far each computed mode can be expected in the recording: one that
     was not woken is not missed.
     """
-    partials = fitted if isinstance(fitted, Partials) else Partials.of(fitted)
+    partials = Partials.of(fitted)
     if not len(model.frequencies):
         raise RecordingError("the model has 0 modes to pair with: widen its band")
     if not (np.isfinite(widest) and widest >= 1):
@@ -204,7 +204,7 @@ def explains(fitted: FittedModes | Partials, model: ModalModel, pairing: Pairing
 def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
     """Return how far a model's support lies above that of random ones, standard deviations."""
     chance = np.random.default_rng(seed)
-    partials = fitted if isinstance(fitted, Partials) else Partials.of(fitted)
+    partials = Partials.of(fitted)
     own = first_support(partials, model)
     trials = [first_support(partials, _random(model, chance)) for _ in range(_TRIALS)]
     return float((own - np.mean(trials)) / max(float(np.std(trials, ddof=1)), _LEAST))

@@ -313,9 +313,10 @@ def search(
         if number >= len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
     progress("refining", 0.0)
-    ringing = kept("pairs", partial(_in_pairs, segments, ringing, budget))
+    ringing = kept("pairs", lambda: _paired(segments, refine(segments, ringing, sweeps=2), budget))
     progress("refining", 0.4)
-    ringing = kept("budget", partial(_refined, segments, ringing, budget))
+    few = partial(_within, segments, ringing, budget)
+    ringing = kept("budget", lambda: refine(segments, few(), sweeps=4, steps=4))
     progress("refining", 0.8)
     return _proven(segments, ringing, budget)
 
@@ -332,18 +333,6 @@ def _looked(
     if not found.poles.size:
         return ringing
     return _settled(segments, ringing.joined(found.poles), spare)
-
-
-def _in_pairs(
-    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
-) -> Exponentials:
-    return _paired(segments, refine(segments, ringing, sweeps=2), budget)
-
-
-def _refined(
-    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
-) -> Exponentials:
-    return refine(segments, _within(segments, ringing, budget), sweeps=4, steps=4)
 
 
 def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
