@@ -418,15 +418,40 @@ def fit_poles(
     progress: Progress = silent,
     kept: Kept = computed,
 ) -> Fitted:
-    """Fit one set of modes to all channels and hits of all takes of one object.
+    """Fit one set of modes to all channels and hits of all takes.
 
-    `method` "shared" fits all poles in one fit, "corbett2007" each recording by itself, and merges.
-    `budget` is the number of modes, those that explain most; None: all that are clear of noise.
-    `onsets` are times of the hits in each take, s, found unless given. With `attack` the modes
-    stand for the whole sound, from the blow itself on, else for free ringing only; the whole under
-    a budget, unless given. `kept` returns the result of a named stage of the work, so that a
-    stopped fit goes on from there. Where the sound is not that of a struck object, the verdict says
-    so.
+    Parameters
+    ----------
+    takes : Take or sequence of Take
+        Of the same object, at one sample rate.
+    method : str
+        "shared": all poles of all channels and hits in one fit; "corbett2007": the paper's own, a
+        fit of each and a merge.
+    budget : int or None
+        Not more modes than these, those that explain most; None for all that are clear of noise.
+    onsets : sequence of sequences of float, optional
+        Times of the hits in each take, s; found unless given.
+    attack : bool, optional
+        Whether the modes stand for the whole sound, from the blow itself on, or only for what rings
+        freely after it. The whole under a budget, unless given.
+    progress : Progress
+        Told the stage and the fraction done.
+    kept : callable
+        Given a name and what computes a stage of the work, returns its result: where one is kept,
+        a fit that was stopped goes on from there.
+
+    Returns
+    -------
+    Fitted
+        Where the sound is not that of a struck object, its verdict says so.
+
+    Raises
+    ------
+    RecordingError
+        When takes differ in sample rate, or one of them holds no hit.
+    OptionError
+        When there is no take, the budget is below 1, onsets are none of the takes', or the method
+        is unknown.
     """
     if method not in METHODS:
         raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
