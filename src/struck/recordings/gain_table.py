@@ -7,14 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import OptionError, RecordingError
-from struck.files.sound import Sound
+from struck.errors import RecordingError
 from struck.model.arrays import Array, Complex, Index
 from struck.model.material import AIR
-from struck.model.provenance import Progress, silent
-from struck.model.survey import SYMMETRIES, Survey
-from struck.recordings.manifest import KINDS, NAME, Manifest, read_manifest
-from struck.errors import RecordingError
 from struck.model.survey import Survey
 from struck.recordings.poles.search import Fitted
 from struck.recordings.takes import Recorded
