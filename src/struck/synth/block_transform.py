@@ -37,44 +37,21 @@ import numpy as np
 from struck.errors import OptionError
 from struck.model.arrays import Array, Complex, Index, Mask, Single
 from struck.synth import transform_kernels as kernels
-from struck.synth import transform_kernels as sampled
+from struck.synth.memory import aligned
 from struck.synth.poles import Poles
 from struck.synth.reference import KEPT, Outputs, WholeBlocks
 
-# Which blocks and modes the block transform is for, and what it refuses.
-
-BLOCKS = (16, 4096)
-"""Shortest and longest block."""
-HEAVIEST = 16.0
-"""Nepers a block that a mode may decay: d B / rate."""
+BLOCKS = (16, 4096)  # shortest and longest block
+HEAVIEST = 16.0  # nepers a block that a mode may decay: d B / rate
 _FEWEST, _SHORTEST, _LEAST = 1024, 64, 400_000
 
 
 def wins(modes: int, block: int) -> bool:
-    """Tell whether the transform takes less time than resonators stepped sample by sample.
-
-    Measured on a Zen 4 core at 48 kHz (30 Hz to 18 kHz, 0.5 to 200 1/s, one output), Python and
-    all: times as fast ringing, and under one push,
-
-    ======  ==========  ==========  ==========  ==========  ==========
-    modes   B = 64      B = 128     B = 256     B = 512     B = 2048
-    ======  ==========  ==========  ==========  ==========  ==========
-    512     0.5, 0.3    0.6, 0.3    1.0, 0.5    1.2, 0.6    1.0, 0.4
-    1024    0.7, 0.3    1.1, 0.5    1.6, 0.8    2.2, 1.0    1.9, 0.8
-    2048    1.1, 0.4    1.3, 0.7    1.8, 1.4    3.9, 1.7    4.1, 1.5
-    4096    1.7, 0.7    2.9, 1.2    4.6, 2.1    6.6, 2.9    6.7, 2.8
-    16384   3.2, 1.2    5.2, 2.3    8.8, 4.2    15.8, 7.0   22.1, 9.3
-    ======  ==========  ==========  ==========  ==========  ==========
-
-    For few modes the calls of the FFT take longer than all modes.
-
-    Parameters
-    ----------
-    modes : int
-        Modes that sound into the same outputs.
-    block : int
-        Samples.
-    """
+    """Tell whether the transform is faster than stepping the modes sample by sample."""
+    # Zen 4, 48 kHz, one output: times as fast ringing, and under one push, 0.7 and 0.3 for 1024
+    # modes in blocks of 64, 1.1 and 0.5 in blocks of 128; for 4096 modes 2.9 and 1.2 in blocks of
+    # 128; for 16384 modes 5.2 and 2.3 in blocks of 128, 22.1 and 9.3 in blocks of 2048. For few
+    # modes the calls of the FFT take longer than all modes.
     return modes >= _FEWEST and block >= _SHORTEST and modes * block >= _LEAST
 
 
@@ -84,7 +61,7 @@ def suits(poles: Complex, sample_rate: float, block: int) -> Mask:
 
 
 def check_poles(poles: Complex, sample_rate: float, block: int) -> None:
-    """Refuse what cannot be planned with an OptionError."""
+    """Raise an OptionError on poles or a block that the transform cannot take."""
     if not BLOCKS[0] <= block <= BLOCKS[1]:
         raise OptionError(f"block is {block} samples: {BLOCKS[0]} to {BLOCKS[1]} can be used")
     if poles.ndim != 1 or not len(poles):
@@ -106,7 +83,7 @@ def check_poles(poles: Complex, sample_rate: float, block: int) -> None:
 
 
 def check_shape(name: str, array: Array | Complex, shape: tuple[int, ...]) -> None:
-    """Refuse what compiled loops would read beyond its end."""
+    """Raise an OptionError on an array that compiled loops would read beyond its end."""
     if array.shape != shape:
         raise OptionError(f"{name} has shape {array.shape}, not {shape}")
 
@@ -123,12 +100,9 @@ def check_shape(name: str, array: Array | Complex, shape: tuple[int, ...]) -> No
 # block. Fitted interpolators: Fessler and Sutton, "Nonuniform fast Fourier transforms using min-max
 # interpolation", IEEE Trans. Signal Process. 51 (2003), here for complex frequencies.
 
-WEIGHTS = 8
-"""Frequencies of the grid that a mode touches."""
-OVERSAMPLING = 2.25
-"""Length of the transform over that of the block."""
-SPAN = 2.0
-"""Nepers a block within a class of decays: wider classes need more weights."""
+WEIGHTS = 8  # frequencies of the grid that a mode touches
+OVERSAMPLING = 2.25  # length of the transform over that of the block
+SPAN = 2.0  # nepers a block within a class of decays: wider classes need more weights
 # Of the steepness that suits undamped waves: the worst error at a class's edge is least here.
 _SHARPNESS = 0.97
 # |zeta| <= 0.86 in every class, so that the first power left out is below 1e-25.
@@ -157,17 +131,7 @@ def openings(block: int, classes: int) -> Array:
 
 
 def fill(rows: Single, turns: Complex, block: int) -> None:
-    """Write the weights of modes, real and imaginary parts alternating.
-
-    Parameters
-    ----------
-    rows : array (N, 16)
-        The result, for times counted from the start of the block.
-    turns : array (N,)
-        2 zeta: decay and phase over the block relative to the mean decay of the class and to the
-        middle of the eight frequencies.
-    block : int
-    """
+    """Write weights (N, 16), real and imaginary parts alternating, from 2 zeta (N,)."""
     series = _series(block)
     for first in range(0, len(turns), _MODES_AT_ONCE):
         some = turns[first : first + _MODES_AT_ONCE] / 2
@@ -198,33 +162,7 @@ _LONGEST_SUM = 1024  # samples; a longer block's convolution is faster by FFT
 
 
 class BlockTransform:
-    """The plan of a block: weights, places on the grid and steps of all modes, and room to work in.
-
-    It allocates nothing afterwards but what NumPy's FFT does, keeps no state that sounds, and
-    serves one thread at a time.
-
-    Parameters
-    ----------
-    poles : array (N,), complex
-        -d + 2 pi i f, 1/s.
-    sample_rate : float
-        Hz.
-    block : int
-        Samples B, 16 to 4096.
-
-    Attributes
-    ----------
-    order : array (N,)
-        The caller's index of each mode of the transform: modes are sorted by frequency in classes
-        of decay.
-    block, modes : int
-
-    Raises
-    ------
-    OptionError
-        On no modes, a block out of range, or a pole that is not finite, grows, lies outside 0 to
-        half the sample rate, or decays too much within a block (`nufft_bounds.suits`).
-    """
+    """The plan of a block: weights, grid places and steps of all modes, and work space."""
 
     def __init__(self, poles: Complex, sample_rate: float, block: int) -> None:
         check_poles(poles, sample_rate, block)
@@ -243,17 +181,7 @@ class BlockTransform:
         self._make_room(int(classes.max()) + 1)
 
     def ringing(self, states: Complex, outputs: Array | Complex, into: Array) -> None:
-        """Add what the modes sound like by themselves: Im[sum over n of a_n c_n z_n^k].
-
-        Parameters
-        ----------
-        states : array (N,), complex
-            c, at the first sample of the block.
-        outputs : array (L, N), real or complex
-            a, the gains of each output.
-        into : array (L, B)
-            Added to, k = 0 to B - 1.
-        """
+        """Add the modes' free sound, Im[sum over n of a_n c_n z_n^k], to `into` (L, B)."""
         check_shape("states", states, (self.modes,))
         check_shape("outputs", outputs, (len(into), self.modes))
         check_shape("into", into, (len(into), self.block))
@@ -265,12 +193,12 @@ class BlockTransform:
         self.summed(into)
 
     def summed(self, into: Array) -> None:
-        """Add what was summed up on the grid last, by `ringing` or by `step`, for each output."""
+        """Add the sound of what `ringing` or `step` last summed on the grid, for each output."""
         grids, spectra, samples = self._rooms(len(into))
         for grid, spectrum in zip(grids, spectra, strict=True):
-            sampled.fold(grid[0], grid[1], spectrum)
+            kernels.fold(grid[0], grid[1], spectrum)
         np.fft.irfft(spectra, self._length, norm="forward", out=samples)
-        sampled.close(samples, self._openings, into)
+        kernels.close(samples, self._openings, into)
 
     def advance(self, states: Complex) -> None:
         """Step over a block: c becomes c z^B, in double precision."""
@@ -278,15 +206,7 @@ class BlockTransform:
         kernels.advance(states, self._steps)
 
     def absorb(self, states: Complex, force: Array, drive: Array | Complex) -> None:
-        """Add what a force of this block leaves in the states of the next: drive times `collected`.
-
-        Parameters
-        ----------
-        states : array (N,), complex
-            Already advanced.
-        force : array (B,)
-        drive : array (N,), real or complex
-        """
+        """Add drive times `collected`, what a force leaves, to states already advanced."""
         check_shape("states", states, (self.modes,))
         check_shape("drive", drive, (self.modes,))
         self._collect(force)
@@ -298,10 +218,7 @@ class BlockTransform:
         push: tuple[Array, Array | Complex] | None,
         outputs: Array | Complex,
     ) -> None:
-        """Do `advance`, `absorb` of a force and drive, and `ringing` of the next block at once.
-
-        What it sounds like is for `summed`, before the next `ringing` or `step`.
-        """
+        """Do `advance`, `absorb` and the next block's `ringing`, up to `summed`, in one pass."""
         force, drive = push or (None, np.zeros(0))
         check_shape("states", states, (self.modes,))
         check_shape("outputs", outputs, (len(outputs), self.modes))
@@ -326,18 +243,11 @@ class BlockTransform:
         return into[0]
 
     def pushed(self, force: Array, answer: Array, into: Array) -> None:
-        """Add the answer to a force within its own block: sum over j <= k of F[j] h[k - j].
-
-        Parameters
-        ----------
-        force, answer : array (B,)
-        into : array (B,)
-            Added to.
-        """
+        """Add the convolution of a force with the impulse response `answer` to `into` (B,)."""
         for name, array in (("force", force), ("answer", answer), ("into", into)):
             check_shape(name, array, (self.block,))
         if self.block <= _LONGEST_SUM:
-            sampled.convolve(force, answer, self._past, into)
+            kernels.convolve(force, answer, self._past, into)
         else:
             spectrum = np.fft.rfft(force, 2 * self.block) * np.fft.rfft(answer, 2 * self.block)
             into += np.fft.irfft(spectrum, 2 * self.block)[: self.block]
@@ -345,33 +255,33 @@ class BlockTransform:
     @property
     def _cells(self) -> int:
         """Frequencies of a class: 0 to M/2, and three more on either side."""
-        return self._length // 2 + 1 + 2 * sampled.REACH
+        return self._length // 2 + 1 + 2 * kernels.REACH
 
     def _plan(self, turns: Complex, cells: Index) -> None:
         padded = -(-self.modes // kernels.MODES_AT_ONCE) * kernels.MODES_AT_ONCE
-        self._weights = _aligned(2 * WEIGHTS * padded)
+        self._weights = aligned(2 * WEIGHTS * padded, np.float32)
         rows = self._weights.reshape(padded, -1)
         fill(rows[: self.modes], turns, self.block)
         self._bins = np.zeros(padded, dtype=np.int32)
         self._bins[: self.modes] = 2 * cells
         starts = _run_starts(cells)
         self._runs, self._places = np.append(starts, self.modes), 2 * cells[starts]
-        self._values, self._sums = _aligned(2 * padded), _aligned(2 * padded)
+        self._values, self._sums = (aligned(2 * padded, np.float32) for _ in range(2))
 
     def _make_room(self, classes: int) -> None:
         self._openings = openings(self.block, classes)
         # A mode on the last cells reads and writes whole vectors.
         size = 2 * (classes * self._cells + WEIGHTS)
         self._size = size
-        self._grids = _aligned(size), _aligned(size)
+        self._grids = aligned(size, np.float32), aligned(size, np.float32)
         self._backwards = np.zeros((classes, self._length))
         self._spectrum = np.zeros((classes, self._length // 2 + 1), dtype=complex)
-        self._past = np.zeros(self.block + sampled.FORCES_AT_ONCE)
+        self._past = np.zeros(self.block + kernels.FORCES_AT_ONCE)
         self._rooms_by_outputs: dict[int, tuple[Array, Complex, Array]] = {}
         self._rooms(1)
 
     def _rooms(self, outputs: int) -> tuple[Array, Complex, Array]:
-        """Return room for grids, spectra and samples; the first call for so many makes it."""
+        """Return grids, spectra and samples to work in, made once for a number of outputs."""
         if outputs not in self._rooms_by_outputs:
             shape = (outputs, len(self._openings))
             self._rooms_by_outputs[outputs] = (
@@ -382,16 +292,16 @@ class BlockTransform:
         return self._rooms_by_outputs[outputs]
 
     def _collect(self, force: Array) -> None:
-        """Leave the sums of `collected` in the room for them."""
+        """Leave the sums of `collected` in `_sums`."""
         self._transform_backwards(force)
         kernels.gather(self._weights, self._bins, *self._grids, self._sums)
 
     def _transform_backwards(self, force: Array) -> None:
         """Leave the spectrum of a force on the grid."""
         check_shape("force", force, (self.block,))
-        sampled.reverse(force, self._openings, self._backwards)
+        kernels.reverse(force, self._openings, self._backwards)
         np.fft.rfft(self._backwards, out=self._spectrum)
-        sampled.unfold(self._spectrum, *self._grids)
+        kernels.unfold(self._spectrum, *self._grids)
 
 
 def _run_starts(cells: Index) -> Index:
@@ -400,16 +310,6 @@ def _run_starts(cells: Index) -> Index:
     fresh = np.append(True, cells[1:] != cells[:-1])
     since = places - np.maximum.accumulate(np.where(fresh, places, 0))
     return np.flatnonzero(since % kernels.LONGEST_RUN == 0)
-
-
-def _aligned(count: int) -> Single:
-    """Return zeros that begin on a cache line."""
-    room = np.zeros(count + 16, dtype=np.float32)
-    skipped = -(room.ctypes.data // 4) % 16
-    return room[skipped : skipped + count]
-
-
-# A body of thousands of modes, by the block transform.
 
 
 def fits_transform(poles: Poles, sample_rate: float, block: int) -> bool:
@@ -424,7 +324,7 @@ def gains_by_transform(poles: Poles, sample_rate: float, block: int) -> bool:
 
 
 class Transformed(WholeBlocks):
-    """One body, by one `BlockTransform`."""
+    """The modes of one body by one `BlockTransform`."""
 
     def planned(self, poles: Complex) -> Index:
         """Plan the transform."""
@@ -436,7 +336,7 @@ class Transformed(WholeBlocks):
         return self._transform.order
 
     def rung(self, outputs: Outputs) -> Array:
-        """Return what the states sound like by themselves in the next block (points, block)."""
+        """Return the sound of the states alone in the next block."""
         into = np.zeros((len(outputs), self.size))
         if outputs is self._summed:
             self._transform.summed(into)
@@ -446,13 +346,13 @@ class Transformed(WholeBlocks):
         return into
 
     def wake(self) -> None:
-        """Bring the states to where they would be by now."""
+        """Advance states that slept to the present."""
         if self.asleep:
             self._summed = None
         super().wake()
 
     def answered(self, outputs: Outputs, force: Array, drive: Array) -> Array:
-        """Return what a force sounds like in its own block (points, block)."""
+        """Return the sound of a force within its own block."""
         into = np.zeros((len(outputs), self.size))
         for answer, samples in zip(self._answer(outputs, drive), into, strict=True):
             self._transform.pushed(force, answer, samples)
@@ -470,7 +370,7 @@ class Transformed(WholeBlocks):
         return self._answers[pair][2]
 
     def advance(self, pushes: Sequence[tuple[Array, Array]]) -> None:
-        """Move the states on by a block under forces with constant drives."""
+        """Advance the states by a block."""
         scaled = [(force / self.rate, drive) for force, drive in pushes]
         if len(scaled) <= 1:
             self._transform.step(self.ahead, next(iter(scaled), None), self.outputs)

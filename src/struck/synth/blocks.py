@@ -44,23 +44,11 @@ from struck.synth.sample_loop import (
     samples_of,
 )
 
-# Which kernel makes the samples: chosen block by block among those for a scene's outputs.
-
 _MOST = PUSHES[-1]
 
 
 def runner(rows: int, *, turned: bool, voices: int = _MOST) -> tuple[int, int, int, int]:
-    """Return what `Memory.run` is to hold.
-
-    Parameters
-    ----------
-    rows : int
-        Outputs of each body, as `rows_for` tells.
-    turned : bool
-        Whether outputs are complex.
-    voices : int
-        How many there are; for fewer there are fewer kernels to compile.
-    """
+    """Return `Memory.run` for rows of outputs, complex where `turned`, and at most `voices`."""
     group, most = min(rows, OUTPUTS[-1]), next((n for n in PUSHES if n >= voices), _MOST)
     samples = samples_of(1, group, turned=turned, ramped=False)
     memory, whole = result_of(view, NUMBERS), types.int64
@@ -78,26 +66,14 @@ def run(
     ramped: bool,  # noqa: FBT001 - compiled: positional
     unit: bool,  # noqa: FBT001 - compiled: positional
 ) -> int:
-    """Let so many voices push a body's outputs from a row on; return how many samples are made.
-
-    Parameters
-    ----------
-    memory : Memory
-        With what `runner` returns.
-    body, row : int
-        Which outputs.
-    voices, count : tuple of int and int
-        Who pushes, the first of them.
-    ramped, unit : bool
-        Whether gains move, and whether the state is in units of the push's gain.
-    """
+    """Let `count` voices push some outputs of a body; return how many samples were made."""
     arguments = (memory, body, row, voices, count, ramped, unit)
     return call_for_integer(memory.run[Run.ADDRESS], arguments)
 
 
 @cache  # what is called by its address is kept for as long as Python runs
 def _run(rows: int, most: int, *, turned: bool) -> Kernel:
-    """Return the function that lets the right kernel make whole frames, and tells where it ends."""
+    """Return the function that lets the right kernel make whole frames of a block."""
     name = f"run_{rows}_{most}{'_turned' if turned else ''}"
     known = {
         name_of(pushes, rows, turned=turned, ramped=ramped): kernel(
@@ -151,13 +127,12 @@ def _arguments(pushes: int, rows: int, *, turned: bool, ramped: bool, unit: bool
     yield from (f"sounds[body, row + {o}]" for o in range(rows))
 
 
-FAINTEST = 1e-100
-"""A gain for those of nothing: what is divided by it stays finite, what it multiplies is lost."""
+FAINTEST = 1e-100  # stands in for a zero drive gain, so that states may be divided by it
 
 
 @jitted
 def refresh(memory: Memory, body: int) -> None:
-    """Work out all that follows from the poles of a body."""
+    """Compute all that follows from the poles of a body."""
     modes, rate, block = memory.modes, memory.levels[Level.RATE], memory.forces.shape[1]
     for n in range(memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]):
         log = complex(modes[Mode.LOG_RE, n], modes[Mode.LOG_IM, n])
@@ -226,7 +201,7 @@ def pack(memory: Memory, first: int, last: int, kept: float) -> None:
 
 @jitted
 def settle(memory: Memory, body: int) -> None:
-    """See that a body's state is its c."""
+    """Convert a body's state to its complex c."""
     first, last = memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]
     if memory.bodies[body, BodyColumn.HELD_AS] == HeldAs.UNIT_PAIRS:
         for n in range(first, last):  # sooner compiled than whole arrays
@@ -239,7 +214,7 @@ def settle(memory: Memory, body: int) -> None:
 
 @jitted_within
 def measure(memory: Memory, body: int, voice: int) -> None:
-    """Turn states into pairs in units of a voice's gains, and outputs to fit."""
+    """Convert states to pairs in units of a voice's gains, and outputs to fit."""
     modes, outputs = memory.modes, memory.outputs
     first, last = memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]
     if memory.bodies[body, BodyColumn.HELD_AS] == HeldAs.STATE:
@@ -259,7 +234,7 @@ def measure(memory: Memory, body: int, voice: int) -> None:
 
 @jitted
 def wake(memory: Memory, body: int) -> None:
-    """Bring a sleeping body to where it would be by now."""
+    """Advance a sleeping body to the present."""
     bodies = memory.bodies
     if bodies[body, BodyColumn.ASLEEP]:
         advance(
@@ -273,7 +248,7 @@ def wake(memory: Memory, body: int) -> None:
 
 @jitted_within
 def may_sleep(memory: Memory, body: int) -> bool:
-    """Tell whether all that a body can still sound like is below its share of the loudest."""
+    """Tell whether a body's loudest possible sound is below its share of the loudest so far."""
     modes, total = memory.modes, 0.0
     for n in range(memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]):
         size = abs(modes[Mode.STATE_RE, n]) + abs(modes[Mode.STATE_IM, n])
@@ -285,7 +260,7 @@ def may_sleep(memory: Memory, body: int) -> bool:
 
 @jitted_within
 def begin_outputs(memory: Memory, body: int) -> None:
-    """Prepare gains that move in this block; if none does, those of the last block hold."""
+    """Prepare output gains that move in this block; if none does, those of the last block hold."""
     if not memory.bodies[body, BodyColumn.MOVED]:
         return
     modes, outputs, block = memory.modes, memory.outputs, memory.forces.shape[1]
@@ -326,7 +301,7 @@ def end_outputs(memory: Memory, body: int) -> None:
 
 @jitted
 def stand(memory: Memory, body: int) -> None:
-    """Work out anew, for outputs as they are, what constant unit forces would end in."""
+    """Compute minus the steady output under a unit force: added, it makes static load silent."""
     modes, outputs = memory.modes, memory.outputs
     for row in range(outputs.shape[1]):
         for n in range(memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]):
@@ -367,9 +342,9 @@ def end_drive(memory: Memory, voice: int) -> None:
 
 @jitted_within
 def feed(memory: Memory, body: int, voice: int, end: int) -> None:
-    """Work out anew how loudly a voice's force is heard directly: at the end, or begin, of a block.
+    """Compute the direct gain of a voice's force at the begin (0) or end (1) of a block.
 
-    A block begins with what the poles before would end in: a force stays silent when they change.
+    It begins with the steady output of the poles before: a force stays silent when they change.
     """
     for row in range(memory.outputs.shape[1]):
         memory.feeds[end, voice, row] = _still(memory, body, voice, row)
@@ -377,7 +352,7 @@ def feed(memory: Memory, body: int, voice: int, end: int) -> None:
 
 @jitted_within
 def direct(memory: Memory, body: int, voice: int) -> None:
-    """Take off what a constant force would still sound like: only what changes is heard."""
+    """Add each force's direct part, which cancels the steady output: only changes are heard."""
     block, force = memory.forces.shape[1], memory.forces[voice]
     for row in range(memory.outputs.shape[1]):
         begin, end = memory.feeds[0, voice, row], memory.feeds[1, voice, row]
@@ -399,7 +374,7 @@ def _still(memory: Memory, body: int, voice: int, row: int) -> float:
 
 @jitted_within
 def link(memory: Memory) -> None:
-    """Give each body the list of voices that push it in this block."""
+    """Chain the voices that push each body in this block into a list."""
     memory.bodies[:, BodyColumn.VOICE] = -1
     for voice in range(memory.voices.shape[0] - 2, -1, -1):
         if memory.voices[voice, Voice.ACTIVE]:
@@ -408,16 +383,9 @@ def link(memory: Memory) -> None:
             memory.bodies[body, BodyColumn.VOICE] = voice
 
 
-# One block of a whole scene, body by body.
-
-
 @jitted
 def make_block(reals: Array, wholes: Index) -> None:
-    """Make one block of all bodies' sounds in their memory.
-
-    It takes the real and the whole numbers of `struck.synth.memory`, as two arrays cost less to
-    hand to compiled code than their many parts. `Memory.run` must be set, as `runner` tells.
-    """
+    """Make one block of all bodies, in place in their real and whole numbers."""
     memory = view(reals, wholes)
     link(memory)
     memory.sounds[:] = 0.0
@@ -441,10 +409,7 @@ def go_on(memory: Memory, body: int) -> None:
 
 @jitted_within
 def push(memory: Memory, body: int, ramped: bool) -> None:  # noqa: FBT001 - compiled: positional
-    """Let all voices of a body push it, as many at a time as kernels take.
-
-    A body that few voices push stays as pairs from block to block.
-    """
+    """Let all voices push a body, as many at a time as kernels take."""
     paired = memory.outputs.shape[1] == memory.run[Run.OUTPUTS] and few(memory, body)
     unit = paired and not ramped and lone(memory, body)
     prepare(memory, body, paired, unit)
@@ -467,7 +432,7 @@ def push(memory: Memory, body: int, ramped: bool) -> None:  # noqa: FBT001 - com
 
 @jitted_within
 def prepare(memory: Memory, body: int, paired: bool, unit: bool) -> None:  # noqa: FBT001 - compiled: positional
-    """See that a body's state is held as it is to be taken."""
+    """Convert a body's state to the form that the next kernel takes."""
     held_as = memory.bodies[body, BodyColumn.HELD_AS]
     if unit and held_as != HeldAs.UNIT_PAIRS:
         measure(memory, body, memory.bodies[body, BodyColumn.VOICE])
@@ -485,7 +450,7 @@ def push_together(
     unit: bool,  # noqa: FBT001 - compiled: positional
     again: bool,  # noqa: FBT001 - compiled: positional
 ) -> None:
-    """Let some voices push at once, group by group of outputs; `again` after others, from rest."""
+    """Let some voices push a body; later groups (`again`) start from a state of zero."""
     first, last = memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]
     together = memory.run[Run.OUTPUTS]
     for row in range(0, memory.outputs.shape[1], together):
@@ -499,7 +464,7 @@ def push_together(
 
 @jitted_within
 def put_back(memory: Memory, body: int, count: int, again: bool) -> None:  # noqa: FBT001 - compiled: positional
-    """Turn pairs into states, on top of those of voices before."""
+    """Convert pairs to states, added to those of the groups before."""
     first, last = memory.bodies[body, BodyColumn.FIRST], memory.bodies[body, BodyColumn.LAST]
     if count == 0 and not again:
         leap(memory, first, last)

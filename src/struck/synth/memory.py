@@ -23,10 +23,7 @@ from numpy.typing import NDArray
 from struck.model.arrays import AnyArray, Array, Index
 from struck.synth.sample_loop import OUTPUTS, jitted
 
-# Memory and functions at an address, for compiled code.
-
-Typed = tuple[Any, Callable[..., Any]]
-"""The signature of an intrinsic, and what generates its code."""
+Typed = tuple[Any, Callable[..., Any]]  # signature of an intrinsic, and what generates its code
 # Called, an intrinsic takes no context: not what its definition says.
 intrinsic: Any = _intrinsic
 
@@ -62,10 +59,7 @@ def singles_at(address: int, count: int) -> NDArray[np.float32]:
 
 
 def part(array: AnyArray, first: int, shape: tuple[int, ...]) -> AnyArray:
-    """Return so many numbers from the first on, in a shape, of a contiguous array (N,).
-
-    Compiled, it costs nothing and keeps nothing alive.
-    """
+    """Return the numbers of a contiguous array from the first on, in a shape."""
     return array[first : first + math.prod(shape)].reshape(shape)
 
 
@@ -79,16 +73,13 @@ def _part(array: AnyArray, first: int, shape: tuple[int, ...]) -> Callable[..., 
 
 
 def address_of(function: Any, arguments: tuple[types.Type, ...]) -> int:  # noqa: ANN401 - numba has no types
-    """Return where the machine code of a compiled function begins, for arguments of these types.
-
-    What is called by its address is not compiled anew with all that calls it; it must outlive them.
-    """
+    """Return the address of a compiled function, which must outlive its use."""
     made = _made(function, arguments)
     return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
 
 
 def result_of(function: Any, arguments: tuple[types.Type, ...]) -> types.Type:  # noqa: ANN401 - numba has no types
-    """Return the type of what a compiled function returns for arguments of these types."""
+    """Return the type that a compiled function returns for these argument types."""
     return _made(function, arguments).signature.return_type
 
 
@@ -113,34 +104,32 @@ def _calling(result: types.Type) -> Any:  # noqa: ANN401 - numba has no types
     return call
 
 
-call = _calling(types.none)
-"""call(address, arguments): call a compiled function that returns nothing, with a tuple."""
-call_for_integer = _calling(types.int64)
-"""The same of one that returns an int64."""
+call = _calling(types.none)  # call(address, arguments) of a compiled function that returns nothing
+call_for_integer = _calling(types.int64)  # the same of one that returns an int64
 
-_LINE = 8  # numbers in a cache line
+_LINE = 8  # real numbers in a cache line
 
 
 class Mode(IntEnum):
     """Rows of `Memory.modes`: of each mode its pole, what follows from it, and its state."""
 
-    LOG_RE = 0
+    LOG_RE = 0  # logarithm of z, the factor of a sample
     LOG_IM = 1
-    TURN_RE = 2
+    TURN_RE = 2  # z
     TURN_IM = 3
-    LEAP_RE = 4
+    LEAP_RE = 4  # factor of a block
     LEAP_IM = 5
-    FEEDBACK = 6
-    LOSS = 7
-    INPUT = 8
-    INVERSE = 9
-    HOLD_RE = 10
+    FEEDBACK = 6  # 2 Re z
+    LOSS = 7  # -|z|^2
+    INPUT = 8  # Im z / rate
+    INVERSE = 9  # 1 / Im z
+    HOLD_RE = 10  # steady state under a constant unit force
     HOLD_IM = 11
-    STATE_RE = 12
+    STATE_RE = 12  # c
     STATE_IM = 13
-    LATEST = 14
+    LATEST = 14  # the state as a pair, in units of UNIT while one push alone is steady
     PREVIOUS = 15
-    LOUDNESS = 16
+    LOUDNESS = 16  # the largest output gain
     UNIT = 17
 
 
@@ -156,7 +145,7 @@ class Output(IntEnum):
     WEIGHT_SLOPE = 6
     TURNED_SLOPE = 7
     STILL = 8
-    UNIT_WEIGHT = 9
+    UNIT_WEIGHT = 9  # for states in units of UNIT
     UNIT_TURNED = 10
 
 
@@ -172,89 +161,61 @@ class Drive(IntEnum):
 class BodyColumn(IntEnum):
     """Columns of `Memory.bodies`."""
 
-    FIRST = 0
+    FIRST = 0  # range of its modes
     LAST = 1
     ASLEEP = 2
-    SLEPT = 3
-    MOVED = 4
-    VOICE = 5
+    SLEPT = 3  # samples
+    MOVED = 4  # whether its outputs move in this block
+    VOICE = 5  # the first of its voices in this block, or -1
     HELD_AS = 6
 
 
 class HeldAs(IntEnum):
     """Where the state of a body's modes is."""
 
-    STATE = 0
-    PAIRS = 1
-    UNIT_PAIRS = 2
+    STATE = 0  # c
+    PAIRS = 1  # LATEST and PREVIOUS
+    UNIT_PAIRS = 2  # the same in units of UNIT
 
 
 class Voice(IntEnum):
     """Columns of `Memory.voices`."""
 
     BODY = 0
-    ACTIVE = 1
-    MOVED = 2
-    NEXT = 3
+    ACTIVE = 1  # 0 silent, 1 pushes, 2 begins
+    MOVED = 2  # whether its drive moves in this block
+    NEXT = 3  # the body's next voice
 
 
 class Run(IntEnum):
     """Entries of `Memory.run`."""
 
-    ADDRESS = 0
-    OUTPUTS = 1
-    PUSHES = 2
-    SAMPLES = 3
+    ADDRESS = 0  # of the machine code that `blocks.run` calls
+    OUTPUTS = 1  # taken at once
+    PUSHES = 2  # taken at once
+    SAMPLES = 3  # a block is to be a multiple of for one steady push
 
 
 class Level(IntEnum):
     """Entries at the front of `Memory.levels`."""
 
-    RATE = 0
-    QUIET = 1
+    RATE = 0  # Hz
+    QUIET = 1  # share of its loudest at which a body falls asleep
 
 
 class Memory(NamedTuple):
-    """The parts of a scene's memory.
+    """The arrays of a scene's memory."""
 
-    Parameters
-    ----------
-    modes : array (fields, N)
-        LOG is the logarithm of what a sample turns a mode by, TURN that itself, LEAP a block's;
-        FEEDBACK, LOSS and INPUT (Im z / rate) are coefficients, INVERSE is 1 / Im z; HOLD is what
-        a constant unit force ends in. LATEST and PREVIOUS are the state as kernels take it, in
-        units of UNIT while one push alone is steady.
-    outputs : array (layers, rows, N)
-        UNIT_WEIGHT and UNIT_TURNED are for states in units of UNIT.
-    drives : array (layers, voices + 1, modes of the largest body)
-        The last voice is silent.
-    forces : array (voices + 1, block)
-    feeds : array (2, voices + 1, rows)
-        How loudly a force is heard directly, now and at the end of the block.
-    sounds : array (bodies, rows, block)
-    levels : array (2 + bodies,)
-        Sample rate; the share of its loudest at which a body falls asleep; each body's loudest.
-    bodies : array (bodies, columns), int64
-        The range of its modes, whether it is asleep and for how many samples, whether its outputs
-        move in this block, the first of its voices in it (or -1), and as what its state is held:
-        as c in STATE, or as pairs in LATEST and PREVIOUS.
-    voices : array (voices + 1, columns), int64
-        Body, whether it pushes in this block, whether its drive moves, the body's next voice.
-    run : array (4,), int64
-        Where the machine code begins that `dispatch.run` calls, the outputs and pushes that it
-        takes at once, and of how many samples a block is to be a multiple for one steady push.
-    """
-
-    modes: Array
-    outputs: Array
-    drives: Array
-    forces: Array
-    feeds: Array
-    sounds: Array
-    levels: Array
-    bodies: Index
-    voices: Index
-    run: Index
+    modes: Array  # (Mode, N)
+    outputs: Array  # (Output, rows, N)
+    drives: Array  # (Drive, voices + 1, modes of the largest body); the last voice is silent
+    forces: Array  # (voices + 1, block)
+    feeds: Array  # (2, voices + 1, rows): direct gains of forces, now and at the block's end
+    sounds: Array  # (bodies, rows, block)
+    levels: Array  # (Level, then the loudest so far of each body)
+    bodies: Index  # (bodies, BodyColumn)
+    voices: Index  # (voices + 1, Voice)
+    run: Index  # (Run,)
 
 
 # Numbers at the front of the whole ones.
@@ -264,7 +225,7 @@ _PER_BODY, _PER_VOICE, _RUN, LEVELS = len(BodyColumn), len(Voice), len(Run), len
 
 
 def rows_for(points: int) -> int:
-    """Return the rows that kernels need for so many outputs."""
+    """Return how many output rows kernels need for this number of outputs."""
     most = OUTPUTS[-1]
     return next((n for n in OUTPUTS if n >= points), -(-points // most) * most)
 
@@ -272,15 +233,7 @@ def rows_for(points: int) -> int:
 def laid_out(
     counts: tuple[int, ...], *, points: int, voices: int, block: int
 ) -> tuple[Array, Index]:
-    """Return the memory of bodies of so many modes, all zero but for the tables' ranges.
-
-    Parameters
-    ----------
-    counts : tuple of int
-        Modes of each body; each begins with a cache line of its own.
-    points, voices, block : int
-        Outputs of a body, pushes at once, samples in a block.
-    """
+    """Return real and whole numbers for bodies of these numbers of modes, zero but for sizes."""
     padded = [_lines(count) for count in counts]
     sizes = (
         len(counts),
@@ -305,11 +258,11 @@ def laid_out(
         + LEVELS
         + bodies
     )
-    return _aligned(reals), wholes
+    return aligned(reals, np.float64), wholes
 
 
 def seen(reals: Array, wholes: Index) -> Memory:
-    """Return the parts of a scene's memory."""
+    """Return the arrays that lie in a scene's real and whole numbers."""
     bodies, modes, rows = wholes[_BODIES], wholes[_MODES], wholes[_ROWS]
     slots, width, block = wholes[_VOICES], wholes[_WIDTH], wholes[_BLOCK]
     a = _PER_MODE * modes
@@ -343,15 +296,13 @@ def _lines(count: int) -> int:
     return -(-count // _LINE) * _LINE
 
 
-def _aligned(count: int) -> Array:
-    """Return zeros that begin with a cache line."""
-    raw = np.zeros(count + _LINE)
-    start = (-raw.ctypes.data // raw.itemsize) % _LINE
+def aligned(count: int, kind: type) -> AnyArray:
+    """Return zeros (count,) that begin on a cache line of 64 bytes."""
+    raw = np.zeros(count + 16, kind)
+    start = -raw.ctypes.data % 64 // raw.itemsize
     return raw[start : start + count]
 
 
 _lines = jitted(_lines)
-view = jitted(seen)
-"""`seen`, for functions without Python."""
-NUMBERS = (types.float64[::1], types.int64[::1])
-"""Types of the real and the whole numbers."""
+view = jitted(seen)  # for compiled code
+NUMBERS = (types.float64[::1], types.int64[::1])  # types of the real and the whole numbers

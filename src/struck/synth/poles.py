@@ -1,4 +1,4 @@
-"""What resonators are given, checked before anything changes."""
+"""Poles of bodies and checks of all that resonators are given, before anything changes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from struck.errors import OptionError
 from struck.excitation.excitation import Push
 from struck.model.arrays import Array, Complex
 
-LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000
-"""Sample rates, Hz."""
+LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000  # Hz
 LONGEST_BLOCK = 4096
-STRONGEST = 1e9
-"""The largest force of a sample, N."""
+STRONGEST = 1e9  # N, force of a sample
 
 
 class Ringing(Protocol):
@@ -36,15 +34,9 @@ class Ringing(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poles:
-    """The modes of one body as samples carry them.
+    """The poles of one body at a sample rate."""
 
-    Parameters
-    ----------
-    values : array (M,), complex
-        -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate, which are left out.
-    """
-
-    values: Complex
+    values: Complex  # (M,), -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate
 
     @classmethod
     def of(cls, model: Ringing, sample_rate: float) -> Poles:
@@ -96,8 +88,7 @@ def require_session(sample_rate: float, block: int, points: int) -> None:
         raise OptionError(f"points is {points}: each body needs at least one output")
 
 
-Key = tuple[int, int]
-"""Body and voice."""
+Key = tuple[int, int]  # body and voice
 
 
 def require_pushes(
@@ -107,10 +98,8 @@ def require_pushes(
     voices: int,
     last: Mapping[Key, tuple[Array, Array]],
 ) -> dict[Key, tuple[Array, Array]]:
-    """Return force and drive by body and voice; OptionError on bad ones.
-
-    A drive that is the very array of the `last` block need not be looked at again.
-    """
+    """Return force and drive by body and voice; OptionError on bad ones."""
+    # A drive that is the very array of the `last` block need not be looked at again.
     checked: dict[Key, tuple[Array, Array]] = {}
     for push in pushes:
         key = (push.body, push.voice)

@@ -21,37 +21,22 @@ from struck.synth.poles import (
     voices_for,
 )
 
-# One body whose blocks are made as wholes, not sample by sample.
-#
 # Within a block c[k] = z^(k+1) c + the convolution of the force with z^k. Gains that change
 # linearly are two constant ones: of a force that fades out and one that fades in, of a sound
 # likewise.
 
 Gain = TypeVar("Gain", Array, Complex)
-Outputs = Complex | Array
-"""Gains (points, M), real where all are."""
+Outputs = Complex | Array  # gains (points, M), real where all are
+# a force (block,), and the drives (M,) that it begins and ends with
 Piece = tuple[Array, Array, Array]
-"""A force (block,) with the drives (M,) that it begins and ends with."""
 
-KEPT = 64
-"""Results for gains that may come again: at least those of one block."""
+KEPT = 64  # results kept for gains that come again: at least those of one block
 # Blocks without a push after which it is looked whether a body may sleep.
 _PATIENCE = 8
 
 
 class WholeBlocks(ABC):
-    """The modes of one body under pushes.
-
-    Parameters
-    ----------
-    poles : Poles
-    points, block : int
-        Outputs; samples.
-    sample_rate : float
-        Hz.
-    quiet : float
-        Share of its loudest at which it falls asleep.
-    """
+    """The modes of one body, advanced by whole blocks."""
 
     def __init__(
         self, poles: Poles, *, points: int, block: int, sample_rate: float, quiet: float = 0.0
@@ -71,7 +56,7 @@ class WholeBlocks(ABC):
         return arranged if arranged.imag.any() else arranged.real.copy()
 
     def kept(self, drive: Gain) -> Gain:
-        """Return what goes into modes (M,) in that order, none for modes that are left out."""
+        """Return values of modes (..., M) in this order, zero for modes that are left out."""
         kept = drive[self.order]
         kept[self.logs == 0] = 0
         return kept
@@ -83,12 +68,12 @@ class WholeBlocks(ABC):
 
     @property
     def states(self) -> Complex:
-        """What c is after the last block (M,)."""
+        """State c of each mode after the last block (M,)."""
         self.wake()
         return self._as_given(self.ahead / np.exp(self.logs))
 
     def take(self, poles: Poles) -> None:
-        """Go on with these poles from the states there are."""
+        """Replace the poles; states stay."""
         states, outputs = self.states, self._as_given(self.outputs)
         held = self._as_given(self._held_before)
         self._begin(poles)
@@ -107,7 +92,7 @@ class WholeBlocks(ABC):
         self._held_before = self._held
 
     def wake(self) -> None:
-        """Bring the states to where they would be by now."""
+        """Advance states that slept to the present."""
         if self._slept:
             self.ahead = self.ahead * np.exp(self.logs * self._slept)
         self.asleep, self._slept = False, 0
@@ -118,15 +103,15 @@ class WholeBlocks(ABC):
 
     @abstractmethod
     def rung(self, outputs: Outputs) -> Array:
-        """Return what the states sound like by themselves in the next block (points, block)."""
+        """Return the sound of the states alone in the next block (points, block)."""
 
     @abstractmethod
     def answered(self, outputs: Outputs, force: Array, drive: Array) -> Array:
-        """Return what a force sounds like in its own block (points, block)."""
+        """Return the sound of a force within its own block (points, block)."""
 
     @abstractmethod
     def advance(self, pushes: Sequence[tuple[Array, Array]]) -> None:
-        """Move the states on by a block under forces with constant drives."""
+        """Advance the states by a block under forces with constant drives."""
 
     def next_block(self, pieces: Sequence[Piece], wanted: Outputs | None) -> Array:
         """Return the next samples (points, block), with the outputs wanted at its end."""
@@ -149,7 +134,7 @@ class WholeBlocks(ABC):
         return sum(answers, self.rung(outputs))
 
     def _direct(self, before: Outputs, after: Outputs, piece: Piece) -> Array:
-        """Take off what a constant force would still sound like, first by the poles before."""
+        """Return the direct part of a force, which cancels its steady output (points, block)."""
         force, begin, end = piece
         first, last = self._still(before, begin), self._still(after, end)
         if self._held_before is not self._held:
@@ -159,7 +144,7 @@ class WholeBlocks(ABC):
         return (first[:, None] + np.outer(last - first, self._fade)) * force
 
     def _still(self, outputs: Outputs, drive: Array) -> Array:
-        """Return what a constant unit force ends in, less than nothing (points,)."""
+        """Return minus the steady output under a constant unit force (points,)."""
         pair = id(outputs), id(drive)
         if pair not in self._levels:
             while len(self._levels) >= KEPT:
@@ -178,7 +163,7 @@ class WholeBlocks(ABC):
 
 
 def _ended(outputs: Outputs, drive: Array, held: Complex) -> Array:
-    """Return what constant unit forces end in, less than nothing (points,)."""
+    """Return minus the steady output under a constant unit force (points,)."""
     return -np.imag(outputs @ (held * drive))
 
 
@@ -193,33 +178,33 @@ def _constant(pieces: Sequence[Piece], fade: Array) -> Iterator[tuple[Array, Arr
 
 
 class Tabled(WholeBlocks):
-    """One body, by tables of the powers of z."""
+    """The modes of one body by tables of the powers of z."""
 
     def planned(self, poles: Complex) -> Index:
-        """Work the table out."""
+        """Compute the table."""
         logs = poles / self.rate
         self._powers = np.exp(np.outer(np.arange(self.size + 1), logs)) * (logs != 0)
         return np.arange(len(poles))
 
     def rung(self, outputs: Outputs) -> Array:
-        """Return what the states sound like by themselves in the next block (points, block)."""
+        """Return the sound of the states alone in the next block."""
         return np.imag(outputs @ (self._powers[:-1] * self.ahead).T)
 
     def answered(self, outputs: Outputs, force: Array, drive: Array) -> Array:
-        """Return what a force sounds like in its own block (points, block)."""
+        """Return the sound of a force within its own block."""
         answers: Array = np.imag(outputs @ (self._powers[:-1] * drive).T) / self.rate
         heard = [np.convolve(force, answer)[: self.size] for answer in answers]
         return np.array(heard, dtype=np.float64)
 
     def advance(self, pushes: Sequence[tuple[Array, Array]]) -> None:
-        """Move the states on by a block under forces with constant drives."""
+        """Advance the states by a block."""
         self.ahead = self.ahead * self._powers[-1]
         for force, drive in pushes:
             self.ahead = self.ahead + drive * (force[::-1] @ self._powers[1:]) / self.rate
 
 
 class ReferenceResonators:
-    """The interface of `struck.synth.resonators.Resonators`; nothing falls asleep."""
+    """`struck.synth.resonators.Resonators` in plain NumPy; nothing falls asleep."""
 
     def __init__(
         self,

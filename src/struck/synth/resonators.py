@@ -35,26 +35,11 @@ from struck.synth.poles import (
 )
 from struck.synth.reference import Piece
 
-# Bodies that are stepped sample by sample, in one memory; the host's side of it.
-
-# Of its loudest, the share below which a body may fall asleep: -120 dB.
-QUIET = 1e-6
+QUIET = 1e-6  # of its loudest, below which a body may fall asleep: -120 dB
 
 
 class Stepped:
-    """The memory of some bodies, filled from checked input and moved on block by block.
-
-    Parameters
-    ----------
-    poles : sequence of Poles
-        Of each body.
-    points, block, voices : int
-        Outputs of a body, samples in a block, pushes at once.
-    sample_rate : float
-        Hz.
-    quiet : float
-        Share of its loudest at which a body falls asleep.
-    """
+    """Bodies stepped sample by sample, in one memory that is laid out once."""
 
     def __init__(
         self,
@@ -82,7 +67,7 @@ class Stepped:
 
     @property
     def numbers(self) -> tuple[Array, NDArray[np.int64]]:
-        """The real and the whole numbers of its memory, for functions without Python."""
+        """The real and the whole numbers of its memory, for compiled code."""
         return self._reals, self._wholes
 
     @property
@@ -114,7 +99,7 @@ class Stepped:
         return self.memory.sounds[:, : self._points]
 
     def compile(self, *, turned: bool = False) -> None:
-        """Choose and compile kernels, for complex outputs if told; `next_block` does if need be."""
+        """Choose and compile kernels; `next_block` does it if need be."""
         self.turned |= turned
         self.memory.run[:] = runner(self._rows, turned=self.turned, voices=self._voices)
 
@@ -123,7 +108,7 @@ class Stepped:
         return slice(first, first + self._counts[body])
 
     def take_poles(self, body: int, poles: Poles) -> None:
-        """Go on with these poles; work out anew what follows from them, gains too."""
+        """Replace a body's poles and all that follows from them; states stay."""
         settle(self.memory, body)
         wake(self.memory, body)
         values, memory, modes = poles.values, self.memory, self._range(body)

@@ -27,30 +27,20 @@ _VALUES_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulse:
-    """A half-sine push as the modes feel it.
+    """A half-sine push as the modes feel it."""
 
-    Parameters
-    ----------
-    gains : array (M,), complex
-        Gain of each mode times the impulse.
-    onset : float
-        When it begins, s; sample 0 is at 0 s.
-    duration : float
-        s; 0 is an ideal impulse.
-    """
-
-    gains: Complex
-    onset: float
-    duration: float
+    gains: Complex  # (M,), gain of each mode times the impulse
+    onset: float  # s; sample 0 is at 0 s
+    duration: float  # s; 0 is an ideal impulse
 
     @property
     def release(self) -> float:
-        """When the body is left to itself, s."""
+        """Time at which the body is left to itself, s."""
         return self.onset + self.duration
 
 
 def below_nyquist(frequencies: Array, sample_rate: float) -> NDArray[np.bool_]:
-    """Return which modes samples can carry: those below half the sample rate (M,)."""
+    """Return which modes lie below half the sample rate (M,); others would alias."""
     return np.asarray(frequencies) < sample_rate / 2
 
 
@@ -62,25 +52,7 @@ def ring_down(
     sample_rate: float,
     length: int,
 ) -> Array:
-    """Return the sum of what all modes do under all pulses.
-
-    Parameters
-    ----------
-    frequencies, decays : array (M,)
-        Ringing frequencies, Hz, and amplitude decay rates, 1/s. Modes at or above half the sample
-        rate alias: leave them out (`below_nyquist`).
-    pulses : sequence of Pulse
-        In any order.
-    sample_rate : float
-        Hz.
-    length : int
-        Number of samples.
-
-    Returns
-    -------
-    array (length,)
-        The answer at the times 0, 1, 2 ... / sample_rate.
-    """
+    """Return the sound of modes (M,) under all pulses at 0, 1, 2 ... / sample_rate."""
     samples = np.zeros(length)
     if not pulses:
         return samples
@@ -93,22 +65,9 @@ def ring_down(
 
 
 def pushed(poles: Complex, elapsed: Array | float, duration: float) -> Complex:
-    """Return c(t) of modes under a half-sine push of unit area.
-
-    Parameters
-    ----------
-    poles : array (M,)
-        s = -d + 2 pi i f, 1/s.
-    elapsed : array, broadcastable with `poles`
-        Time since the push began, from 0 to `duration`, s.
-    duration : float
-        Of the push, s, above 0.
-
-    Notes
-    -----
-    The sine is split into exp(i w u) and exp(-i w u), so that each integral is a divided
-    difference of exp: no cancellation where s is close to i w.
-    """
+    """Return c(t) of modes under a half-sine push of unit area, `elapsed` s after it began."""
+    # The sine is split into exp(i w u) and exp(-i w u), so that each integral is a divided
+    # difference of exp: no cancellation where s is close to i w.
     turn = 1j * np.pi / duration
     rising = np.exp(turn * elapsed) * _growth((poles - turn) * elapsed)
     falling = np.exp(-turn * elapsed) * _growth((poles + turn) * elapsed)

@@ -22,27 +22,21 @@ from typing import Any
 
 from struck.synth.compiler import Compiler
 
-# The compiler of the loops over samples.
-
 _COMPILER = Compiler.of_packages(__file__, keeps_parts=True)  # for each number of outputs
 jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 
 
 def from_source(name: str, source: str, known: dict[str, Any]) -> Callable[..., Any]:
-    """Compile the function of this name that a source makes of what is `known`.
-
-    It is said to come from this file, as numba keeps only code of functions that stand in one.
-    """
+    """Compile the function of this name that a source defines, given the names it uses."""
+    # It is said to come from this file, as numba keeps only code of functions in a file.
     names = dict(known, __name__=__name__)
     exec(compile(source, __file__, "exec"), names)  # noqa: S102 - the templates are ours
     return jitted(names[name])
 
 
 Kernel = Callable[..., Any]
-PUSHES = (0, 1, 2, 4)
-"""How many pushes a kernel may take."""
-OUTPUTS = (1, 2, 4, 8)
-"""How many outputs a kernel may have."""
+PUSHES = (0, 1, 2, 4)  # pushes that a kernel may take
+OUTPUTS = (1, 2, 4, 8)  # outputs that a kernel may have
 _REGISTERS = 32
 
 
@@ -53,7 +47,7 @@ def name_of(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool
 
 
 def samples_of(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> int:
-    """Return how many samples a kernel takes at a time: as many as registers hold sums of."""
+    """Return how many samples a kernel takes at a time: as many sums as registers hold."""
     gains = pushes + outputs * (2 if turned else 1)
     kept = 2 * gains if ramped else 0
     for samples in (8, 4):
@@ -65,27 +59,11 @@ def samples_of(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> int:
 
 @cache
 def kernel(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False) -> Kernel:
-    """Return the compiled kernel for so many pushes and outputs.
+    """Return the compiled loop f(frames, feedback, loss, latest, previous, ...).
 
-    Parameters
-    ----------
-    pushes : int
-        One of `PUSHES`.
-    outputs : int
-        One of `OUTPUTS`.
-    turned : bool
-        Whether outputs are complex.
-    ramped : bool
-        Whether gains change within the block.
-    unit : bool
-        Whether the states are in units of the pushes' gains, which are then not taken.
-
-    Returns
-    -------
-    callable
-        f(frames, feedback, loss, latest, previous, ...) with a row (gain, [its slope,] force) for
-        each push and (weight, [its slope, turned, its slope,] samples) for each output; adds to
-        samples and moves the states on by frames times `samples_of`.
+    Then come (gain, [its slope,] force) for each push, unless states are in units of the gain, and
+    (weight, [slope, turned, slope,] samples) for each output, complex where `turned`, moving where
+    `ramped`. It adds to samples and moves states on by frames times `samples_of`.
     """
     name = name_of(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
     source = "\n".join(_source(name, pushes, outputs, turned=turned, ramped=ramped, unit=unit))

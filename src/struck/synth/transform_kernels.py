@@ -21,26 +21,13 @@ from struck.model.arrays import Array, Complex, Index, Single
 from struck.synth.memory import Typed, intrinsic
 from struck.synth.sample_loop import jitted
 
-# The loops of the block transform over samples and frequencies, compiled.
-
-FORCES_AT_ONCE = 8
-"""Samples of a force that are convolved together."""
-REACH = 3
-"""Frequencies of the grid below the bin of a mode that it touches; above it there is one more."""
+FORCES_AT_ONCE = 8  # samples of a force that are convolved together
+REACH = 3  # frequencies of the grid below a mode's bin that it touches; above it there is one more
 
 
 @jitted
 def fold(straight: Array, turned: Array, spectra: Complex) -> None:
-    """Turn sums of x W and y W on the grid into the spectrum of the real samples Im[...].
-
-    Parameters
-    ----------
-    straight, turned : array (2 C (H + 7) + 16,)
-        For each class the sums at the frequencies -3 to H + 3, real and imaginary parts
-        alternating; H is half the length of the transform.
-    spectra : array (C, H + 1)
-        The spectrum at 0 to H, what lies outside folded back.
-    """
+    """Turn sums of x W and y W on the grid into spectra (C, H + 1) of real samples."""
     highest = spectra.shape[1] - 1
     spectra[:] = 0.0
     for c in range(spectra.shape[0]):
@@ -58,15 +45,7 @@ def fold(straight: Array, turned: Array, spectra: Complex) -> None:
 
 @jitted
 def unfold(spectra: Complex, straight: Single, turned: Single) -> None:
-    """Write the conjugate of a force's spectrum on the grid that `gather` reads.
-
-    Parameters
-    ----------
-    spectra : array (C, H + 1)
-        At the frequencies 0 to H.
-    straight, turned : array (2 C (H + 7) + 16,)
-        The grid as (real, -imaginary) and as (imaginary, real).
-    """
+    """Write the conjugate of a force's spectra (C, H + 1) on the grid that `gather` reads."""
     highest = spectra.shape[1] - 1
     for c in range(spectra.shape[0]):
         for k in range(-REACH, highest + REACH + 1):
@@ -80,15 +59,7 @@ def unfold(spectra: Complex, straight: Single, turned: Single) -> None:
 
 @jitted
 def reverse(force: Array, openings: Array, backwards: Array) -> None:
-    """Write the force backwards in time, F[B - t] at t = 1 to B, times the opening of each class.
-
-    Parameters
-    ----------
-    force : array (B,)
-    openings : array (C, B + 1)
-    backwards : array (C, M)
-        The result; outside t = 1 to B it stays as it is.
-    """
+    """Write F[B - t], t = 1 to B, times the opening of each class into `backwards` (C, M)."""
     block = force.size
     for c in range(openings.shape[0]):
         for t in range(1, block + 1):
@@ -97,14 +68,7 @@ def reverse(force: Array, openings: Array, backwards: Array) -> None:
 
 @jitted
 def close(samples: Array, openings: Array, into: Array) -> None:
-    """Add the samples of all classes, each times its opening.
-
-    Parameters
-    ----------
-    samples : array (L, C, M)
-    openings : array (C, B + 1)
-    into : array (L, B)
-    """
+    """Add samples (L, C, M) of all classes, each times its opening (C, B + 1), to `into` (L, B)."""
     for output in range(into.shape[0]):
         for c in range(openings.shape[0]):
             for t in range(into.shape[1]):
@@ -113,14 +77,7 @@ def close(samples: Array, openings: Array, into: Array) -> None:
 
 @jitted
 def convolve(force: Array, answer: Array, past: Array, into: Array) -> None:
-    """Add the answer to a force within the block.
-
-    Parameters
-    ----------
-    force, answer, into : array (B,)
-    past : array (B + 8,)
-        Room for the answer; its first eight samples are zero: nothing is heard before the force.
-    """
+    """Add force * answer to `into` (B,); `past` (B + 8,) begins with 8 zeros."""
     block = force.size
     for t in range(block):
         past[8 + t] = answer[t]
@@ -143,8 +100,7 @@ def convolve(force: Array, answer: Array, past: Array, into: Array) -> None:
 # one mode. These functions say it outright; the compiler fits them to the machine, one register
 # with AVX-512, two with AVX, four with NEON or SSE. They exist inside compiled functions only.
 
-WIDTH = 16
-"""Numbers in a vector."""
+WIDTH = 16  # numbers in a vector
 
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
@@ -287,12 +243,10 @@ def _lanes(numbers: Sequence[int]) -> ir.Constant:
 
 Places = NDArray[np.int32]
 
-STRETCH = 512
-"""Modes that are moved on while what was collected for them is still near the core."""
+STRETCH = 512  # modes moved on while what was collected for them is still near the core
+# modes whose sums fill a vector when a force is collected: padding of rows of weights
 MODES_AT_ONCE = 8
-"""Modes whose sums fill a vector when a force is collected: the padding of rows of weights."""
-LONGEST_RUN = 64
-"""Modes summed in single precision before the sum goes to double."""
+LONGEST_RUN = 64  # modes summed in single precision before the sum goes to double
 
 
 @jitted
@@ -304,21 +258,7 @@ def spread(
     straight: Array,
     turned: Array,
 ) -> None:
-    """Sum the weights of all modes on the grid, times the real and the imaginary parts of values.
-
-    Parameters
-    ----------
-    values : array (2 N,)
-        Real and imaginary parts, alternating.
-    weights : array (16 N,)
-        Rows of weights.
-    runs : array (R + 1,)
-        Where the runs begin; the modes of a run share a bin.
-    places : array (R,)
-        Where the sums of a run belong.
-    straight, turned : array
-        Sums of x W and of y W: added to.
-    """
+    """Sum rows of weights (16 N,) times x and times y of values (2 N,) on the grid, run by run."""
     for run in range(places.size):
         n, end = runs[run], runs[run + 1]
         x_even = y_even = x_odd = y_odd = zeros()
@@ -346,19 +286,7 @@ def gather(
     turned: Single,
     collected: Single,
 ) -> None:
-    """Read the grid back: for each mode the sums of W times `straight` and of W times `turned`.
-
-    Parameters
-    ----------
-    weights : array (16 N,)
-        Rows of weights, N a multiple of `MODES_AT_ONCE`.
-    bins : array (N,)
-        Where the neighbours of a mode begin.
-    straight, turned : array
-        The grid, its real and imaginary parts alternating, and the grid times -i, conjugate.
-    collected : array (2 N,)
-        The sums, alternating.
-    """
+    """Read the grid back: for each mode the sums of W times `straight` and of W times `turned`."""
     for n in range(0, bins.size, 8):
         first = folded(
             _pair(weights, bins, straight, turned, n),
@@ -398,20 +326,7 @@ def sum_up(
     values: Single,
     grids: Array,
 ) -> None:
-    """Sum on the grid what the modes of some runs sound like at each output.
-
-    Parameters
-    ----------
-    states : array (N,)
-    outputs : array (L, N)
-        Gains, complex or real.
-    weights, runs, places
-        As for `spread`.
-    values : array (2 N,)
-        Room for states times outputs.
-    grids : array (L, 2, G)
-        Added to: `straight` and `turned` of each output.
-    """
+    """Sum on the grids (L, 2, G) what the modes of some runs sound like at each output (L, N)."""
     first, end = runs[0], runs[-1]
     some, room = states[first:end], values[2 * first : 2 * end]
     for output in range(outputs.shape[0]):
@@ -452,11 +367,7 @@ def step(
     values: Single,
     grids: Array,
 ) -> None:
-    """Do `advance`, `gather`, `absorb` and `sum_up`, some modes after others.
-
-    So weights and states come from memory, slower than the core, once a block. Without a drive no
-    force is absorbed.
-    """
+    """Do `advance`, `gather`, `absorb` and `sum_up`, stretch by stretch of modes."""
     grids[:] = 0.0
     run = 0
     for first in range(0, states.size, STRETCH):
