@@ -1,7 +1,9 @@
-"""PortAudio (V19), as little of it as a stream with a compiled callback needs.
+"""Audio devices and their streams: as much of PortAudio (V19) as a compiled callback needs.
 
 The callback is given as an address, of code that needs no interpreter, so no lock of Python can
-ever keep the loudspeaker waiting.
+ever keep the loudspeaker waiting. (`sounddevice` calls back into Python, which a busy thread delays
+by 5 ms, two blocks; its low-level handle would be one more package to install on Linux, where the
+system's own PortAudio is enough.)
 """
 
 from __future__ import annotations
@@ -17,127 +19,84 @@ from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_long,
 from ctypes.util import find_library
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from struck.errors import DeviceError, MissingDependencyError
 
-# PortAudio (V19) as ctypes sees it: structures, prototypes, and where the library is found.
-#
-# Names and layouts are those of `portaudio.h`.
-
-FLOAT32 = 1  # a sample format; interleaved
-UNANTICIPATED_HOST_ERROR = -9999
+# Structures and constants of `portaudio.h`.
+INPUT_UNDERFLOW, INPUT_OVERFLOW, OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW = (
+    1,
+    2,
+    4,
+    8,
+)  # a callback's flags
+CONTINUE, COMPLETE = 0, 1  # what a callback returns
+_FLOAT32 = 1  # sample format, interleaved
+_UNANTICIPATED_HOST_ERROR = -9999
 TO_FILE = "`struck render MODEL -o FILE.wav` needs no device"
+_LONGEST_LATENCY = 10.0  # s; JACK's dummy driver states a day
+_PATIENCE = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
 
 
-class HostApi(Structure):
-    """PaHostApiInfo."""
+class _HostApi(Structure):
+    _fields_ = (("version", c_int), ("type", c_int), ("name", c_char_p))  # more is not read
 
+
+class _HostError(Structure):
+    _fields_ = (("host", c_int), ("code", c_long), ("text", c_char_p))
+
+
+class _DeviceInfo(Structure):
     _fields_ = (
-        ("structVersion", c_int),
-        ("type", c_int),
+        ("version", c_int),
         ("name", c_char_p),
-        ("deviceCount", c_int),
-        ("defaultInputDevice", c_int),
-        ("defaultOutputDevice", c_int),
+        ("host", c_int),
+        ("inputs", c_int),
+        ("outputs", c_int),
+        ("low_input_latency", c_double),
+        ("low_output_latency", c_double),
+        ("high_input_latency", c_double),
+        ("high_output_latency", c_double),
+        ("sample_rate", c_double),
     )
 
 
-class HostError(Structure):
-    """PaHostErrorInfo."""
-
-    _fields_ = (("hostApiType", c_int), ("errorCode", c_long), ("errorText", c_char_p))
-
-
-class DeviceInfo(Structure):
-    """PaDeviceInfo."""
-
-    _fields_ = (
-        ("structVersion", c_int),
-        ("name", c_char_p),
-        ("hostApi", c_int),
-        ("maxInputChannels", c_int),
-        ("maxOutputChannels", c_int),
-        ("defaultLowInputLatency", c_double),
-        ("defaultLowOutputLatency", c_double),
-        ("defaultHighInputLatency", c_double),
-        ("defaultHighOutputLatency", c_double),
-        ("defaultSampleRate", c_double),
-    )
-
-
-class Parameters(Structure):
-    """PaStreamParameters."""
-
+class _Parameters(Structure):
     _fields_ = (
         ("device", c_int),
         ("channelCount", c_int),
-        ("sampleFormat", c_ulong),
-        ("suggestedLatency", c_double),
-        ("hostApiSpecificStreamInfo", c_void_p),
+        ("format", c_ulong),
+        ("latency", c_double),
+        ("extra", c_void_p),
     )
 
 
-class StreamInformation(Structure):
-    """PaStreamInfo."""
-
-    _fields_ = (
-        ("structVersion", c_int),
-        ("inputLatency", c_double),
-        ("outputLatency", c_double),
-        ("sampleRate", c_double),
-    )
+class _StreamInfo(Structure):
+    _fields_ = (("version", c_int), ("input", c_double), ("output", c_double))  # latencies, s
 
 
-_PROTOTYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
-    "Pa_Initialize": (c_int, ()),
-    "Pa_Terminate": (c_int, ()),
-    "Pa_GetErrorText": (c_char_p, (c_int,)),
-    "Pa_GetLastHostErrorInfo": (POINTER(HostError), ()),
-    "Pa_GetDeviceCount": (c_int, ()),
-    "Pa_GetDefaultInputDevice": (c_int, ()),
-    "Pa_GetDefaultOutputDevice": (c_int, ()),
-    "Pa_GetDeviceInfo": (POINTER(DeviceInfo), (c_int,)),
-    "Pa_GetHostApiInfo": (POINTER(HostApi), (c_int,)),
-    "Pa_OpenStream": (
-        c_int,
-        (
-            POINTER(c_void_p),
-            POINTER(Parameters),
-            POINTER(Parameters),
-            c_double,
-            c_ulong,
-            c_ulong,
-            c_void_p,
-            c_void_p,
-        ),
-    ),
-    "Pa_StartStream": (c_int, (c_void_p,)),
-    "Pa_StopStream": (c_int, (c_void_p,)),
-    "Pa_AbortStream": (c_int, (c_void_p,)),
-    "Pa_CloseStream": (c_int, (c_void_p,)),
-    "Pa_IsStreamActive": (c_int, (c_void_p,)),
-    "Pa_GetStreamInfo": (POINTER(StreamInformation), (c_void_p,)),
-    "Pa_GetStreamCpuLoad": (c_double, (c_void_p,)),
-}
+_RETURNED = {
+    "Pa_GetErrorText": c_char_p,
+    "Pa_GetLastHostErrorInfo": POINTER(_HostError),
+    "Pa_GetDeviceInfo": POINTER(_DeviceInfo),
+    "Pa_GetHostApiInfo": POINTER(_HostApi),
+    "Pa_GetStreamInfo": POINTER(_StreamInfo),
+    "Pa_GetStreamCpuLoad": c_double,
+}  # all others return an int; a stream is passed as c_void_p
+_PLACE, _SIDE = POINTER(c_void_p), POINTER(_Parameters)
+_OPEN_STREAM = _PLACE, _SIDE, _SIDE, c_double, c_ulong, c_ulong, c_void_p, c_void_p
 
 
 def load_library() -> ctypes.CDLL:
-    """Return PortAudio, of the system or else of the `sounddevice` package, ready to be called.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where there is neither.
-    """
+    """Return PortAudio of the system, or of the `sounddevice` package, with prototypes set."""
     for candidate in _candidates():
         try:
             library = ctypes.CDLL(candidate)
         except OSError:
             continue
-        for name, (result, arguments) in _PROTOTYPES.items():
-            getattr(library, name).restype = result
-            getattr(library, name).argtypes = arguments
+        for name, kind in _RETURNED.items():
+            getattr(library, name).restype = kind
+        library.Pa_OpenStream.argtypes = _OPEN_STREAM
         return library
     raise MissingDependencyError(
         "playing needs PortAudio: `apt install libportaudio2` on Debian and Ubuntu (other Linux "
@@ -147,23 +106,17 @@ def load_library() -> ctypes.CDLL:
 
 
 def check(library: ctypes.CDLL, code: int, trouble: str, way_out: str = "") -> int:
-    """Return what a function of PortAudio returned.
-
-    Raises
-    ------
-    DeviceError
-        Where that is an error code: the trouble, PortAudio's reason and the way out.
-    """
+    """Return a PortAudio function's code, or raise a DeviceError that gives its reason."""
     if code < 0:
         raise DeviceError(f"{trouble}: {_reason(library, code)}{way_out}")
     return code
 
 
 def _reason(library: ctypes.CDLL, code: int) -> str:
-    if code == UNANTICIPATED_HOST_ERROR:
+    if code == _UNANTICIPATED_HOST_ERROR:
         host = library.Pa_GetLastHostErrorInfo().contents
-        if host.errorText:
-            return host.errorText.decode(errors="replace")
+        if host.text:
+            return host.text.decode(errors="replace")
     return library.Pa_GetErrorText(code).decode(errors="replace")
 
 
@@ -180,7 +133,7 @@ def _candidates() -> Iterator[str]:
 
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
-    """Keep file descriptor 2 quiet: ALSA and JACK report there whatever they look for in vain."""
+    """Discard what ALSA and JACK write to file descriptor 2 while they probe for devices."""
     if sys.stderr is not None:
         sys.stderr.flush()
     try:
@@ -198,38 +151,19 @@ def silenced() -> Iterator[None]:
         os.close(kept)
 
 
-# Audio devices, and which one is meant.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """An audio device that can play, record or both.
+    """An audio device that can play, record or both."""
 
-    Parameters
-    ----------
-    number : int
-        As PortAudio counts; valid until it is closed.
-    name, host : str
-        Its name, and that of the system through which it is reached ("ALSA", "Core Audio" ...).
-    outputs, inputs : int
-        Channels.
-    sample_rate : float
-        By default, Hz.
-    output_latency, input_latency : float
-        The lowest that the device recommends, s.
-    default : bool
-        Whether the system plays (or records, where that is asked for) here unless told otherwise.
-    """
-
-    number: int
+    number: int  # as PortAudio counts; valid until it is closed
     name: str
-    host: str
-    outputs: int
+    host: str  # the system through which it is reached: "ALSA", "Core Audio" ...
+    outputs: int  # channels
     inputs: int
-    sample_rate: float
-    output_latency: float
+    sample_rate: float  # by default, Hz
+    output_latency: float  # the lowest that the device recommends, s
     input_latency: float
-    default: bool
+    default: bool  # whether the system plays, or records, here unless told otherwise
 
     def __str__(self) -> str:
         usual = ", default" if self.default else ""
@@ -241,13 +175,7 @@ class Device:
 
 
 def choose(devices: list[Device], wanted: int | str | None = None, *, what: str = "play") -> Device:
-    """Return a device by its number or part of its name (any case); left out: the default one.
-
-    Raises
-    ------
-    DeviceError
-        Where no device can do `what` is asked, none matches, or several do; it lists what there is.
-    """
+    """Return a device by number or part of its name (any case); None: the system's default."""
     if not devices:
         raise DeviceError(
             f"no audio device can {what}: connect one, or start a sound server; {TO_FILE}"
@@ -256,7 +184,7 @@ def choose(devices: list[Device], wanted: int | str | None = None, *, what: str 
     if len(chosen) != 1:
         how = "no audio device is" if not chosen else f"{len(chosen)} audio devices are"
         raise DeviceError(
-            f"{how} {_devices_asked(wanted)}: give the number of one of\n{listed(devices)}"
+            f"{how} {_described(wanted)}: give the number of one of\n{listed(devices)}"
         )
     return chosen[0]
 
@@ -269,7 +197,7 @@ def _matches(device: Device, wanted: int | str | None) -> bool:
     return wanted.casefold() in device.name.casefold()
 
 
-def _devices_asked(wanted: int | str | None) -> str:
+def _described(wanted: int | str | None) -> str:
     if wanted is None:
         return "the default"
     return f"number {wanted}" if isinstance(wanted, int) else f"named like {wanted!r}"
@@ -280,29 +208,10 @@ def listed(devices: list[Device]) -> str:
     return "\n".join(f"  {device}" for device in devices)
 
 
-# A stream to an audio device: started, stopped, closed, and never waited for in vain.
-
-_LONGEST_LATENCY = 60.0  # s
-_PATIENCE = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
-
-
-class Opener(Protocol):
-    """What a stream needs of the `PortAudio` that opened it."""
-
-    library: ctypes.CDLL
-    answers: bool
-
-
 class Stream:
-    """An open stream; `PortAudio.open` makes it.
+    """An open stream on a device; `PortAudio.open` makes it."""
 
-    Attributes
-    ----------
-    device : Device
-        Where it plays or records.
-    """
-
-    def __init__(self, portaudio: Opener, handle: c_void_p, device: Device) -> None:
+    def __init__(self, portaudio: PortAudio, handle: c_void_p, device: Device) -> None:
         self.device = device
         self._portaudio = portaudio
         self._library = portaudio.library
@@ -313,24 +222,11 @@ class Stream:
         self._do("Pa_StartStream", "start")
 
     def stop(self) -> None:
-        """Return when all that the callback has written is played.
-
-        Raises
-        ------
-        DeviceError
-            Where the stream is closed, or the device does not answer.
-        """
+        """Wait until all that the callback wrote is played."""
         self._do("Pa_StopStream", "stop")
 
     def close(self) -> bool:
-        """Close it, running or not; more than once does no harm.
-
-        Returns
-        -------
-        bool
-            False where the device no longer answers: PortAudio is then left as it is, and the
-            callback and its data must live on.
-        """
+        """Close it; False where the device no longer answers: then `keep` what it was given."""
         if self._handle is None:
             return True
         handle, self._handle = self._handle, None
@@ -340,13 +236,7 @@ class Stream:
 
     @property
     def active(self) -> bool:
-        """Whether the callback is being called: not once it returned COMPLETE or the device went.
-
-        Raises
-        ------
-        DeviceError
-            Where the stream is closed.
-        """
+        """Whether the callback is called: not once it returned COMPLETE or the device went."""
         return self._library.Pa_IsStreamActive(self._opened()) == 1
 
     @property
@@ -357,23 +247,9 @@ class Stream:
     @property
     def latency(self) -> float:
         """From the callback to the air, as the device states it, s; 0 once closed or unknown."""
-        latency = self._information("outputLatency")
-        # JACK says -1 as a count without a sign while it does not know: a day.
-        return latency if latency < _LONGEST_LATENCY else 0.0
-
-    @property
-    def input_latency(self) -> float:
-        """From the air to the callback, as the device states it, s; 0 without input."""
-        return self._information("inputLatency")
-
-    @property
-    def sample_rate(self) -> float:
-        """The true one, Hz; 0 once closed."""
-        return self._information("sampleRate")
-
-    def _information(self, field: str) -> float:
         known = None if self._handle is None else self._library.Pa_GetStreamInfo(self._handle)
-        return getattr(known.contents, field) if known else 0.0
+        latency = known.contents.output if known else 0.0
+        return latency if latency < _LONGEST_LATENCY else 0.0
 
     def _opened(self) -> c_void_p:
         if self._handle is None:
@@ -394,12 +270,12 @@ class Stream:
 
 
 def keep(used: object) -> None:
-    """Let what a stream was given live on, where PortAudio may still call and read it."""
+    """Keep an object for ever, as PortAudio may still call and read it."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(used))
 
 
 def _patiently(function: Callable[[c_void_p], int], handle: c_void_p) -> int | None:
-    """Return what a function of PortAudio returns; None where it does not return in time."""
+    """Return the code of a PortAudio function; None where it does not return in time."""
     codes: list[int] = []
     call = threading.Thread(target=lambda: codes.append(function(handle)), daemon=True)
     call.start()
@@ -407,31 +283,8 @@ def _patiently(function: Callable[[c_void_p], int], handle: c_void_p) -> int | N
     return codes[0] if codes else None
 
 
-# Status flags that a callback is given, and what it may return.
-INPUT_UNDERFLOW, INPUT_OVERFLOW, OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW = 1, 2, 4, 8
-CONTINUE, COMPLETE = 0, 1
-
-
 class PortAudio:
-    """PortAudio, from the moment it looked for devices until `close`.
-
-    What is plugged in later is seen by the next one. Use it as a context, or `close` it.
-
-    Attributes
-    ----------
-    library : CDLL
-        Its functions.
-    answers : bool
-        Whether every call has returned. After one that did not, PortAudio is left alone: ending it
-        would wait as well.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where PortAudio is not installed.
-    DeviceError
-        Where it cannot start.
-    """
+    """PortAudio until `close`; devices that are plugged in later are seen by the next one."""
 
     def __init__(self) -> None:
         self.library: ctypes.CDLL = load_library()
@@ -439,7 +292,7 @@ class PortAudio:
             code = self.library.Pa_Initialize()
         check(self.library, code, "PortAudio cannot start")
         self._initialised = True
-        self.answers = True
+        self.answers = True  # whether every call returned; ending it would wait for ever as well
 
     def __enter__(self) -> Self:
         return self
@@ -469,31 +322,25 @@ class PortAudio:
 
     def _describe(self, number: int, usual: int) -> Device:
         device = self.library.Pa_GetDeviceInfo(number).contents
-        host = self.library.Pa_GetHostApiInfo(device.hostApi).contents
+        host = self.library.Pa_GetHostApiInfo(device.host).contents
         return Device(
             number=number,
             name=device.name.decode(errors="replace"),
             host=host.name.decode(errors="replace"),
-            outputs=device.maxOutputChannels,
-            inputs=device.maxInputChannels,
-            sample_rate=device.defaultSampleRate,
-            output_latency=device.defaultLowOutputLatency,
-            input_latency=device.defaultLowInputLatency,
+            outputs=device.outputs,
+            inputs=device.inputs,
+            sample_rate=device.sample_rate,
+            output_latency=device.low_output_latency,
+            input_latency=device.low_input_latency,
             default=number == usual,
         )
 
     def device(self, wanted: int | str | None = None) -> Device:
-        """Return a device by its number or part of its name (any case); left out: the default one.
-
-        Raises
-        ------
-        DeviceError
-            Where no device can play, none matches, or several do; it lists what there is.
-        """
+        """Return the device to play on, by number or part of its name; None: the default one."""
         return choose(self.devices(), wanted)
 
     def recorder(self, wanted: int | str | None = None) -> Device:
-        """Return a device that records, as `device` does one that plays."""
+        """Return the device to record from, chosen as by `device`."""
         return choose(self.recorders(), wanted, what="record")
 
     def open(
@@ -509,25 +356,8 @@ class PortAudio:
     ) -> Stream:
         """Open a stream of interleaved float32 samples; it does not run yet.
 
-        Parameters
-        ----------
-        callback, data : int
-            Addresses of a `PaStreamCallback` and of what it is given as `userData`. Both must
-            outlive the stream.
-        sample_rate : float
-            Hz.
-        block : int
-            Frames at each call of the callback.
-        channels, inputs : int
-            Played, and recorded on the same device. Without any that are played, nothing is: the
-            callback is then given nowhere to write to.
-        device : int or str, optional
-            As for `device`, or for `recorder` where nothing is played.
-
-        Raises
-        ------
-        DeviceError
-            Where there is no such device, or it refuses the stream; it lists what there is.
+        `callback` and `data` are addresses, of a `PaStreamCallback` and its `userData`, which must
+        outlive the stream. It records on the same device; without `channels` it only records.
         """
         chosen = self.device(device) if channels else self.recorder(device)
         there = self.devices() if channels else self.recorders()
@@ -550,7 +380,7 @@ class PortAudio:
 
 
 def _asked(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 - ctypes' reference
-    """Return what is wanted of one direction of a stream; None where nothing is."""
+    """Return PaStreamParameters of one direction of a stream; None where it has no channels."""
     if not channels:
         return None
-    return byref(Parameters(device, channels, FLOAT32, latency, None))
+    return byref(_Parameters(device, channels, _FLOAT32, latency, None))

@@ -1,4 +1,4 @@
-"""The audio device's input as a measurement needs it: several channels, and a cue on the way."""
+"""Sound from the audio device's input: one channel of it, or takes of a measurement with a cue."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from typing import Any, Self
 import numpy as np
 from numba import cfunc, types
 from numba.np.numpy_support import carray
-from numpy.typing import NDArray
 
 from struck.errors import DeviceError, OptionError
 from struck.files.sound import Sound
 from struck.live.callback import SIGNATURE
 from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW, TO_FILE, PortAudio, keep
+from struck.model.arrays import Index, Single
 from struck.recordings.capture import CapturedTake
-from struck.synth.memory import reals_at, singles_at
+from struck.synth.memory import singles_at
 
-# A stretch of sound from the audio device's input: taps or a bow on a table as a force.
-
+SETTLING = 0.3  # s of a take that are left out while the device settles
 _BLOCK = 256
-_LONGEST = 600.0
-# Places in what the callback is given: where samples go, how many, how many there are.
-_MICROPHONE_TO, _MICROPHONE_WANTED, _MICROPHONE_DONE = range(3)
-# What the device may take longer than the sound lasts, s.
-_MICROPHONE_PATIENCE = 3.0
+_LONGEST = 600.0  # s
+_PATIENCE, _LOOK = 3.0, 0.005  # s: how late a device may be, and between two looks at it
+# Table of the callback: address of the samples, frames wanted and done, channels, blocks lost.
+_TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
+_PLACES = 5
 
 
 def microphone(
@@ -58,89 +57,13 @@ def microphone(
     """
     if not 0 < seconds <= _LONGEST:
         raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at {_LONGEST:g}")
-    with PortAudio() as portaudio:
-        chosen = portaudio.recorder(device)
-        rate = sample_rate or chosen.sample_rate
-        samples = np.zeros(max(1, round(seconds * rate)))
-        table = np.array([samples.ctypes.data, len(samples), 0])
-        callback = _microphone_callback()  # which must outlive the stream, as must the arrays
-        stream = portaudio.open(
-            callback.address,
-            table.ctypes.data,
-            sample_rate=rate,
-            block=_BLOCK,
-            channels=0,
-            inputs=1,
-            device=chosen.number,
-        )
-        try:
-            stream.start()
-            _wait(table, seconds + _MICROPHONE_PATIENCE)
-            stream.stop()
-        finally:
-            if not stream.close():
-                keep((callback, table, samples))
-    return Sound(
-        samples=samples[None].astype(np.float32), sample_rate=round(rate), calibrated=False
-    )
-
-
-def _wait(table: NDArray[np.int64], seconds: float) -> None:
-    give_up = time.monotonic() + seconds
-    while table[_MICROPHONE_DONE] < table[_MICROPHONE_WANTED]:
-        if time.monotonic() > give_up:
-            raise DeviceError(
-                f"the device gave {table[_MICROPHONE_DONE]} of {table[_MICROPHONE_WANTED]} samples "
-                "and then no more: "
-                f"look whether it still records; {TO_FILE}"
-            )
-        time.sleep(0.01)
-
-
-def _microphone_callback() -> Any:  # noqa: ANN401 - numba's class has no type
-    @cfunc(SIGNATURE, error_model="numpy")
-    def record(heard, _played, frames, _times, _flags, data):  # noqa: ANN001, ANN202, PLR0917, RUF100 - SIGNATURE types it
-        table = carray(data, (3,), np.int64)
-        samples = reals_at(table[_MICROPHONE_TO], table[_MICROPHONE_WANTED])
-        count = min(types.int64(frames), table[_MICROPHONE_WANTED] - table[_MICROPHONE_DONE])
-        source = carray(heard, (frames,), np.float32)
-        for n in range(count):
-            samples[table[_MICROPHONE_DONE] + n] = source[n]
-        table[_MICROPHONE_DONE] += count
-        return COMPLETE if table[_MICROPHONE_DONE] == table[_MICROPHONE_WANTED] else CONTINUE
-
-    return record
-
-
-SETTLING = 0.3
-"""What is left out while a device that was opened settles, s."""
-# Places in what the callback is given: where samples go, frames wanted and done, channels, blocks
-# that came after others were lost.
-_TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
-_PLACES = 5
-# What the device may take longer than the sound lasts, and between two looks at it, s.
-_PATIENCE, _LOOK = 3.0, 0.005
+    with DeviceRecorder(device, sample_rate=sample_rate) as recorder:
+        samples, _ = recorder.frames(seconds, f"look whether it still records; {TO_FILE}")
+    return Sound(samples=samples.T, sample_rate=round(recorder.sample_rate))
 
 
 class DeviceRecorder:
-    """Records takes from an audio device; use it as a context, or `close` it.
-
-    Parameters
-    ----------
-    device : int or str, optional
-        Number or part of the name; the default one unless given.
-    channels : int
-        How many of its inputs, from the first on.
-    sample_rate : float, optional
-        Hz; the device's own unless given.
-
-    Raises
-    ------
-    DeviceError
-        When there is no such device.
-    MissingDependencyError
-        Without PortAudio.
-    """
+    """Recorder of takes from an audio device; use it as a context, or `close` it."""
 
     def __init__(
         self,
@@ -155,7 +78,7 @@ class DeviceRecorder:
         except DeviceError:
             self._portaudio.close()
             raise
-        self.channels = channels
+        self.channels = channels  # from the first on
         self.sample_rate = sample_rate or self.device.sample_rate
         self._callback = _callback()
 
@@ -172,36 +95,37 @@ class DeviceRecorder:
     def record(
         self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
     ) -> Sound:
-        """Record so many seconds; call `cue` once `lead_in` seconds of them are recorded.
-
-        Raises
-        ------
-        DeviceError
-            When the device refuses, or stops before its time.
-        """
+        """Record some seconds; call `cue` once `lead_in` seconds of them are recorded."""
         del take
         skipped = round(SETTLING * self.sample_rate)
-        frames = skipped + max(1, round(seconds * self.sample_rate))
-        samples = np.zeros((frames, self.channels), np.float32)
-        table = np.array([samples.ctypes.data, frames, 0, self.channels, 0])
-        self._run(table, samples, skipped + round(lead_in * self.sample_rate), cue)
-        lost = (
-            f"the device lost samples {table[_LOST]} times: close other programs, or record fewer "
+        samples, lost = self.frames(
+            seconds,
+            "look whether it is still connected; what is recorded stays, so start again to go on",
+            skipped=skipped,
+            first=skipped + round(lead_in * self.sample_rate),
+            cue=cue,
+        )
+        note = (
+            f"the device lost samples {lost} times: close other programs, or record fewer "
             "channels or at a lower rate"
         )
         return Sound(
-            samples=samples[skipped:].T,
-            sample_rate=round(self.sample_rate),
-            notes=(lost,) if table[_LOST] else (),
+            samples=samples.T, sample_rate=round(self.sample_rate), notes=(note,) if lost else ()
         )
 
-    def _run(
+    def frames(
         self,
-        table: NDArray[np.int64],
-        samples: NDArray[np.float32],
-        first: int,
-        cue: Callable[[], None],
-    ) -> None:
+        seconds: float,
+        way_out: str,
+        *,
+        skipped: int = 0,
+        first: int = 0,
+        cue: Callable[[], None] = lambda: None,
+    ) -> tuple[Single, int]:
+        """Return frames (n, channels) after those skipped, and how often samples were lost."""
+        count = skipped + max(1, round(seconds * self.sample_rate))
+        samples = np.zeros((count, self.channels), np.float32)
+        table = np.array([samples.ctypes.data, count, 0, self.channels, 0])
         stream = self._portaudio.open(
             self._callback.address,
             table.ctypes.data,
@@ -213,23 +137,23 @@ class DeviceRecorder:
         )
         try:
             stream.start()
-            self._wait(table, first)
+            self._wait(table, first, way_out)
             cue()
-            self._wait(table, int(table[_WANTED]))
+            self._wait(table, count, way_out)
             stream.stop()
         finally:
             if not stream.close():
                 keep((self._callback, table, samples))
+        return samples[skipped:], int(table[_LOST])
 
-    def _wait(self, table: NDArray[np.int64], frames: int) -> None:
+    def _wait(self, table: Index, frames: int, way_out: str) -> None:
         left = frames - int(table[_DONE])
         give_up = time.monotonic() + left / self.sample_rate + _PATIENCE
         while table[_DONE] < frames:
             if time.monotonic() > give_up:
                 raise DeviceError(
                     f"{self.device.name} gave {table[_DONE]} of {table[_WANTED]} samples and then "
-                    "no more: look whether it is still connected; what is recorded stays, so "
-                    "start again to go on"
+                    f"no more: {way_out}"
                 )
             time.sleep(_LOOK)
 
