@@ -1,7 +1,8 @@
 """No kernel is slow by accident: a harmless edit can keep the compiler from making vectors.
 
 That costs 4 to 15 times. What is measured is processor time of the thread, the least of some turns,
-beside NumPy's product of a matrix and a vector, which has to load what it multiplies.
+beside NumPy's product of a matrix and a vector, which has to load what it multiplies. Ratios as
+measured are for a quiet machine (`make prove`); the ordinary suite catches a collapse alone.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ MODES, BLOCK = 2048, 128
 SHAPE = (64, 1024)
 PRODUCTS = SHAPE[0] * SHAPE[1]
 TURNS = 9
+COLLAPSE = 3.0
+"""How many times slower than measured the ordinary suite allows."""
 
 
 def times(*calls: Callable[[], object]) -> list[float]:
@@ -75,19 +78,31 @@ def playing(
     return lambda: played(frames, *rows, *forces, *sounds)
 
 
-@pytest.mark.parametrize("outputs", [1, pytest.param(2, marks=pytest.mark.prove)])
+def slowness(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> float:
+    """Return the time of a kernel's operation over that of NumPy's."""
+    gains = pushes + outputs * (2 if turned else 1)
+    operations = 2 + gains * (2 if ramped else 1)
+    played, numpy = times(playing(pushes, outputs, turned=turned, ramped=ramped), products())
+    return played / (operations * BLOCK * MODES) * PRODUCTS / numpy
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("outputs", [1, 2])
 @pytest.mark.parametrize("pushes", PUSHES)
 @pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
 @pytest.mark.parametrize("ramped", [False, True], ids=["still", "ramped"])
 def test_a_kernel_multiplies_no_slower_than_numpy(
     outputs: int, pushes: int, *, turned: bool, ramped: bool
 ) -> None:
-    gains = pushes + outputs * (2 if turned else 1)
-    operations = 2 + gains * (2 if ramped else 1)
-    played, numpy = times(playing(pushes, outputs, turned=turned, ramped=ramped), products())
-    assert played / (operations * BLOCK * MODES) <= numpy / PRODUCTS
+    assert slowness(pushes, outputs, turned=turned, ramped=ramped) <= 1
 
 
+@pytest.mark.parametrize("ramped", [False, True], ids=["still", "ramped"])
+def test_kernels_are_vectors(*, ramped: bool) -> None:
+    assert slowness(1, 1, turned=True, ramped=ramped) <= COLLAPSE
+
+
+@pytest.mark.prove
 @pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
 def test_a_kernel_of_unit_gain_is_no_slower_than_one_that_multiplies(*, turned: bool) -> None:
     unit, multiplied = times(
@@ -97,7 +112,8 @@ def test_a_kernel_of_unit_gain_is_no_slower_than_one_that_multiplies(*, turned: 
     assert unit <= 1.1 * multiplied
 
 
-@pytest.mark.parametrize("points", [1, pytest.param(2, marks=pytest.mark.prove)])
+@pytest.mark.prove
+@pytest.mark.parametrize("points", [1, 2])
 def test_resonators_take_little_more_than_their_kernel(points: int) -> None:
     random = np.random.default_rng(4)
     resonators = Resonators([bank(random, MODES)], points=points, engine="stepped", voices=1)
@@ -109,6 +125,7 @@ def test_resonators_take_little_more_than_their_kernel(points: int) -> None:
     assert whole <= 3.0 * alone
 
 
+@pytest.mark.prove
 def test_the_block_transform_is_faster_where_it_is_chosen() -> None:
     random = np.random.default_rng(5)
     modes, block = bank(random, 4 * MODES), 512
