@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from struck.errors import DeviceError
+from tests.live.records import push
 from tests.live.servers import dummy_server
 from tests.live.test_device import Player, PortAudio
 
 
 def main() -> None:
     player = Player(modes=0)
-    player.records.push(np.zeros(1, dtype=np.int64), np.zeros(128))
+    push(player.records, np.zeros(1, dtype=np.int64), np.zeros(128))
     with (
         tempfile.TemporaryDirectory() as folder,
         dummy_server("struck-dying", Path(folder)) as server,

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from struck.analysis.analysis import model_of_modes
 from struck.live import player
 from struck.live.callback import Shared
-from struck.live.feeder import Feeder
-from struck.live.player import Player
+from struck.live.player import Feeder, Player
 from struck.model.material import Material
 from struck.model.model import ModalModel
 
@@ -28,7 +27,7 @@ STEEL = Material(density=7850.0, youngs_modulus=210e9, poisson_ratio=0.3)
 class HandFed(Feeder):
     """Fills when told to, not in a thread of its own."""
 
-    player = True
+    running = True
 
     def start(self) -> None:
         self.fill_up()
@@ -70,15 +69,15 @@ class Hand:
 class HandPlayer(Player):
     """A player whose blocks are made one by one.
 
-    Time stands still: all wishes come at the first sample of their block. What is wished is heard
+    Time stands still: all commands come at the first sample of their block. What is said is heard
     one block later, as another is ready before it.
     """
 
     def __init__(self, models: Sequence[ModalModel], **options: Any) -> None:  # noqa: ANN401 - of `Player`
         self.hand = Hand()
         super().__init__(models, outlet=self.hand, **options)
-        self._desk._wishes._clock = lambda: 0.0
-        self._desk._wishes._obeyed = 0.0
+        self._host.queue._clock = lambda: 0.0
+        self._host.queue._emptied = 0.0
 
     def hear(
         self, blocks: int, between: Callable[[int], None] | None = None
@@ -99,12 +98,12 @@ class HandPlayer(Player):
     @property
     def gain(self) -> float:
         """Of full scale for a Pa."""
-        return self._desk.gain
+        return self._host.gain
 
     @property
     def bank(self) -> Any:  # noqa: ANN401 - short
         """The modes."""
-        return self._desk.bank
+        return self._host.bank
 
 
 Make = Callable[..., HandPlayer]

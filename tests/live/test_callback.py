@@ -12,6 +12,7 @@ from struck.live import callback, limiter
 from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
 from struck.live.device import COMPLETE, CONTINUE, OUTPUT_OVERFLOW, OUTPUT_UNDERFLOW
 from struck.live.ring import Ring
+from tests.live.records import push
 
 Array = NDArray[np.float64]
 RATE, BLOCK, CHANNELS = 48000, 128, 2
@@ -63,7 +64,7 @@ def test_records_are_heard_in_order_each_for_one_block() -> None:
     ramp = np.linspace(0, 0.5, BLOCK)
     for number in range(20):
         sent.append(ramp + 0.01 * number)
-        assert device.records.push(np.array([number]), sent[-1])
+        assert push(device.records, np.array([number]), sent[-1])
         heard.append(device.play())
         assert device.arena.tolist() == [number, number + 1]
     played = np.concatenate(heard, axis=1)
@@ -78,13 +79,13 @@ def test_records_are_heard_in_order_each_for_one_block() -> None:
 def test_a_late_record_is_counted_and_the_last_one_goes_on() -> None:
     device = Device()
     assert not device.play().any()  # nothing was ever sent: silence, and nothing is late
-    device.records.push(np.array([5]), np.full(BLOCK, 0.25))
+    push(device.records, np.array([5]), np.full(BLOCK, 0.25))
     for _ in range(10):
         played = device.play()
     assert np.all(played[0] == 0.25)
     assert device.arena.tolist() == [5, 1]
     assert device.shared.counters[LATE] == 9
-    device.records.push(np.array([6]), np.zeros(BLOCK))
+    push(device.records, np.array([6]), np.zeros(BLOCK))
     device.play()
     assert device.arena.tolist() == [6, 2]
     assert device.shared.counters[LATE] == 9
@@ -93,7 +94,7 @@ def test_a_late_record_is_counted_and_the_last_one_goes_on() -> None:
 def test_what_is_being_heard_cannot_be_overwritten() -> None:
     device = Device()
     for number in range(4):
-        device.records.push(np.array([number]), np.zeros(BLOCK))
+        push(device.records, np.array([number]), np.zeros(BLOCK))
     device.play()
     assert device.records.reserve() is None
     device.play()
@@ -109,7 +110,7 @@ def test_underflows_are_counted_and_other_flags_are_not() -> None:
 
 def test_it_fades_out_and_ends_when_it_is_told_to() -> None:
     device = Device()
-    device.records.push(np.array([0]), np.full(BLOCK, 0.5))
+    push(device.records, np.array([0]), np.full(BLOCK, 0.5))
     for _ in range(20):
         device.play()
         assert device.answer == CONTINUE
@@ -131,7 +132,7 @@ def test_nothing_that_the_host_sends_is_louder_than_the_ceiling() -> None:
     for _ in range(200):
         forces = 10 ** chance.uniform(-3, 12) * chance.normal(size=BLOCK)
         forces[chance.random(BLOCK) < 0.01] = chance.choice([np.nan, np.inf, -np.inf])
-        device.records.push(np.array([0]), forces)
+        push(device.records, np.array([0]), forces)
         played = device.play()
         assert np.isfinite(played).all()
         assert np.abs(played).max() <= 0.89

@@ -24,7 +24,7 @@ from struck.live import callback, limiter
 from struck.live import device as binding
 from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
 from struck.live.device import Device, PortAudio, Stream, choose
-from struck.live.feeder import Feeder
+from struck.live.player import Feeder
 from struck.live.ring import Ring
 from tests.live.servers import BLOCK, RATE, Server, judge
 
@@ -207,7 +207,6 @@ def test_a_stream_states_its_latency_and_says_when_it_is_closed() -> None:
     player = Player(modes=0)
     with PortAudio() as portaudio:
         stream = player.open(portaudio, inputs=2)
-        assert stream.sample_rate == RATE
         assert 0 <= stream.latency < 0.1
         player.play(stream, 0.2)
         assert stream.close()

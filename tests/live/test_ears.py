@@ -43,7 +43,7 @@ def test_ears_hear_what_the_render_does(by_hand: Make, listener: Listener) -> No
     player = by_hand(model, volume=-20, listener=listener)
     player.hear(OPENED)
     player.strike(BLOW)
-    waiting = BLOCK + LEAD + LATE + player._desk._ears.propagation.lead
+    waiting = BLOCK + LEAD + LATE + player._host._ears.propagation.lead
     heard = both(player, 60)[:, waiting:] / player.gain
     expected = struck.render(model, BLOW, seconds=0.12, listener=listener).samples
     for channel, row in enumerate(heard):

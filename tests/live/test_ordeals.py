@@ -17,7 +17,7 @@ import struck
 from struck.excitation.friction import rung
 from struck.excitation.scrape import Roll, Scrape
 from struck.live import limiter
-from struck.live.soak import Robot, busy_thread, repeated
+from struck.live.keys import Robot, busy_thread, repeated
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from tests.live.hand import BLOCK, CEILING, RATE, HandPlayer, Make, ball, by_hand

@@ -13,9 +13,9 @@ import pytest
 from struck.errors import ContactError, DeviceError, OptionError
 from struck.excitation.scrape import Scrape
 from struck.excitation.touch import Touching
-from struck.live.commands import MOST_WISHES, Wishes
+from struck.live.commands import MOST_COMMANDS, CommandQueue
 from struck.live.player import Player
-from struck.live.voices import Troubles
+from struck.live.voices import LastError
 from struck.model.model import ModalModel
 from tests.live.hand import RATE, STEEL, Hand, Make, ball, by_hand
 
@@ -46,28 +46,28 @@ def fail(_sample: int) -> None:
 
 
 def test_a_wish_that_fails_keeps_no_other_from_being_done() -> None:
-    troubles, done = Troubles(), []
-    wishes = Wishes(lambda: 0.0, block=128, sample_rate=48000.0, troubles=troubles)
-    assert wishes.add(fail)
-    assert wishes.add(done.append)
-    wishes.obey(256)
+    error, done = LastError(), []
+    queue = CommandQueue(lambda: 0.0, block=128, sample_rate=48000.0, error=error)
+    assert queue.add(fail)
+    assert queue.add(done.append)
+    queue.run(256)
     assert done == [256]
     with pytest.raises(OptionError, match="KeyError"):
-        troubles.tell()
-    troubles.tell()
+        error.raise_again()
+    error.raise_again()
 
 
 def test_what_changes_a_state_always_has_room_and_the_last_wins() -> None:
     done: list[int] = []
-    wishes = Wishes(lambda: 0.0, block=128, sample_rate=48000.0, troubles=Troubles())
-    for number in range(MOST_WISHES + 10):
-        wishes.add(lambda _, number=number: done.append(number))
-    assert wishes.refused == 10
+    queue = CommandQueue(lambda: 0.0, block=128, sample_rate=48000.0, error=LastError())
+    for number in range(MOST_COMMANDS + 10):
+        queue.add(lambda _, number=number: done.append(number))
+    assert queue.refused == 10
     for number in (-1, -2, -3):
-        wishes.put("state", lambda _, number=number: done.append(number))
-    wishes.obey(0)
-    assert done == [*range(MOST_WISHES), -3]
-    assert wishes.refused == 10
+        queue.put("state", lambda _, number=number: done.append(number))
+    queue.run(0)
+    assert done == [*range(MOST_COMMANDS), -3]
+    assert queue.refused == 10
 
 
 def test_a_full_queue_loses_neither_changes_nor_the_listener(by_hand: Make) -> None:
@@ -75,7 +75,7 @@ def test_a_full_queue_loses_neither_changes_nor_the_listener(by_hand: Make) -> N
     player.hear(10)
     player.strike()
     near = np.abs(player.hear(30)).max()
-    for _ in range(MOST_WISHES):
+    for _ in range(MOST_COMMANDS):
         player.touch("top", 0.0)
     player.listener = (100.0, 0.0, 0.0)
     left_out = player.start(Scrape(path=["top", "side"], speed=0.1, load=2.0, repeat="back"))
@@ -90,7 +90,7 @@ def test_a_full_queue_does_not_lose_a_change(by_hand: Make) -> None:
     model = ball()
     player = by_hand(model)
     player.hear(3)
-    for _ in range(MOST_WISHES):
+    for _ in range(MOST_COMMANDS):
         player.touch("top", 0.0)
     player.change(model.made_of(replace(STEEL, youngs_modulus=4 * STEEL.youngs_modulus)))
     player.hear(5)
@@ -128,7 +128,7 @@ def test_fingers_that_let_go_give_their_voices_back(by_hand: Make) -> None:
         player.touch("side", 2.0, 0.1, finger=finger)
     player.hear(10)
     assert player.dropped == 0
-    assert player._desk._voices.free == 0
+    assert player._host._voices.free == 0
 
 
 def test_a_touch_may_begin_while_a_body_changes(
@@ -136,19 +136,19 @@ def test_a_touch_may_begin_while_a_body_changes(
 ) -> None:
     model, whole = ball(), Touching.change
     player = by_hand(model)
-    desk = player._desk
+    host = player._host
 
     def change(touching: Touching, other: ModalModel) -> None:
-        desk.touching(0, 2, None)  # as another thread may do at any moment
+        host.touching(0, 2, None)  # as another thread may do at any moment
         whole(touching, other)
 
     for finger in (0, 1):
-        desk.touching(0, finger, None)
+        host.touching(0, finger, None)
     monkeypatch.setattr(Touching, "change", change)
     player.change(model)
     player.hear(5)
-    player.strike()  # which tells of trouble
-    assert player._desk.notes(0, 2)
+    player.strike()  # which tells of failure
+    assert player._host.notes(0, 2)
 
 
 def test_hands_from_several_threads_do_not_disturb_each_other(by_hand: Make) -> None:
@@ -203,7 +203,7 @@ def test_a_feeder_that_failed_is_named_as_the_cause() -> None:
     outlet = Hand()
     player = Player([ball(3)], outlet=outlet)
     player.begin()
-    player._desk._layout = None  # type: ignore[assignment] # the next block will fail
+    player._host._layout = None  # type: ignore[assignment] # the next block will fail
     give_up = time.monotonic() + 5
     while player.active and time.monotonic() < give_up:
         outlet.play()
@@ -216,8 +216,8 @@ def test_a_feeder_that_failed_is_named_as_the_cause() -> None:
 
 
 def test_trouble_of_struck_is_raised_as_it_was() -> None:
-    troubles, trouble = Troubles(), ContactError("off the body")
-    troubles.note(trouble)
+    error, failure = LastError(), ContactError("off the body")
+    error.keep(failure)
     with pytest.raises(ContactError) as caught:
-        troubles.tell()
-    assert caught.value is trouble
+        error.raise_again()
+    assert caught.value is failure

@@ -15,9 +15,8 @@ from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.live.keys import Keys
+    from struck.live.keys import Keys, Robot
     from struck.live.player import Player
-    from struck.live.soak import Robot
 
 _SOAK_MODES, _SOAK_STRIKES, _SOAK_SCRAPES = 2000, 200.0, 2
 _LOOK = 0.004  # s between two looks at the keyboard
@@ -54,7 +53,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck play`."""
-    from struck.live.soak import repeated
+    from struck.live.keys import repeated
 
     _require_counts(options)
     if options.list_devices:
@@ -99,8 +98,7 @@ def _played(
     player: Player, models: list[struck.ModalModel], options: argparse.Namespace
 ) -> tuple[int, float]:
     """Play until somebody ends it; return how often was struck, and for how long, s."""
-    from struck.live.keys import places_by_key, terminal_keys
-    from struck.live.soak import Robot, busy_thread
+    from struck.live.keys import Robot, busy_thread, places_by_key, terminal_keys
 
     robot = Robot(player, models, strikes=options.strikes, scrapes=options.scrapes)
     end = time.monotonic() + (math.inf if options.seconds is None else options.seconds)

@@ -36,26 +36,24 @@ from struck.synth.blocks import make_block
 from struck.synth.memory import NUMBERS, address_of, call, integers_at, reals_at, singles_at, view
 from struck.synth.resonators import Stepped
 
-# What the callback does for each block: take a record, let the modes ring, mix.
-
-# Places in the arena: addresses and lengths of the store as int64, outputs that are in use; volume
-# at the end of the last block and the loudest sample so far, before the limiter; addresses and
-# lengths of the memory of ears, and how many paths and taps they have: 0 without them.
-_SOUNDING_REALS, _WHOLES, _POINTS, _SOUNDING_PROCESS = 0, 2, 4, 5
+# Places in the arena: addresses and lengths of the modes' memory as int64, outputs in use, address
+# of `make_block`; volume at the end of the last block and the loudest sample so far, before the
+# limiter; addresses and lengths of the memory of ears, and their paths and taps: 0 without them.
+_STORE_REALS, _STORE_WHOLES, _POINTS, _MAKE_BLOCK = 0, 2, 4, 5
 VOLUME, PEAK = 6, 7
 _SINGLES, _WAYS, _SIZES, _PATHS, _TAPS = 8, 10, 12, 14, 15
-_SOUNDING_ARENA = 16
+_ARENA_SIZE = 16
 
 
 def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Array:
-    """Return what the callback is given to find the modes and ears, which must outlive it."""
-    places = np.zeros(_SOUNDING_ARENA)
+    """Return the array by which the callback finds modes and ears; both must outlive it."""
+    places = np.zeros(_ARENA_SIZE)
     whole = places.view(np.int64)
     reals, wholes = bank.numbers
-    whole[_SOUNDING_REALS : _SOUNDING_REALS + 2] = reals.ctypes.data, reals.size
-    whole[_WHOLES : _WHOLES + 2] = wholes.ctypes.data, wholes.size
+    whole[_STORE_REALS : _STORE_REALS + 2] = reals.ctypes.data, reals.size
+    whole[_STORE_WHOLES : _STORE_WHOLES + 2] = wholes.ctypes.data, wholes.size
     whole[_POINTS] = 1
-    whole[_SOUNDING_PROCESS] = address_of(make_block, NUMBERS)
+    whole[_MAKE_BLOCK] = address_of(make_block, NUMBERS)
     bank.compile(turned=True)
     places[VOLUME] = volume
     if ears is not None:
@@ -67,10 +65,10 @@ def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Arra
 
 @jitted
 def sound(arena: Array, integers: Index, reals: Array, fresh: bool, outputs: Array) -> None:  # noqa: FBT001 - compiled: positional
-    """Make a block; see `callback.compiled`."""
+    """Compute one block of outputs (channels, block); not `fresh`: the last block's record."""
     whole = arena.view(np.int64)
-    store_reals = reals_at(whole[_SOUNDING_REALS], whole[_SOUNDING_REALS + 1])
-    store_wholes = integers_at(whole[_WHOLES], whole[_WHOLES + 1])
+    store_reals = reals_at(whole[_STORE_REALS], whole[_STORE_REALS + 1])
+    store_wholes = integers_at(whole[_STORE_WHOLES], whole[_STORE_WHOLES + 1])
     memory = view(store_reals, store_wholes)
     sizes = (
         memory.voices.shape[0] - 1,
@@ -87,7 +85,7 @@ def sound(arena: Array, integers: Index, reals: Array, fresh: bool, outputs: Arr
         apply(memory, record)
     else:
         hold(memory, record)
-    call(whole[_SOUNDING_PROCESS], (store_reals, store_wholes))
+    call(whole[_MAKE_BLOCK], (store_reals, store_wholes))
     if whole[_PATHS]:
         ears = seen(
             singles_at(whole[_SINGLES], whole[_SINGLES + 1]),
@@ -137,7 +135,7 @@ def level(arena: Array, volume: float, outputs: Array) -> None:
     arena[VOLUME] = volume
 
 
-Process = Callable[[Array, Index, Array, bool, Array], None]
+Process = Callable[[Array, Index, Array, bool, Array], None]  # arena, record (2), fresh, outputs
 
 # What is counted. `OPEN` is set from outside: 1, as at first, fades in; 0 fades out and then ends
 # the stream.
@@ -157,36 +155,15 @@ _ARGUMENTS = (_REALS, _INTEGERS, _REALS, types.boolean, types.float64[:, ::1])  
 
 
 class Shared:
-    """All that a callback reaches; it must live until the stream is closed.
-
-    Parameters
-    ----------
-    records : Ring
-        Host commands, one record a block.
-    limited : array
-        State of a limiter (`limiter.limiter`).
-    arena : array
-        State of what makes the samples.
-    process : compiled function (arena, integers, reals, fresh, outputs)
-        Called once a block, from the first record on. It writes all `outputs` (channels, block)
-        under the record's `integers` and `reals`, which it must not keep; `fresh` is False where
-        the record is that of the block before.
-    channels, block : int
-        Shape of a block.
-
-    Attributes
-    ----------
-    counters : array (8,), int64
-        `CALLS`, `UNDERFLOWS` that the device reported, `LATE` records; `OPEN`, 1 until set to 0.
-    """
+    """All that a callback reaches, by a table of addresses; it must outlive the stream."""
 
     def __init__(
         self,
         *,
-        records: ring.Ring,
-        limited: Array,
-        arena: Array,
-        process: Process,
+        records: ring.Ring,  # commands of the host, one record a block
+        limited: Array,  # state of `limiter.limiter`
+        arena: Array,  # state of what makes the samples
+        process: Process,  # compiled; writes all outputs (channels, block), keeps no record
         channels: int,
         block: int,
     ) -> None:
@@ -201,7 +178,7 @@ class Shared:
 
     @property
     def address(self) -> int:
-        """What the callback is given as `userData`."""
+        """Address of the table, the callback's `userData`."""
         return self._table.ctypes.data
 
 

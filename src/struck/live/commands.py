@@ -1,4 +1,8 @@
-"""Where a player's wishes become records: any thread on one side, the feeder on the other."""
+"""From commands to records: what users' threads say becomes, block by block, what is played.
+
+`Host` is what is played: bodies, voices, touches. A command waits in the `CommandQueue` until the
+feeder fills the next block; then it changes the host, which writes the block's record.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ from struck.excitation.touch import Touching, TouchLog
 from struck.live.callback import arena
 from struck.live.ears import LiveEars
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring
-from struck.live.voices import Blows, Started, Troubles, Voices
+from struck.live.voices import Blows, LastError, Started, Voices
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
@@ -32,28 +36,17 @@ from struck.synth.memory import BodyColumn
 from struck.synth.poles import Poles, require_session
 from struck.synth.resonators import Resonators, Stepped
 
-# One body while it is played: where it is touched, what holds it, how it is heard.
-
 Kept = TypeVar("Kept")
-
+STRIKE_PEAK = 10 ** (-12 / 20)  # of full scale: peak of a default strike
+MOST_NOTED = 60_000  # updates kept of each touch: ten minutes at 100 Hz
+MOST_COMMANDS = 1024  # that may wait for the next block; more are refused and counted
+MOST_AHEAD = 64  # blocks that may be kept ready
 _KEPT = 256  # contacts, and drives, that are not looked up again
+_LISTENED, _BLOCK = 0.25, 256  # s and samples a block of the strike that sets the loudness
 
 
 class PlayedBody:
-    """A model, and what hands do to it.
-
-    Parameters
-    ----------
-    model : ModalModel
-        What rings.
-    sample_rate : float
-        Hz.
-
-    Raises
-    ------
-    OptionError
-        Where the model is not fit to ring.
-    """
+    """A model that is played, with the hands that hold it and the contacts looked up so far."""
 
     def __init__(self, model: ModalModel, sample_rate: float) -> None:
         self.model = model
@@ -88,13 +81,7 @@ class PlayedBody:
             self._holds[place] = hold, hold.raised(self.model)
 
     def changed(self, model: ModalModel) -> PlayedBody:
-        """Return another body in the same hands.
-
-        Raises
-        ------
-        OptionError
-            Where the model is not fit to ring, or has another number of modes.
-        """
+        """Return another body in the same hands; OptionError where the number of modes differs."""
         other = PlayedBody(model, self._rate)
         self.free.require_size(other.free.values, "the changed model")
         for hold, _ in self._holds.values():
@@ -103,22 +90,14 @@ class PlayedBody:
 
     @property
     def logarithms(self) -> Complex:
-        """What a sample turns each mode by, in its logarithm, (M,); hands raise the decays."""
+        """Logarithm of each mode's factor per sample (M,), decays raised by the hands."""
         values = self.free.values
         for _, raised in self._holds.values():
             values = values - (values != 0) * raised
         return values / self._rate
 
     def outputs(self, listener: Array) -> Complex:
-        """Return how loudly each mode is heard at a position, (M,).
-
-        Raises
-        ------
-        ContactError
-            Where the listener is inside the body.
-        OptionError
-            Where the gains are no product of contact and listener, or are not finite.
-        """
+        """Return the output gain of each mode at a position (M,)."""
         gains = self.model.gains.toward(listener[None])[0]
         if len(gains) != 1 or not np.isfinite(gains).all():
             raise OptionError(
@@ -128,7 +107,7 @@ class PlayedBody:
         return gains[0]
 
     def outputs_aside(self) -> Complex:
-        """Return how loudly each mode would be heard at 1 m were it a point, (M,)."""
+        """Return the output gain of each mode (M,) at 1 m, the body taken as a point source."""
         far = place_beside(self.model)
         return far[0] * self.outputs(centre_of(self.model) + far)
 
@@ -152,30 +131,14 @@ def _hashable(place: Place) -> Hashable:
 
 
 def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
-    """Remember one more, forget the oldest where there are too many; any thread may call it."""
+    """Cache one more, dropping the oldest where there are too many; any thread may call it."""
     if len(known) >= _KEPT:
         known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
     return known.setdefault(key, value)
 
 
-# How loud a pascal is in a device's samples.
-
-STRIKE_PEAK = 10 ** (-12 / 20)
-"""What a default strike peaks at, of full scale."""
-_LISTENED = 0.25  # s
-_BLOCK = 256
-
-
 def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float) -> float:
-    """Return what a Pa (or a relative unit) is of full scale.
-
-    With it the loudest of the bodies, each struck by `Strike()`, peaks at -12 dB.
-
-    Raises
-    ------
-    OptionError
-        Where none of them is heard.
-    """
+    """Return full scale per Pa at which a default strike of the loudest body peaks at -12 dB."""
     peak = max(_peak(body, listener, sample_rate) for body in bodies)
     if not peak > 0:
         raise OptionError(
@@ -198,29 +161,16 @@ def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
     return peak
 
 
-# What touches a body while it is played, and what is noted of it.
-
-MOST_NOTED = 60_000
-"""Updates of each touch that are kept: ten minutes at 100 Hz."""
-_COLUMNS = 9
-
-
 class Notes:
-    """The last updates of a touch.
-
-    Parameters
-    ----------
-    tool : Tool
-        What touches.
-    """
+    """The last updates of a touch, to be rendered offline."""
 
     def __init__(self, tool: Tool) -> None:
         self._tool = tool
-        self._rows: Array = np.full((MOST_NOTED, _COLUMNS), 0.0)
+        self._rows: Array = np.full((MOST_NOTED, 9), 0.0)
         self._count = 0
 
     def add(self, time: float, word: Update) -> None:
-        """Note an update that takes effect at a time, s; in place of the oldest where need be."""
+        """Note an update that takes effect at a time, s; when full it replaces the oldest."""
         row = self._rows[self._count % MOST_NOTED]
         row[0] = time
         row[1:4], row[4:7] = word.contact.point, word.contact.direction
@@ -228,7 +178,7 @@ class Notes:
         self._count += 1
 
     def log(self) -> TouchLog:
-        """Return them as an excitation; OptionError where there was no touch."""
+        """Return the updates as an excitation; OptionError where there was no touch."""
         if not self._count:
             raise OptionError("nothing was touched yet: there is no log")
         rows = np.roll(self._rows, -(self._count % MOST_NOTED), axis=0)
@@ -243,37 +193,14 @@ class Notes:
         )
 
 
-# What a player was told and has not done yet.
-#
-# Wishes wait in a queue until the feeder fills the next block. Within that block they take effect
-# as far apart as they were said: what was said just after the last block was filled comes at its
-# first sample, what was said just now at its last.
-
-Wish = Callable[[int], object]
-"""Given the number of the sample at which it takes effect."""
-
-MOST_WISHES = 1024
-"""That may wait for the next block; what is beyond is dropped and counted."""
+Command = Callable[[int], object]  # called with the number of the sample at which it takes effect
 
 
-class Wishes:
-    """A queue that any thread may add to and one empties, block by block.
+class CommandQueue:
+    """Queue of commands from the user's threads to the feeder's thread, emptied block by block.
 
-    Parameters
-    ----------
-    clock : callable
-        The time, s.
-    block : int
-        Samples.
-    sample_rate : float
-        Hz.
-    troubles : Troubles
-        Where it is noted that a wish failed.
-
-    Attributes
-    ----------
-    refused : int
-        Wishes that there was no room for.
+    Within a block commands take effect as far apart as they were said: one that was said just after
+    the last block was filled comes at its first sample, one that was said just now at its last.
     """
 
     def __init__(
@@ -282,100 +209,57 @@ class Wishes:
         *,
         block: int,
         sample_rate: float,
-        troubles: Troubles,
+        error: LastError,
     ) -> None:
         self._clock, self._block, self._length = clock, block, block / sample_rate
-        self._troubles = troubles
-        self._waiting: dict[Hashable, tuple[float, Wish]] = {}
-        self._lock = threading.Lock()
-        self.refused, self._obeyed = 0, clock()
+        self._error = error
+        self._waiting: dict[Hashable, tuple[float, Command]] = {}
+        self._lock = threading.RLock()
+        self.refused, self._emptied = 0, clock()
 
     @property
     def idle(self) -> float:
-        """How long ago they were last obeyed, s."""
-        return self._clock() - self._obeyed
+        """Time since the queue was last emptied, s."""
+        return self._clock() - self._emptied
 
     def have_room(self) -> bool:
-        """Tell whether one more may wait; where not, it counts as refused."""
+        """Tell whether one more command fits; where not, it counts as refused."""
         with self._lock:
-            return self._have_room()
-
-    def add(self, wish: Wish) -> bool:
-        """Let one more wait; False where there is no room."""
-        with self._lock:
-            room = self._have_room()
-            if room:
-                self._waiting[object()] = self._clock(), wish
+            room = len(self._waiting) < MOST_COMMANDS
+            self.refused += not room
             return room
 
-    def put(self, key: Hashable, wish: Wish) -> None:
-        """Let a wish wait in place of an older one of the same key: there is always room."""
+    def add(self, command: Command) -> bool:
+        """Queue a command; False where there is no room."""
+        with self._lock:
+            room = self.have_room()
+            if room:
+                self._waiting[object()] = self._clock(), command
+            return room
+
+    def put(self, key: Hashable, command: Command) -> None:
+        """Queue a command in place of an older one of the same key: there is always room."""
         with self._lock:
             self._waiting.pop(key, None)  # the new one comes last
-            self._waiting[key] = self._clock(), wish
+            self._waiting[key] = self._clock(), command
 
-    def obey(self, sample: int) -> None:
-        """Do what was wished since the last time, in the block that begins at this sample."""
+    def run(self, sample: int) -> None:
+        """Run the commands since the last call, in the block that begins at this sample."""
         now, last = self._clock(), 0
         with self._lock:
             waiting, self._waiting = self._waiting, {}
-        for said, wish in waiting.values():
-            place = int((said - self._obeyed) / self._length * self._block)
+        for said, command in waiting.values():
+            place = int((said - self._emptied) / self._length * self._block)
             last = max(last, min(place, self._block - 1))
             try:
-                wish(sample + last)
-            except Exception as trouble:  # noqa: BLE001 - told to whoever plays; all else goes on
-                self._troubles.note(trouble)
-        self._obeyed = now
-
-    def _have_room(self) -> bool:
-        if len(self._waiting) < MOST_WISHES:
-            return True
-        self.refused += 1
-        return False
+                command(sample + last)
+            except Exception as failure:  # noqa: BLE001 - told to whoever plays; all else goes on
+                self._error.keep(failure)
+        self._emptied = now
 
 
-MOST_AHEAD = 64
-"""Blocks that may be kept ready."""
-
-
-class Desk:
-    """The host's side of what is played.
-
-    Parameters
-    ----------
-    models : sequence of ModalModel
-        The bodies.
-    listener : array (3,) or Listener
-        Where they are heard, m, by one ear for which the travel time is left out; or with which
-        ears.
-    sample_rate : float
-        Hz.
-    block, voices : int
-        Samples of a block; excitations at once.
-    volume : float
-        dB.
-    ahead : int
-        Blocks kept ready.
-    clock : callable
-        The time, s.
-
-    Attributes
-    ----------
-    records : Ring
-        For the callback.
-    arena : array
-        For the callback.
-    now : int
-        Number of the sample at which the next block begins.
-
-    Raises
-    ------
-    OptionError
-        On models that are not fit to ring, or numbers outside their bounds.
-    ContactError
-        Where the listener is inside a body.
-    """
+class Host:
+    """What is played as the host sees it: bodies, voices, touches, and their records."""
 
     def __init__(
         self,
@@ -403,10 +287,10 @@ class Desk:
             self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
         self._scale = full_scale(self._bodies, self._place, sample_rate)
         self._prepare(voices, ahead)
-        self._troubles = Troubles()
-        self._voices = Voices(voices, self._troubles)
+        self.error = LastError()
+        self._voices = Voices(voices, self.error)
         self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
-        self._wishes = Wishes(clock, block=block, sample_rate=sample_rate, troubles=self._troubles)
+        self.queue = CommandQueue(clock, block=block, sample_rate=sample_rate, error=self.error)
         self._changing = threading.Lock()  # bodies, hands and listener, and the order of changes
         self._poles: dict[int, Complex] = {}
         self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
@@ -414,19 +298,19 @@ class Desk:
         self._dropped = self.now = 0
 
     def _prepare(self, voices: int, ahead: int) -> None:
-        """Lay out all memory; nothing is allocated later but what excitations make."""
-        self._bank = Stepped(
+        """Lay out all memory; later only excitations allocate."""
+        self.bank = Stepped(  # once it plays only the callback may touch it
             [body.free for body in self._bodies],
             points=1,
             block=self._block,
             voices=voices,
             sample_rate=self._rate,
         )
-        memory = self._bank.memory
+        memory = self.bank.memory
         ears = self._ears
         self._layout = Layout.of(memory, 1, *((ears.paths, ears.taps) if ears else ()))
         self._firsts = memory.bodies[:, BodyColumn.FIRST].tolist()
-        self.arena = arena(self._bank, volume=self.gain, ears=ears)
+        self.arena = arena(self.bank, volume=self.gain, ears=ears)
         # Those ahead, the one that is heard, and the one that is written.
         self.records = Ring(
             capacity=ahead + 2, integers=self._layout.integers, reals=self._layout.reals
@@ -434,23 +318,13 @@ class Desk:
 
     @property
     def gain(self) -> float:
-        """Of full scale for each Pa."""
+        """Full scale per Pa, volume included."""
         return self._scale * 10 ** (self.volume / 20)
 
     @property
-    def bank(self) -> Stepped:
-        """The modes; the callback's alone once it plays."""
-        return self._bank
-
-    @property
-    def idle(self) -> float:
-        """How long ago the last block was filled, s."""
-        return self._wishes.idle
-
-    @property
     def dropped(self) -> int:
-        """Wishes that there was no room or no voice for."""
-        return self._wishes.refused + self._dropped
+        """Commands and excitations left out for want of room or a voice."""
+        return self.queue.refused + self._dropped
 
     def body(self, number: int) -> PlayedBody:
         """Return a body; OptionError where there is none of that number."""
@@ -458,25 +332,17 @@ class Desk:
             raise OptionError(f"body is {number}: there are 0 to {len(self._bodies) - 1}")
         return self._bodies[number]
 
-    def raise_trouble(self) -> None:
-        """Raise why an excitation was stopped since this was last asked, if one was."""
-        self._troubles.tell()
-
-    def has_room(self) -> bool:
-        """Tell whether one more wish may wait; where not, it counts as dropped."""
-        return self._wishes.have_room()
-
     def strike(self, body: int, drive: Array, pulse: Samples) -> None:
         """Strike a body with a pulse whose first sample counts from now."""
-        self._wishes.add(lambda sample: self._strike(body, drive, pulse, sample))
+        self.queue.add(lambda sample: self._strike(body, drive, pulse, sample))
 
     def start(self, body: int, started: Started) -> None:
-        """Let an excitation begin with the next block; it has ended where there is no room."""
-        if not self._wishes.add(lambda _: self._add(started, body, started) or started.end()):
+        """Start an excitation with the next block; it has ended at once where there is no room."""
+        if not self.queue.add(lambda _: self._add(started, body, started) or started.end()):
             started.end()
 
     def touching(self, body: int, finger: int, tool: Tool | None) -> tuple[Touching, Notes]:
-        """Return a touch, and what is noted of it; a first one begins."""
+        """Return a touch and the notes of its updates; the first call begins it."""
         key = (body, finger)
         if key not in self._touches:
             chosen = tool or Tool()
@@ -485,39 +351,39 @@ class Desk:
         return self._touches[key]
 
     def touch(self, body: int, finger: int, word: Update) -> None:
-        """Let a touch follow a word from now on."""
-        self._wishes.add(lambda sample: self._touch(body, finger, word, sample))
+        """Let a touch follow an update from now on."""
+        self.queue.add(lambda sample: self._touch(body, finger, word, sample))
 
     def notes(self, body: int, finger: int) -> Notes:
-        """Return what is noted of a touch; OptionError where there was none."""
+        """Return the notes of a touch; OptionError where there was none."""
         if (body, finger) not in self._touches:
             raise OptionError(f"finger {finger} has not touched body {body} yet: there is no log")
         return self._touches[body, finger][1]
 
     def dampen(self, body: int, at: Place, grip: float) -> None:
-        """Hold a body, or let it go."""
+        """Hold a body with a viscous grip, N s/m, or let it go with 0."""
         with self._changing:
             held = self.body(body)
             held.hold(at, grip)
             logarithms = held.logarithms
-            self._wishes.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
+            self.queue.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
 
     def change(self, body: int, model: ModalModel) -> None:
-        """Let a body go on as another."""
+        """Let a body go on with another model."""
         with self._changing:
             other = self.body(body).changed(model)
             poles, outputs = other.logarithms, self._heard(other)
             self._bodies[body] = other
-            self._wishes.put(("change", body), lambda _: self._change(body, model, poles, outputs))
+            self.queue.put(("change", body), lambda _: self._change(body, model, poles, outputs))
 
     def listen(self, listener: Array | Listener) -> None:
-        """Let all bodies be heard elsewhere; OptionError on ears of another kind."""
+        """Move the listener; OptionError on ears of another kind."""
         with self._changing:
             if self._ears is not None and not isinstance(listener, np.ndarray):
                 self._ears.listen(listener)
             elif self._ears is None and isinstance(listener, np.ndarray):
                 outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
-                self._wishes.put("listener", lambda _: self._outputs.update(outputs))
+                self.queue.put("listener", lambda _: self._outputs.update(outputs))
             else:
                 raise OptionError(
                     f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
@@ -527,7 +393,7 @@ class Desk:
 
     @property
     def _place(self) -> Array:
-        """Where loudness counts, m (3,)."""
+        """Position at which loudness counts, m (3,)."""
         if self._ears is not None:
             return self._ears.position
         return np.asarray(self.listener, np.float64)
@@ -537,7 +403,7 @@ class Desk:
 
     def fill(self, integers: Index, reals: Array) -> None:
         """Write the record of the next block; the feeder calls it."""
-        self._wishes.obey(self.now)
+        self.queue.run(self.now)
         record = self._layout.record(integers, reals)
         record.volume[0] = self.gain
         self._write_bodies(record)

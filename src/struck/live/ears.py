@@ -1,7 +1,7 @@
-"""A listener's ears while bodies are played: the feeder finds the ways, the callback hears.
+"""A listener's ears while bodies are played: the feeder finds the delays, the callback hears.
 
-What the callback needs lies in three pieces of memory, laid out once; what it
-does with them says `struck.ears.delay_lines`.
+What the callback needs lies in three pieces of memory, laid out once; `struck.ears.delay_lines`
+says what it does with them.
 """
 
 from __future__ import annotations
@@ -23,44 +23,31 @@ from struck.model.model import ModalModel
 from struck.scene.body import centre_of, emitter_at
 from struck.synth.memory import part
 
-FARTHEST = 340.0
-"""The largest distance between a body and a listener while it is played, m: a second's way."""
-_GROUP = 8
-# So many times as long, a stretch does not go on within a block.
-_STANDING = 1 << 32
+FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
+_GROUP = 8  # taps in a vector
+_STANDING = 1 << 32  # times as long, a stretch does not move within a block
 
 # At the front of the whole numbers.
 _LINES, _LENGTH, _PATHS, _TAPS, _EARS, _BLOCK, _STRETCH, _NOW, _ROWS, _HEADER = range(10)
 
 
 class Ears(NamedTuple):
-    """The parts of the memory.
+    """The arrays that the callback hears with, all float32 unless stated."""
 
-    Parameters
-    ----------
-    lines, between, before, after, history, heard : array, float32
-        As `struck.ears.delay_kernels.hear` takes them.
-    ways : array (2, paths, 3)
-        Delays and gains of the stretch.
-    sizes : array, int64
-        The stretch, and the number of the block's first sample, among others.
-    line_of, ear_of : array (paths,), int64
-    """
-
-    lines: Single
+    lines: Single  # these six as `struck.ears.delay_kernels.hear` takes them
     between: Single
     before: Single
     after: Single
     history: Single
     heard: Single
-    ways: Array
-    sizes: Index
-    line_of: Index
-    ear_of: Index
+    ways: Array  # (2, paths, 3): delays and gains of the stretch
+    sizes: Index  # numbers at the front of the whole ones
+    line_of: Index  # (paths,)
+    ear_of: Index  # (paths,)
 
 
 def _seen(singles: Single, reals: Array, wholes: Index) -> Ears:
-    """Return the parts of the memory."""
+    """Return the arrays that lie in the three pieces of memory."""
     lines, length, paths, taps = wholes[_LINES], wholes[_LENGTH], wholes[_PATHS], wholes[_TAPS]
     ears, block, rows = wholes[_EARS], wholes[_BLOCK], wholes[_ROWS]
     a = lines * length
@@ -82,18 +69,11 @@ def _seen(singles: Single, reals: Array, wholes: Index) -> Ears:
     )
 
 
-seen = jitted_within(_seen)
-"""The parts, for functions without Python."""
+seen = jitted_within(_seen)  # for compiled code
 
 
 class Following:
-    """The pose of a listener who goes where he is told, as far as a stretch of time allows.
-
-    Parameters
-    ----------
-    pose : Pose
-        At first.
-    """
+    """Pose of a listener who moves to where the player says, one stretch of time after another."""
 
     moves = True
 
@@ -102,11 +82,11 @@ class Following:
         self.wanted = self._end = self._begin = _at_rest(pose)
 
     def go_on(self) -> None:
-        """Let a stretch begin."""
+        """Begin the next stretch."""
         self._begin, self._end = self._end, self.wanted
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return places and axes as `Pose.at`, at even shares of the stretch, the last its end."""
+        """Return places and axes as `Pose.at`, at even shares of the stretch up to its end."""
         shares = np.arange(1, len(times) + 1) / len(times)
         (here, turned), (there, wanted) = self._begin, self._end
         centres = here + shares[:, None] * (there - here)
@@ -126,17 +106,7 @@ def _at_rest(pose: Pose) -> tuple[Array, Array]:
 
 
 class LiveEars:
-    """The ears of a listener, and the memory of what is on its way to them.
-
-    Parameters
-    ----------
-    models : sequence of ModalModel
-    listener : Listener
-    sample_rate : float
-        Hz.
-    block : int
-        Samples.
-    """
+    """The ears of a listener, and the memory of the sound that travels to them."""
 
     def __init__(
         self, models: Sequence[ModalModel], listener: Listener, *, sample_rate: float, block: int
@@ -158,22 +128,22 @@ class LiveEars:
 
     @property
     def position(self) -> Array:
-        """Of the head's centre, m (3,)."""
+        """Centre of the head, m (3,)."""
         return self._pose.wanted[0]
 
     @property
     def paths(self) -> int:
-        """Propagation from bodies to ears."""
+        """Number of paths from bodies to ears."""
         return len(self.propagation.paths.lines)
 
     @property
     def taps(self) -> int:
-        """Of the responses, padded."""
+        """Length of the ears' responses, padded to whole vectors."""
         return -(-self.propagation.paths.after.shape[1] // _GROUP) * _GROUP
 
     @property
     def memory(self) -> tuple[Single, Array, Index]:
-        """The numbers that the callback needs, which must outlive it."""
+        """Float32, float64 and int64 memory of the callback, which must outlive it."""
         return self._singles, self._reals, self._wholes
 
     def _lay_out(self) -> None:
@@ -191,7 +161,7 @@ class LiveEars:
         parts.after[:, : found.paths.after.shape[1]] = found.paths.after
 
     def listen(self, listener: Listener) -> None:
-        """Let it be heard from elsewhere, from the next stretch on."""
+        """Move the listener, from the next stretch on."""
         pose = Pose.of(listener, self._emitters)
         if pose.ear_points.shape != self._pose.ear_points.shape:
             raise OptionError(
@@ -217,7 +187,7 @@ class LiveEars:
                 )
 
     def write(self, record: Record) -> None:
-        """Write what the callback needs for the next block."""
+        """Write delays, gains and responses of the next block into its record."""
         record.stretch[NEW_WAYS] = self._since == self._stretch
         if self._since == self._stretch:
             self._pose.go_on()
@@ -238,7 +208,7 @@ def _emitter(model: ModalModel) -> Emitter:
 
 @jitted_within
 def take(ears: Ears, record: Record) -> None:
-    """Take over new ways."""
+    """Take over new delays, gains and responses from a record."""
     if record.stretch[NEW_WAYS]:  # number by number: whole arrays take seconds to compile
         for path in range(ears.after.shape[0]):
             for place in range(3):

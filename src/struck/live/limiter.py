@@ -43,44 +43,14 @@ _NEARLY_OPEN = 1e-9  # the release ends here: -180 dB below a gain of 1
 def limiter(
     *,
     sample_rate: float,
-    channels: int,
-    ceiling: float = 0.89,
-    look_ahead: float = 0.0015,
-    hold: float = 0.010,
-    release: float = 0.2,
-    fade: float = 0.02,
+    channels: int,  # heard together
+    ceiling: float = 0.89,  # -1 dB; rounded down to float32, to hold in a device's samples too
+    look_ahead: float = 0.0015,  # s; how long the gain takes to fall, and how late samples leave
+    hold: float = 0.010,  # s before the gain rises: half a period of the lowest unmodulated tone
+    release: float = 0.2,  # s, time constant with which the gain rises again
+    fade: float = 0.02,  # s in which the output opens or closes
 ) -> Array:
-    """Return the state of a limiter that has heard nothing and whose output is closed.
-
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
-    channels : int
-        Heard together.
-    ceiling : float
-        No output sample is above it in magnitude; rounded down to float32, so that this holds in
-        a device's samples too. The default is -1 dB of full scale.
-    look_ahead : float
-        How long the gain takes to fall, and how late the samples leave, s.
-    hold : float
-        How long the gain stays down before it rises, s: half the period of the lowest tone that
-        does not modulate it.
-    release : float
-        Time constant with which the gain rises again, s.
-    fade : float
-        How long the output takes to open or close, s.
-
-    Returns
-    -------
-    array
-        For `limit`, which changes it.
-
-    Raises
-    ------
-    OptionError
-        On fewer than 1 channel, or a number that is not positive and finite (`hold` may be 0).
-    """
+    """Return the state of a limiter at rest whose output is closed, for `limit` to change."""
     _check(sample_rate, channels, ceiling, look_ahead, hold, release, fade)
     delay = max(1, round(look_ahead * sample_rate))
     held = delay + 1 + round(hold * sample_rate)
@@ -122,16 +92,9 @@ def _check(sample_rate: float, channels: int, *amounts: float) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 - compiled: positional
-    """Limit a block in place.
+    """Limit samples (channels, block) in place while the output opens (or stays open) or closes.
 
-    Parameters
-    ----------
-    state : array
-        Of `limiter`.
-    samples : array (channels, block)
-        Any values; those that are not finite become 0 and are counted in `state[REPLACED]`.
-    opened : bool
-        Whether the output opens (or stays open) or closes.
+    Samples that are not finite become 0 and are counted in `state[REPLACED]`.
     """
     state[LEAST_GAIN] = 1.0
     for sample in range(samples.shape[1]):

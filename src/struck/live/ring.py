@@ -10,18 +10,14 @@ The functions here are compiled; they take `Ring.memory`, which a callback reach
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
-from numba.core.base import BaseContext
 from numba.core.errors import TypingError
-from numba.core.typing.templates import Signature
-from numba.extending import intrinsic
 
 from struck.ears import delay_kernels
 from struck.errors import OptionError
@@ -29,22 +25,22 @@ from struck.model.arrays import Array, Index
 from struck.synth import blocks
 from struck.synth.blocks import refresh, settle, stand, wake
 from struck.synth.compiler import Compiler
-from struck.synth.memory import BodyColumn, Drive, Memory, Mode, Output, Voice
+from struck.synth.memory import (
+    BodyColumn,
+    Drive,
+    Memory,
+    Mode,
+    Output,
+    Typed,
+    Voice,
+    intrinsic,
+)
 
-# Atomic integers, for compiled code that shares memory with Python.
-#
-# A plain store may be reordered by compiler and processor alike. A release store may not sink below
-# nor an acquire load rise above what surrounds them: who sees the stored value also sees all that
-# was written before it. (ISO/IEC 9899:2011, 7.17.3; LLVM language reference, "Atomic Memory
-# Ordering Constraints".)
-
-Generator = Callable[[BaseContext, ir.IRBuilder, Signature, Sequence[ir.Value]], ir.Value | None]
-Typed = tuple[Signature, Generator]
-
+# Atomic integers. A plain store may be reordered by compiler and processor alike. A release store
+# may not sink below nor an acquire load rise above what surrounds them: who sees the stored value
+# also sees all that was written before it. (ISO/IEC 9899:2011, 7.17.3; LLVM language reference,
+# "Atomic Memory Ordering Constraints".)
 _ALIGNMENT = 8  # bytes, of an int64
-
-# Without the typing context that each intrinsic is written with and not called with.
-_intrinsic = cast("Callable[[Callable[..., Typed]], Callable[..., Any]]", intrinsic)
 
 
 def _check(array: types.Type, index: types.Type) -> None:
@@ -60,9 +56,7 @@ def _check(array: types.Type, index: types.Type) -> None:
         )
 
 
-def _element(
-    context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
-) -> ir.Value:
+def _element(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
     """Return the pointer to an element; the index is not checked."""
     array_type, index_type = signature.args[:2]
     array = context.make_array(array_type)(context, builder, arguments[0])
@@ -72,58 +66,30 @@ def _element(
     )
 
 
-@_intrinsic
+@intrinsic
 def load(_typing: object, array: types.Type, index: types.Type) -> Typed:
     """Return `array[index]`; nothing after it is read before it (acquire)."""
     _check(array, index)
 
-    def generate(
-        context: BaseContext,
-        builder: ir.IRBuilder,
-        signature: Signature,
-        arguments: Sequence[ir.Value],
-    ) -> ir.Value | None:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
         pointer = _element(context, builder, signature, arguments)
         return builder.load_atomic(pointer, "acquire", _ALIGNMENT, typ=ir.IntType(64))
 
     return types.int64(array, index), generate
 
 
-@_intrinsic
+@intrinsic
 def store(_typing: object, array: types.Type, index: types.Type, value: types.Type) -> Typed:
     """Set `array[index]`; all that was written before it is seen with it (release)."""
     _check(array, index)
 
-    def generate(
-        context: BaseContext,
-        builder: ir.IRBuilder,
-        signature: Signature,
-        arguments: Sequence[ir.Value],
-    ) -> ir.Value | None:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
         pointer = _element(context, builder, signature, arguments)
         number = context.cast(builder, arguments[2], signature.args[2], types.int64)
         builder.store_atomic(number, pointer, "release", _ALIGNMENT)
         return context.get_dummy_value()
 
     return types.void(array, index, value), generate
-
-
-@_intrinsic
-def add(_typing: object, array: types.Type, index: types.Type, value: types.Type) -> Typed:
-    """Add to `array[index]` in one step (acquire and release) and return what it was before."""
-    _check(array, index)
-
-    def generate(
-        context: BaseContext,
-        builder: ir.IRBuilder,
-        signature: Signature,
-        arguments: Sequence[ir.Value],
-    ) -> ir.Value | None:
-        pointer = _element(context, builder, signature, arguments)
-        number = context.cast(builder, arguments[2], signature.args[2], types.int64)
-        return builder.atomic_rmw("add", pointer, number, "acq_rel")
-
-    return types.int64(array, index, value), generate
 
 
 # The compiler of what plays live: of its own package and of those that its code is made of.
@@ -133,10 +99,8 @@ jitted, jitted_within = _COMPILER.jitted, _COMPILER.jitted_within
 callback = _COMPILER.callback
 
 
-# What the feeder tells the callback for one block: forces, and all that changed.
-#
-# A record has the same size for every block, so that it fits a slot of the ring; most of it is left
-# as it was and not looked at, as flags tell what is new.
+# A record is what the feeder gives the callback for one block: forces, and all that changed. It has
+# the same size for every block, to fit a slot of the ring; flags say which parts of it are new.
 
 # What a voice does in a block, and flags of what is new to it or to a body.
 SILENT, ON, BEGIN = 0, 1, 2
@@ -152,65 +116,32 @@ _STRETCH = 2
 
 
 class Record(NamedTuple):
-    """The parts of a record.
+    """The arrays of one record."""
 
-    Parameters
-    ----------
-    voices : array (voices, 3), int64
-        SILENT, ON or BEGIN; the body; whether `drives` holds a new one.
-    bodies : array (bodies,), int64
-        What is new: NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS added up.
-    volume : array (1,)
-        Of full scale for each Pa, at the end of the block.
-    loads : array (voices,)
-        What each force settles at while the next record is late, N.
-    forces : array (voices, block)
-    drives : array (voices, modes of the largest body)
-    outputs : array (2, points, N)
-        Real and imaginary parts, at the end of the block.
-    poles : array (2, N)
-        Logarithm of what a sample turns a mode by, real and imaginary part.
-    stretch : array (2,), int64
-        Whether the ears' ways are new, and how many samples of their stretch are over.
-    ways : array (2, paths, 3)
-        Delays, samples, and gains, as of `struck.ears.delay_lines.Paths`.
-    responses : array (paths, taps)
-        Of the ears, at the end of the stretch.
-    """
-
-    voices: Index
-    bodies: Index
-    volume: Array
-    loads: Array
-    forces: Array
-    drives: Array
-    outputs: Array
-    poles: Array
-    stretch: Index
-    ways: Array
-    responses: Array
+    voices: Index  # (voices, 3): SILENT, ON or BEGIN; the body; whether its drive is new
+    bodies: Index  # (bodies,): NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS added up
+    volume: Array  # (1,): full scale per Pa, at the end of the block
+    loads: Array  # (voices,): what each force settles at while the next record is late, N
+    forces: Array  # (voices, block)
+    drives: Array  # (voices, modes of the largest body)
+    outputs: Array  # (2, points, N): real and imaginary parts, at the end of the block
+    poles: Array  # (2, N): logarithm of a sample's factor, real and imaginary part
+    stretch: Index  # (2,): whether the ears' ways are new, samples of their stretch that are over
+    ways: Array  # (2, paths, 3): delays, samples, and gains, as of `struck.ears.delay_lines.Paths`
+    responses: Array  # (paths, taps) of the ears, at the end of the stretch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """The sizes of a record.
-
-    Parameters
-    ----------
-    voices, bodies, points, block : int
-    width, modes : int
-        Of the largest body and of all, as the store pads them.
-    paths, taps : int
-        Of a listener's ears; 0 where one ear hears all at once.
-    """
+    """The sizes of a record."""
 
     voices: int
     bodies: int
     points: int
     block: int
-    width: int
-    modes: int
-    paths: int = 0
+    width: int  # modes of the largest body, padded
+    modes: int  # of all bodies, padded
+    paths: int = 0  # to a listener's ears; 0 where one ear hears all at once
     taps: int = 0
 
     @classmethod
@@ -230,12 +161,12 @@ class Layout:
 
     @property
     def integers(self) -> int:
-        """Of a record."""
+        """Number of integers in a record."""
         return self.voices * _COLUMNS + self.bodies + _STRETCH
 
     @property
     def reals(self) -> int:
-        """Of a record."""
+        """Number of reals in a record."""
         each_voice = 1 + self.block + self.width
         heard = self.paths * (2 * 3 + self.taps)
         return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes + heard
@@ -249,7 +180,7 @@ class Layout:
 def _parted(
     integers: Index, reals: Array, sizes: tuple[int, int, int, int, int, int, int, int]
 ) -> Record:
-    """Return the parts of a record."""
+    """Return the arrays of the record that lies in a slot."""
     voices, bodies, points, block, width, modes, paths, taps = sizes
     a = 1 + voices
     b = a + voices * block
@@ -273,13 +204,12 @@ def _parted(
     )
 
 
-parted_compiled = jitted_within(_parted)
-"""`Record` of a slot, for functions without Python."""
+parted_compiled = jitted_within(_parted)  # for compiled code
 
 
 @jitted_within
 def apply(memory: Memory, record: Record) -> None:
-    """Take over what is new."""
+    """Take over all that is new in a record."""
     for body in range(memory.bodies.shape[0]):
         if record.bodies[body] & NEW_POLES:
             _take_poles(memory, record, body)
@@ -291,7 +221,7 @@ def apply(memory: Memory, record: Record) -> None:
 
 @jitted_within
 def hold(memory: Memory, record: Record) -> None:
-    """Let each force go over to its steady load within the block, as nothing new is known."""
+    """Move each force to its steady load within the block, as no new record has come."""
     block = memory.forces.shape[1]
     for voice in range(record.voices.shape[0]):
         if memory.voices[voice, Voice.ACTIVE]:
@@ -355,9 +285,7 @@ def _take_push(memory: Memory, record: Record, voice: int) -> None:
 
 # Places in the head of the memory. What different threads write is 128 bytes apart: the pair of
 # cache lines that a processor fetches together.
-CAPACITY, INTEGERS, REALS = 0, 1, 2
-WRITTEN, REFUSED = 16, 17
-READ, EMPTY = 32, 33
+CAPACITY, INTEGERS, REALS, WRITTEN, READ = 0, 1, 2, 16, 32
 _HEAD = 48
 
 
@@ -390,63 +318,13 @@ def release(memory: Index) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pop(memory: Index, integers: Index, reals: Array) -> bool:
-    """Copy out the oldest record and release it; False, and counted, where there is none."""
-    if waiting(memory) == 0:
-        memory[EMPTY] += 1
-        return False
-    integers[:] = integers_of(memory, memory[READ])
-    reals[:] = reals_of(memory, memory[READ])
-    release(memory)
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def has_room(memory: Index) -> bool:
-    """Return whether the next record can be written; where not, it is counted as refused."""
-    if waiting(memory) < memory[CAPACITY]:
-        return True
-    memory[REFUSED] += 1
-    return False
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def publish(memory: Index) -> None:
     """Hand the slot that was just written to the reader."""
     store(memory, WRITTEN, memory[WRITTEN] + 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def push(memory: Index, integers: Index, reals: Array) -> bool:
-    """Copy in a record; False, and counted, where the ring is full."""
-    if not has_room(memory):
-        return False
-    integers_of(memory, memory[WRITTEN])[:] = integers
-    reals_of(memory, memory[WRITTEN])[:] = reals
-    publish(memory)
-    return True
-
-
 class Ring:
-    """Memory of a ring, and its writer's side.
-
-    Parameters
-    ----------
-    capacity : int
-        Records that fit, at least 1.
-    integers, reals : int
-        Of each record; either may be 0.
-
-    Attributes
-    ----------
-    memory : array, int64
-        What the compiled functions take. It must live as long as anybody reads it.
-
-    Raises
-    ------
-    OptionError
-        On a capacity below 1 or a negative size.
-    """
+    """Memory of a queue of records, and its writer's side."""
 
     def __init__(self, *, capacity: int, integers: int, reals: int) -> None:
         if capacity < 1 or integers < 0 or reals < 0:
@@ -456,45 +334,19 @@ class Ring:
             )
         self.memory: Index = np.zeros(_HEAD + capacity * (integers + reals), dtype=np.int64)
         self.memory[[CAPACITY, INTEGERS, REALS]] = capacity, integers, reals
-        self._integers = self.memory[_HEAD : _HEAD + capacity * integers].reshape(capacity, -1)
-        self._reals = (
-            self.memory[_HEAD + capacity * integers :].view(np.float64).reshape(capacity, -1)
-        )
         self._capacity = capacity
-
-    @property
-    def address(self) -> int:
-        """Where the memory begins."""
-        return self.memory.ctypes.data
 
     @property
     def waiting(self) -> int:
         """Records written and not yet released."""
         return waiting(self.memory)
 
-    @property
-    def refused(self) -> int:
-        """Records that found the ring full."""
-        return int(self.memory[REFUSED])
-
-    @property
-    def empty(self) -> int:
-        """How often `pop` found nothing."""
-        return int(self.memory[EMPTY])
-
-    def push(self, integers: Index, reals: Array) -> bool:
-        """Copy in a record, int64 (I,) and float64 (R,); False, and counted, where it is full."""
-        return push(self.memory, integers, reals)
-
     def reserve(self) -> tuple[Index, Array] | None:
-        """Return the next slot, (I,) and (R,), to be written in place; None where it is full.
-
-        It holds what was written there `capacity` records ago. `publish` hands it over.
-        """
-        if not has_room(self.memory):
+        """Return the next slot, (I,) and (R,), to write before `publish`; None where full."""
+        if self.waiting == self._capacity:
             return None
-        slot = int(self.memory[WRITTEN]) % self._capacity
-        return self._integers[slot], self._reals[slot]
+        number = int(self.memory[WRITTEN])
+        return integers_of(self.memory, number), reals_of(self.memory, number)
 
     def publish(self) -> None:
         """Hand over the slot that `reserve` returned."""

@@ -1,4 +1,4 @@
-"""Which excitation pushes in which voice, and what of that goes into a record."""
+"""Voices: the excitations at work, strikes that share a place, and their part of each record."""
 
 from __future__ import annotations
 
@@ -16,23 +16,12 @@ from struck.model.arrays import Array
 from struck.model.model import ModalModel
 from struck.synth.poles import STRONGEST
 
-# What pushes while a person plays: strikes that share a place, excitations that may be stopped.
-
-MOST_BLOWS = 256
-"""Strikes at one place that may be under way."""
+MOST_BLOWS = 256  # strikes at one place that may be under way
 _FADE = 5e-3  # s
 
 
 class Blows:
-    """A `Pushing` that takes ever more strikes at one place.
-
-    Parameters
-    ----------
-    drive : array (M,)
-        How strongly each mode answers there, kg^-1/2.
-    start : int
-        Number of the sample at which the first block begins.
-    """
+    """Excitation of all strikes at one place, each added as it comes."""
 
     def __init__(self, drive: Array, *, start: int) -> None:
         self.drive = drive
@@ -109,36 +98,27 @@ class Started:
         return Push(force=push.force * falling, drive=push.drive)
 
 
-# What went wrong in the feeder's thread, told to whoever plays.
-
-
-class Troubles:
-    """Keeps the last exception until somebody asks."""
+class LastError:
+    """The last exception in the feeder's thread, kept for whoever plays."""
 
     def __init__(self) -> None:
         self._last: Exception | None = None
 
-    def note(self, trouble: Exception) -> None:
+    def keep(self, failure: Exception) -> None:
         """Keep an exception in place of an older one."""
-        self._last = trouble
+        self._last = failure
 
-    def tell(self) -> None:
-        """Raise what went wrong since this was last asked, if anything did.
-
-        Raises
-        ------
-        StruckError
-            As it was; an OptionError caused by whatever else went wrong.
-        """
-        trouble, self._last = self._last, None
-        if trouble is None:
+    def raise_again(self) -> None:
+        """Raise the last exception, if any: a StruckError as it is, others as an OptionError."""
+        failure, self._last = self._last, None
+        if failure is None:
             return
-        if isinstance(trouble, StruckError):
-            raise trouble
+        if isinstance(failure, StruckError):
+            raise failure
         raise OptionError(
-            f"an excitation was stopped: it raised {trouble!r}; look at the functions of time that "
+            f"an excitation was stopped: it raised {failure!r}; look at the functions of time that "
             "it was given, and start it again"
-        ) from trouble
+        ) from failure
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -150,17 +130,10 @@ class _Voice:
 
 
 class Voices:
-    """Room for so many excitations at once.
+    """A fixed number of excitations at once, and their part of each record."""
 
-    Parameters
-    ----------
-    count : int
-    troubles : Troubles
-        Where it is noted why an excitation was stopped that could not go on.
-    """
-
-    def __init__(self, count: int, troubles: Troubles) -> None:
-        self._troubles = troubles
+    def __init__(self, count: int, error: LastError) -> None:
+        self._error = error
         self._voices: list[_Voice | None] = [None] * count
         self._numbers: dict[Hashable, int] = {}
 
@@ -170,13 +143,13 @@ class Voices:
         return self._voices.count(None)
 
     def find(self, key: Hashable) -> Pushing | None:
-        """Return what pushes under a key."""
+        """Return the excitation under a key."""
         number = self._numbers.get(key)
         voice = None if number is None else self._voices[number]
         return None if voice is None else voice.pushing
 
     def add(self, pushing: Pushing, body: int, key: Hashable) -> bool:
-        """Take one more under a key of its own; False where there is no room."""
+        """Add an excitation under a key of its own; False where there is no room."""
         if not self.free:
             return False
         number = self._voices.index(None)
@@ -185,13 +158,13 @@ class Voices:
         return True
 
     def change(self, body: int, model: ModalModel) -> None:
-        """Let what pushes a body go on when that has changed."""
+        """Let the excitations of a body go on when its model has changed."""
         for number, voice in enumerate(self._voices):
             if voice is not None and voice.body == body and isinstance(voice.pushing, Changing):
                 try:
                     voice.pushing.change(model)
-                except Exception as trouble:  # noqa: BLE001 - told to whoever plays
-                    self._give_up(number, trouble)
+                except Exception as failure:  # noqa: BLE001 - told to whoever plays
+                    self._give_up(number, failure)
 
     def write(self, record: Record) -> None:
         """Write the forces of the next block, and the drives that have changed."""
@@ -201,15 +174,15 @@ class Voices:
                 continue
             try:
                 done = _write(voice, number, record)
-            except Exception as trouble:  # noqa: BLE001 - of functions that were given, say
+            except Exception as failure:  # noqa: BLE001 - of functions that were given, say
                 record.voices[number] = SILENT
-                self._give_up(number, trouble)
+                self._give_up(number, failure)
                 continue
             if done:
                 self._release(number)
 
-    def _give_up(self, number: int, trouble: Exception) -> None:
-        self._troubles.note(trouble)
+    def _give_up(self, number: int, failure: Exception) -> None:
+        self._error.keep(failure)
         voice = self._release(number)
         if voice is not None and isinstance(voice.pushing, Started):
             voice.pushing.end()
@@ -223,7 +196,7 @@ class Voices:
 
 
 def _write(voice: _Voice, number: int, record: Record) -> bool:
-    """Write the next block of a voice; tell whether it is needed no longer."""
+    """Write the next block of a voice; tell whether the voice is free afterwards."""
     push = voice.pushing.advance(record.forces.shape[1])
     if push is not None:
         _require_sound(push, voice.drive, record.drives.shape[1])
