@@ -45,219 +45,6 @@ _KEPT = 256  # contacts, and drives, that are not looked up again
 _LISTENED, _BLOCK = 0.25, 256  # s and samples a block of the strike that sets the loudness
 
 
-class PlayedBody:
-    """A model that is played, with the hands that hold it and the contacts looked up so far."""
-
-    def __init__(self, model: ModalModel, sample_rate: float) -> None:
-        self.model = model
-        self.free = Poles.of(model, sample_rate)
-        self._rate = sample_rate
-        self._contacts: dict[Hashable, Contact] = {}
-        self._drives: dict[Hashable, Array] = {}
-        self._holds: dict[Hashable, tuple[Hold, Array]] = {}
-
-    def contact(self, at: Contact | Place = None, direction: Place = None) -> Contact:
-        """Return a contact, the same object for the same place."""
-        if isinstance(at, Contact):
-            return at
-        key = (_hashable(at), _hashable(direction))
-        known = self._contacts.get(key)
-        return known or _keep(self._contacts, key, self.model.contact(at, direction))
-
-    def drive(self, contact: Contact, patch: float = 0.0) -> Array:
-        """Return how strongly each mode answers, the same object for the same contact."""
-        key = (*contact.point.tolist(), *contact.direction.tolist(), patch)
-        known = self._drives.get(key)
-        if known is None:
-            known = _keep(self._drives, key, drive(self.model, contact, radius=patch))
-        return known
-
-    def hold(self, at: Place, grip: float) -> None:
-        """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
-        place = tuple(self.contact(at).point.tolist())
-        hold = Hold(at=place, grip=grip)
-        self._holds.pop(place, None)
-        if grip:
-            self._holds[place] = hold, hold.raised(self.model)
-
-    def changed(self, model: ModalModel) -> PlayedBody:
-        """Return another body in the same hands; OptionError where the number of modes differs."""
-        other = PlayedBody(model, self._rate)
-        self.free.require_size(other.free.values, "the changed model")
-        for hold, _ in self._holds.values():
-            other.hold(hold.at, hold.grip)
-        return other
-
-    @property
-    def logarithms(self) -> Complex:
-        """Logarithm of each mode's factor per sample (M,), decays raised by the hands."""
-        values = self.free.values
-        for _, raised in self._holds.values():
-            values = values - (values != 0) * raised
-        return values / self._rate
-
-    def outputs(self, listener: Array) -> Complex:
-        """Return the output gain of each mode at a position (M,)."""
-        gains = self.model.gains.toward(listener[None])[0]
-        if len(gains) != 1 or not np.isfinite(gains).all():
-            raise OptionError(
-                f"the gains are a sum of {len(gains)} products of contact and listener, or not "
-                "finite: playing needs one product; use the model's expanded() gains"
-            )
-        return gains[0]
-
-    def outputs_aside(self) -> Complex:
-        """Return the output gain of each mode (M,) at 1 m, the body taken as a point source."""
-        far = place_beside(self.model)
-        return far[0] * self.outputs(centre_of(self.model) + far)
-
-
-def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
-    """Return a listener, or a position (3,); OptionError on what is neither."""
-    return listener if is_listener(listener) else position_of(listener)
-
-
-def default_listener(models: Sequence[ModalModel]) -> Array:
-    """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
-    centre = centre_of(models[0])
-    farthest = max(radius_of(replace(model, centre=centre)) for model in models)
-    return centre + aside(farthest)
-
-
-def _hashable(place: Place) -> Hashable:
-    if place is None or isinstance(place, str):
-        return place
-    return tuple(np.asarray(place, np.float64).ravel().tolist())
-
-
-def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
-    """Cache one more, dropping the oldest where there are too many; any thread may call it."""
-    if len(known) >= _KEPT:
-        known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
-    return known.setdefault(key, value)
-
-
-def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float) -> float:
-    """Return full scale per Pa at which a default strike of the loudest body peaks at -12 dB."""
-    peak = max(_peak(body, listener, sample_rate) for body in bodies)
-    if not peak > 0:
-        raise OptionError(
-            "none of the bodies is heard at the listener: look at the models' gains, or give "
-            "another listener="
-        )
-    return STRIKE_PEAK / peak
-
-
-def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
-    outputs = [body.outputs(listener)[None]]
-    modes = Resonators(
-        [body.model], sample_rate=sample_rate, block=_BLOCK, voices=1, engine="stepped"
-    )
-    pushing = Strike().begin(body.model, sample_rate)
-    peak = 0.0
-    for _ in range(round(_LISTENED * sample_rate / _BLOCK)):
-        push = pushing.advance(_BLOCK)
-        peak = max(peak, float(np.abs(modes.process([push] if push else [], outputs)).max()))
-    return peak
-
-
-class Notes:
-    """The last updates of a touch, to be rendered offline."""
-
-    def __init__(self, tool: Tool) -> None:
-        self._tool = tool
-        self._rows: Array = np.full((MOST_NOTED, 9), 0.0)
-        self._count = 0
-
-    def add(self, time: float, word: Update) -> None:
-        """Note an update that takes effect at a time, s; when full it replaces the oldest."""
-        row = self._rows[self._count % MOST_NOTED]
-        row[0] = time
-        row[1:4], row[4:7] = word.contact.point, word.contact.direction
-        row[7:] = word.force, word.speed
-        self._count += 1
-
-    def log(self) -> TouchLog:
-        """Return the updates as an excitation; OptionError where there was no touch."""
-        if not self._count:
-            raise OptionError("nothing was touched yet: there is no log")
-        rows = np.roll(self._rows, -(self._count % MOST_NOTED), axis=0)
-        rows = rows if self._count > MOST_NOTED else self._rows[: self._count]
-        return TouchLog(
-            times=rows[:, 0],
-            points=rows[:, 1:4],
-            directions=rows[:, 4:7],
-            forces=rows[:, 7],
-            speeds=rows[:, 8],
-            tool=self._tool,
-        )
-
-
-Command = Callable[[int], object]  # called with the number of the sample at which it takes effect
-
-
-class CommandQueue:
-    """Queue of commands from the user's threads to the feeder's thread, emptied block by block.
-
-    Within a block commands take effect as far apart as they were said: one that was said just after
-    the last block was filled comes at its first sample, one that was said just now at its last.
-    """
-
-    def __init__(
-        self,
-        clock: Callable[[], float],
-        *,
-        block: int,
-        sample_rate: float,
-        error: LastError,
-    ) -> None:
-        self._clock, self._block, self._length = clock, block, block / sample_rate
-        self._error = error
-        self._waiting: dict[Hashable, tuple[float, Command]] = {}
-        self._lock = threading.RLock()
-        self.refused, self._emptied = 0, clock()
-
-    @property
-    def idle(self) -> float:
-        """Time since the queue was last emptied, s."""
-        return self._clock() - self._emptied
-
-    def have_room(self) -> bool:
-        """Tell whether one more command fits; where not, it counts as refused."""
-        with self._lock:
-            room = len(self._waiting) < MOST_COMMANDS
-            self.refused += not room
-            return room
-
-    def add(self, command: Command) -> bool:
-        """Queue a command; False where there is no room."""
-        with self._lock:
-            room = self.have_room()
-            if room:
-                self._waiting[object()] = self._clock(), command
-            return room
-
-    def put(self, key: Hashable, command: Command) -> None:
-        """Queue a command in place of an older one of the same key: there is always room."""
-        with self._lock:
-            self._waiting.pop(key, None)  # the new one comes last
-            self._waiting[key] = self._clock(), command
-
-    def run(self, sample: int) -> None:
-        """Run the commands since the last call, in the block that begins at this sample."""
-        now, last = self._clock(), 0
-        with self._lock:
-            waiting, self._waiting = self._waiting, {}
-        for said, command in waiting.values():
-            place = int((said - self._emptied) / self._length * self._block)
-            last = max(last, min(place, self._block - 1))
-            try:
-                command(sample + last)
-            except Exception as failure:  # noqa: BLE001 - told to whoever plays; all else goes on
-                self._error.keep(failure)
-        self._emptied = now
-
-
 class Host:
     """What is played as the host sees it: bodies, voices, touches, and their records."""
 
@@ -350,9 +137,9 @@ class Host:
             self._touches.setdefault(key, (touching, Notes(chosen)))
         return self._touches[key]
 
-    def touch(self, body: int, finger: int, word: Update) -> None:
+    def touch(self, body: int, finger: int, update: Update) -> None:
         """Let a touch follow an update from now on."""
-        self.queue.add(lambda sample: self._touch(body, finger, word, sample))
+        self.queue.add(lambda sample: self._touch(body, finger, update, sample))
 
     def notes(self, body: int, finger: int) -> Notes:
         """Return the notes of a touch; OptionError where there was none."""
@@ -436,15 +223,15 @@ class Host:
         if not blows.add(Samples(first=sample + LEAD + pulse.first, force=pulse.force)):
             self._dropped += 1
 
-    def _touch(self, body: int, finger: int, word: Update, sample: int) -> None:
+    def _touch(self, body: int, finger: int, update: Update, sample: int) -> None:
         touching, notes = self._touches[body, finger]
         key = ("touch", body, finger)
         if self._voices.find(key) is None:
             touching.resume(self.now)
             if not self._add(touching, body, key):
                 return
-        touching.follow(replace(word, sample=sample))
-        notes.add(sample / self._rate, word)
+        touching.follow(replace(update, sample=sample))
+        notes.add(sample / self._rate, update)
 
     def _change(self, body: int, model: ModalModel, poles: Complex, outputs: Complex) -> None:
         self._poles[body], self._outputs[body] = poles, outputs
@@ -457,3 +244,216 @@ class Host:
         added = self._voices.add(pushing, body, key)
         self._dropped += not added
         return added
+
+
+Command = Callable[[int], object]  # called with the number of the sample at which it takes effect
+
+
+class CommandQueue:
+    """Queue of commands from the user's threads to the feeder's thread, emptied block by block.
+
+    Within a block commands take effect as far apart as they were said: one that was said just after
+    the last block was filled comes at its first sample, one that was said just now at its last.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        *,
+        block: int,
+        sample_rate: float,
+        error: LastError,
+    ) -> None:
+        self._clock, self._block, self._length = clock, block, block / sample_rate
+        self._error = error
+        self._waiting: dict[Hashable, tuple[float, Command]] = {}
+        self._lock = threading.RLock()
+        self.refused, self._emptied = 0, clock()
+
+    @property
+    def idle(self) -> float:
+        """Time since the queue was last emptied, s."""
+        return self._clock() - self._emptied
+
+    def have_room(self) -> bool:
+        """Tell whether one more command fits; where not, it counts as refused."""
+        with self._lock:
+            room = len(self._waiting) < MOST_COMMANDS
+            self.refused += not room
+            return room
+
+    def add(self, command: Command) -> bool:
+        """Queue a command; False where there is no room."""
+        with self._lock:
+            room = self.have_room()
+            if room:
+                self._waiting[object()] = self._clock(), command
+            return room
+
+    def put(self, key: Hashable, command: Command) -> None:
+        """Queue a command in place of an older one of the same key: there is always room."""
+        with self._lock:
+            self._waiting.pop(key, None)  # the new one comes last
+            self._waiting[key] = self._clock(), command
+
+    def run(self, sample: int) -> None:
+        """Run the commands since the last call, in the block that begins at this sample."""
+        now, last = self._clock(), 0
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        for said, command in waiting.values():
+            place = int((said - self._emptied) / self._length * self._block)
+            last = max(last, min(place, self._block - 1))
+            try:
+                command(sample + last)
+            except Exception as failure:  # noqa: BLE001 - raised for whoever plays
+                self._error.keep(failure)
+        self._emptied = now
+
+
+class PlayedBody:
+    """A model that is played, with the hands that hold it and the contacts looked up so far."""
+
+    def __init__(self, model: ModalModel, sample_rate: float) -> None:
+        self.model = model
+        self.free = Poles.of(model, sample_rate)
+        self._rate = sample_rate
+        self._contacts: dict[Hashable, Contact] = {}
+        self._drives: dict[Hashable, Array] = {}
+        self._holds: dict[Hashable, tuple[Hold, Array]] = {}
+
+    def contact(self, at: Contact | Place = None, direction: Place = None) -> Contact:
+        """Return a contact, the same object for the same place."""
+        if isinstance(at, Contact):
+            return at
+        key = (_hashable(at), _hashable(direction))
+        known = self._contacts.get(key)
+        return known or _keep(self._contacts, key, self.model.contact(at, direction))
+
+    def drive(self, contact: Contact, patch: float = 0.0) -> Array:
+        """Return how strongly each mode answers, the same object for the same contact."""
+        key = (*contact.point.tolist(), *contact.direction.tolist(), patch)
+        known = self._drives.get(key)
+        if known is None:
+            known = _keep(self._drives, key, drive(self.model, contact, radius=patch))
+        return known
+
+    def hold(self, at: Place, grip: float) -> None:
+        """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
+        place = tuple(self.contact(at).point.tolist())
+        hold = Hold(at=place, grip=grip)
+        self._holds.pop(place, None)
+        if grip:
+            self._holds[place] = hold, hold.raised(self.model)
+
+    def changed(self, model: ModalModel) -> PlayedBody:
+        """Return another body in the same hands; OptionError where the number of modes differs."""
+        other = PlayedBody(model, self._rate)
+        self.free.require_size(other.free.values, "the changed model")
+        for hold, _ in self._holds.values():
+            other.hold(hold.at, hold.grip)
+        return other
+
+    @property
+    def logarithms(self) -> Complex:
+        """Logarithm of each mode's factor per sample (M,), decays raised by the hands."""
+        values = self.free.values
+        for _, raised in self._holds.values():
+            values = values - (values != 0) * raised
+        return values / self._rate
+
+    def outputs(self, listener: Array) -> Complex:
+        """Return the output gain of each mode at a position (M,)."""
+        gains = self.model.gains.toward(listener[None])[0]
+        if len(gains) != 1 or not np.isfinite(gains).all():
+            raise OptionError(
+                f"the gains are a sum of {len(gains)} products of contact and listener, or not "
+                "finite: playing needs one product; use the model's expanded() gains"
+            )
+        return gains[0]
+
+    def outputs_aside(self) -> Complex:
+        """Return the output gain of each mode (M,) at 1 m, the body taken as a point source."""
+        far = place_beside(self.model)
+        return far[0] * self.outputs(centre_of(self.model) + far)
+
+
+class Notes:
+    """The last updates of a touch, to be rendered offline."""
+
+    def __init__(self, tool: Tool) -> None:
+        self._tool = tool
+        self._rows: Array = np.full((MOST_NOTED, 9), 0.0)
+        self._count = 0
+
+    def add(self, time: float, update: Update) -> None:
+        """Note an update that takes effect at a time, s; when full it replaces the oldest."""
+        row = self._rows[self._count % MOST_NOTED]
+        row[0] = time
+        row[1:4], row[4:7] = update.contact.point, update.contact.direction
+        row[7:] = update.force, update.speed
+        self._count += 1
+
+    def log(self) -> TouchLog:
+        """Return the updates as an excitation; OptionError where there was no touch."""
+        if not self._count:
+            raise OptionError("nothing was touched yet: there is no log")
+        rows = np.roll(self._rows, -(self._count % MOST_NOTED), axis=0)
+        rows = rows if self._count > MOST_NOTED else self._rows[: self._count]
+        return TouchLog(
+            times=rows[:, 0],
+            points=rows[:, 1:4],
+            directions=rows[:, 4:7],
+            forces=rows[:, 7],
+            speeds=rows[:, 8],
+            tool=self._tool,
+        )
+
+
+def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
+    """Return a listener, or a position (3,); OptionError on what is neither."""
+    return listener if is_listener(listener) else position_of(listener)
+
+
+def default_listener(models: Sequence[ModalModel]) -> Array:
+    """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
+    centre = centre_of(models[0])
+    farthest = max(radius_of(replace(model, centre=centre)) for model in models)
+    return centre + aside(farthest)
+
+
+def _hashable(place: Place) -> Hashable:
+    if place is None or isinstance(place, str):
+        return place
+    return tuple(np.asarray(place, np.float64).ravel().tolist())
+
+
+def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
+    """Cache one more, dropping the oldest where there are too many; any thread may call it."""
+    if len(known) >= _KEPT:
+        known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
+    return known.setdefault(key, value)
+
+
+def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float) -> float:
+    """Return full scale per Pa at which a default strike of the loudest body peaks at -12 dB."""
+    peak = max(_peak(body, listener, sample_rate) for body in bodies)
+    if not peak > 0:
+        raise OptionError(
+            "none of the bodies is heard at the listener: look at the models' gains, or give "
+            "another listener="
+        )
+    return STRIKE_PEAK / peak
+
+
+def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
+    outputs = [body.outputs(listener)[None]]
+    modes = Resonators(
+        [body.model], sample_rate=sample_rate, block=_BLOCK, voices=1, engine="stepped"
+    )
+    pushing = Strike().begin(body.model, sample_rate)
+    peak = 0.0
+    for _ in range(round(_LISTENED * sample_rate / _BLOCK)):
+        push = pushing.advance(_BLOCK)
+        peak = max(peak, float(np.abs(modes.process([push] if push else [], outputs)).max()))
+    return peak

@@ -163,7 +163,7 @@ class Device:
     sample_rate: float  # by default, Hz
     output_latency: float  # the lowest that the device recommends, s
     input_latency: float
-    default: bool  # whether the system plays, or records, here unless told otherwise
+    default: bool  # whether it is the default for playing, or for recording
 
     def __str__(self) -> str:
         usual = ", default" if self.default else ""

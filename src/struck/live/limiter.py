@@ -14,7 +14,7 @@ With r(n) = min(1, ceiling / loudest channel at n), each sample's gain takes fou
 The moving averages add and subtract whole numbers below 2^53, which float64 does exactly: nothing
 drifts, and a gain that should be 1 is 1. Last, a fade opens or closes the output.
 
-The peaks are those of the samples; what a converter makes between them may be higher (ITU-R
+Peaks are sample peaks; what a converter makes between them may be higher (ITU-R
 BS.1770-5, annex 2).
 """
 

@@ -37,7 +37,7 @@ from struck.model.model import ModalModel
 
 QUIETEST, LOUDEST = -120.0, 60.0  # bounds of the volume, dB
 _STALLED = 2.0  # s without a new block: the device is gone
-_FADED = 1.0  # s, in which a stream that was told to end has done so
+_FADED = 1.0  # s, in which a stream ends after it was asked to
 _SWITCH_INTERVAL = 0.00005  # s
 
 

@@ -163,7 +163,7 @@ class Voices:
             if voice is not None and voice.body == body and isinstance(voice.pushing, Changing):
                 try:
                     voice.pushing.change(model)
-                except Exception as failure:  # noqa: BLE001 - told to whoever plays
+                except Exception as failure:  # noqa: BLE001 - raised for whoever plays
                     self._give_up(number, failure)
 
     def write(self, record: Record) -> None:

@@ -359,7 +359,7 @@ class Transformed(WholeBlocks):
         return into
 
     def _answer(self, outputs: Outputs, drive: Array) -> Array:
-        """Return impulse responses within a block; those of the last gains are kept."""
+        """Return impulse responses within a block, cached for the last gains."""
         pair = id(outputs), id(drive)
         if pair not in self._answers:
             while len(self._answers) >= KEPT:
