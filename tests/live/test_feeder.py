@@ -47,6 +47,7 @@ def test_it_fills_as_far_ahead_as_told_and_goes_on() -> None:
     numbers = Numbers()
     feeder = Feeder(records, numbers, seconds=SECONDS, ahead=2)
     usual = sys.getswitchinterval()
+    assert take(records, SECONDS) == -1  # compiles, which would keep the feeder waiting
     feeder.start()
     assert sys.getswitchinterval() <= min(usual, 0.0005)
     time.sleep(5 * SECONDS)

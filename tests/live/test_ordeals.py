@@ -141,8 +141,9 @@ def ordeal(by_hand: Make, seconds: float, warm: float) -> int:
     return grown
 
 
-def test_three_seconds_of_anything(by_hand: Make) -> None:
-    assert ordeal(by_hand, 3, 1.5) < 20 * 2**20
+@pytest.mark.parametrize("seconds", [1, pytest.param(3, marks=pytest.mark.prove)])
+def test_seconds_of_anything(by_hand: Make, seconds: float) -> None:
+    assert ordeal(by_hand, seconds, seconds / 2) < 20 * 2**20
 
 
 @pytest.mark.prove

@@ -78,7 +78,7 @@ def test_strikes_at_one_place_share_a_voice_and_others_take_their_own(by_hand: M
     assert player.dropped == 2
 
 
-@pytest.mark.parametrize("count", [100_000, pytest.param(1_000_000, marks=pytest.mark.prove)])
+@pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000, marks=pytest.mark.prove)])
 def test_too_many_strikes_in_a_block_are_dropped_and_counted(by_hand: Make, count: int) -> None:
     player = by_hand(ball())
     player.hear(OPENED)

@@ -20,7 +20,7 @@ from tests.live.records import pop, push
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
 MANY = 10**6
-FEW = 2 * 10**5
+FEW = 5 * 10**4
 
 
 @njit(nogil=True)
