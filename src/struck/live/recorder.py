@@ -63,7 +63,17 @@ def microphone(
 
 
 class DeviceRecorder:
-    """Recorder of takes from an audio device; use it as a context, or `close` it."""
+    """Recorder of takes from an audio device; use it as a context, or `close` it.
+
+    Parameters
+    ----------
+    device : int or str, optional
+        Number or part of the name; the default one unless given.
+    channels : int
+        How many of its inputs, from the first on.
+    sample_rate : float, optional
+        Hz; the device's own unless given.
+    """
 
     def __init__(
         self,
@@ -78,7 +88,7 @@ class DeviceRecorder:
         except DeviceError:
             self._portaudio.close()
             raise
-        self.channels = channels  # from the first on
+        self.channels = channels
         self.sample_rate = sample_rate or self.device.sample_rate
         self._callback = _callback()
 
