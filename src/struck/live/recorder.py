@@ -23,8 +23,7 @@ _BLOCK = 256
 _LONGEST = 600.0  # s
 _PATIENCE, _LOOK = 3.0, 0.005  # s: how late a device may be, and between two looks at it
 # Table of the callback: address of the samples, frames wanted and done, channels, blocks lost.
-_TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
-_PLACES = 5
+_TO, _WANTED, _DONE, _CHANNELS, _LOST, _PLACES = range(6)
 
 
 def microphone(

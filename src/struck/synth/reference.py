@@ -27,8 +27,7 @@ from struck.synth.poles import (
 
 Gain = TypeVar("Gain", Array, Complex)
 Outputs = Complex | Array  # gains (points, M), real where all are
-# a force (block,), and the drives (M,) that it begins and ends with
-Piece = tuple[Array, Array, Array]
+Piece = tuple[Array, Array, Array]  # a force (block,), the drives (M,) at its begin and end
 
 KEPT = 64  # results kept for gains that come again: at least those of one block
 # Blocks without a push after which it is looked whether a body may sleep.

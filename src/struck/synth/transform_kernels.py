@@ -244,8 +244,7 @@ def _lanes(numbers: Sequence[int]) -> ir.Constant:
 Places = NDArray[np.int32]
 
 STRETCH = 512  # modes moved on while what was collected for them is still near the core
-# modes whose sums fill a vector when a force is collected: padding of rows of weights
-MODES_AT_ONCE = 8
+MODES_AT_ONCE = 8  # modes whose collected sums fill a vector: padding of rows of weights
 LONGEST_RUN = 64  # modes summed in single precision before the sum goes to double
 
 
