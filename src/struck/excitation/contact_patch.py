@@ -19,28 +19,7 @@ _RINGS, _SPOKES = 4, 12
 
 
 def drive(model: ModalModel, contact: Contact, *, radius: float = 0.0) -> Array:
-    """Return how strongly each mode answers a push spread evenly over a disc.
-
-    Parameters
-    ----------
-    model : ModalModel
-        The body.
-    contact : Contact
-        Middle of the disc, its normal, and the direction of the push.
-    radius : float
-        Of the disc in the plane of contact, m; 0 is a point.
-
-    Returns
-    -------
-    array (M,)
-        kg^-1/2: the mean of the mode shapes along the direction, over the disc moved onto the
-        surface.
-
-    Raises
-    ------
-    OptionError
-        When the gains are no product of contact and listener, or are not finite.
-    """
+    """Return the mean of each mode shape over a disc of contact, along its push, kg^-1/2 (M,)."""
     return drive_at(model, contact.point, contact.normal, contact.direction, radius=radius)
 
 
@@ -78,10 +57,7 @@ def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
 
 @cache
 def _disc() -> tuple[Array, Array]:
-    """Return points of the unit disc (K, 2) and weights (K,) that average a function over it.
-
-    Exact for polynomials of degree 7: Gauss points in the square of the radius, even spokes.
-    """
+    """Return points (K, 2) and weights (K,) that average over the unit disc to degree 7."""
     nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
     radii = np.sqrt((nodes + 1) / 2)
     turns = 2 * np.pi * np.arange(_SPOKES) / _SPOKES

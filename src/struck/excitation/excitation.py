@@ -74,13 +74,7 @@ def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
 
 
 def freeze_place(excitation: Placed, *names: str) -> None:
-    """Turn `at`, and what else is named of a frozen excitation's directions, into plain tuples.
-
-    Raises
-    ------
-    OptionError
-        On numbers that are no place or no direction.
-    """
+    """Turn `at` and the named directions of a frozen excitation into plain tuples."""
     at = excitation.at
     if at is not None and not isinstance(at, str):
         object.__setattr__(excitation, "at", coordinates("at", at))
@@ -92,13 +86,13 @@ def freeze_place(excitation: Placed, *names: str) -> None:
 
 # A quantity that a person sets over time: a number, a table, or a function.
 
+# A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
+# function of the time in s since the excitation began
 Course = float | tuple[Sequence[float], Sequence[float]] | Callable[[float], float]
-"""A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
-function of the time in s. Times count from when the excitation begins."""
 
 
 def require_course(name: str, course: Course) -> None:
-    """Raise an OptionError unless all numbers of a course are finite and at least 0."""
+    """Raise an OptionError unless all numbers of a control curve are finite and at least 0."""
     if callable(course):
         return
     if not isinstance(course, tuple):
@@ -114,7 +108,7 @@ def require_course(name: str, course: Course) -> None:
 
 
 def frozen(name: str, course: Course) -> Course:
-    """Return a course that nobody can change afterwards, after checking it."""
+    """Return a checked control curve that nobody can change afterwards."""
     require_course(name, course)
     if not isinstance(course, tuple):
         return course
@@ -123,7 +117,7 @@ def frozen(name: str, course: Course) -> Course:
 
 
 def follow(name: str, course: Course) -> Callable[[float], float]:
-    """Return the course as a function of time that checks what it returns."""
+    """Return a control curve as a function of time that checks what it returns."""
     if isinstance(course, tuple):
         times, values = _table(name, course)
         return lambda time: float(np.interp(time, times, values))
@@ -179,7 +173,7 @@ class Push:
 
 
 class Pushing(Protocol):
-    """An excitation at work on one model; it alone keeps where it is."""
+    """An excitation at work on one model."""
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -193,7 +187,7 @@ class Pushing(Protocol):
 
 @runtime_checkable
 class Changing(Protocol):
-    """A `Pushing` that can go on when its body changes; one that cannot keeps the old drives."""
+    """A `Pushing` that can go on when its body changes."""
 
     def change(self, model: ModalModel) -> None:
         """Push at the same place of a body that has changed."""
@@ -218,20 +212,14 @@ class Excitation(Protocol):
 
 
 class Ramp:
-    """A number that goes in straight lines, sample by sample.
-
-    Attributes
-    ----------
-    value, target : float
-        Where it is, and where it goes.
-    """
+    """A number that moves to its target in a straight line, sample by sample."""
 
     def __init__(self, value: float = 0.0) -> None:
         self.value = self.target = value
         self._left = 0
 
     def toward(self, target: float, samples: int) -> None:
-        """Set out for a target, to be reached after so many samples; 0 is at once."""
+        """Set a target, to be reached after some samples; 0 is at once."""
         self.target, self._left = target, samples
         if samples == 0:
             self.value = target
@@ -248,13 +236,7 @@ class Ramp:
 
 
 class Blend:
-    """An array that goes in straight lines; the same object for as long as it stays.
-
-    Attributes
-    ----------
-    now : array (M,)
-        Where it is.
-    """
+    """An array that moves to its target in a straight line; the same object while it rests."""
 
     def __init__(self) -> None:
         self.now: Array = np.zeros(0)
@@ -262,13 +244,13 @@ class Blend:
         self._left = 0
 
     def toward(self, target: Array, samples: int) -> None:
-        """Set out for a target, to be reached after so many samples; 0 is at once."""
+        """Set a target, to be reached after some samples; 0 is at once."""
         self._target, self._left = target, samples
         if samples == 0 or target is self.now:
             self.now, self._left = target, 0
 
     def go(self, count: int) -> None:
-        """Move on by so many samples."""
+        """Move on by `count` samples."""
         if not self._left or not count:
             return
         share = min(count / self._left, 1.0)
@@ -300,7 +282,7 @@ class Sampled(Protocol):
 
 
 def burst_of(excitation: Sampled, model: ModalModel, sample_rate: float, *, start: int) -> Burst:
-    """Begin a force on a model; ContactError when it touches no body."""
+    """Begin a sampled force on a model; ContactError when it touches no body."""
     require_positive(sample_rate=sample_rate)
     contact = model.contact(excitation.at, excitation.direction)
     samples, patch = excitation.sampled(sample_rate), excitation.patch
@@ -309,21 +291,7 @@ def burst_of(excitation: Sampled, model: ModalModel, sample_rate: float, *, star
 
 
 class Burst:
-    """A `Pushing` that hands out given samples.
-
-    Parameters
-    ----------
-    samples : Samples
-        The force, counted from sample 0 of the sound.
-    drive : array (M,)
-        How strongly each mode answers, kg^-1/2.
-    start : int
-        Number of the sample at which the first block begins; what lies before it is lost.
-    contact : Contact or None
-        Where it acts; without it the drive stays when the body changes.
-    patch : float
-        Radius of the area of contact, m.
-    """
+    """A `Pushing` that plays given samples of force at one place."""
 
     def __init__(
         self,

@@ -41,21 +41,7 @@ from struck.model.arrays import Array, Complex, Index
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201 - compiled
-    """Add what a table in several levels holds at `turns` of its period.
-
-    Parameters
-    ----------
-    values, starts, counts : arrays
-        Of a `struck.excitation.friction.Rung`.
-    turns : array (n,)
-        Where to read, in periods.
-    levels : pair of float
-        Level at the first sample and after the last, at least 0; read between levels.
-    weights : pair of float
-        Factor at the first sample and after the last.
-    out : array (n,)
-        Added to.
-    """
+    """Add to `out` (n,) the values of a `Rung` at `turns` (n,) of its period."""
     count = len(out)
     for sample in range(count):
         share = sample / count
@@ -89,8 +75,7 @@ def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202 - compiled
 
 
 LEVELS_AN_OCTAVE = 3
-RUNGS_AN_OCTAVE = 2
-"""Loads are tabulated at 2^(rung / 2) N; what lies between is interpolated."""
+RUNGS_AN_OCTAVE = 2  # loads are tabulated at 2^(rung / 2) N and interpolated between
 
 _MOST = 0.8  # of the load: what filters overshoot stays a push
 _ROUGHEST = 1.0
@@ -100,21 +85,11 @@ _FLAT = 2 / 3  # share of a level's band that passes whole
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rubbed:
-    """Two bodies in contact.
+    """Two bodies in contact: their roughness together, and the spring of the dent."""
 
-    Parameters
-    ----------
-    roughness : Roughness
-        Height of both together over distance.
-    modulus : float
-        E* of the two, Pa.
-    radius : float
-        Joint radius of curvature, m.
-    """
-
-    roughness: Roughness
-    modulus: float
-    radius: float
+    roughness: Roughness  # height of both together over distance
+    modulus: float  # E* of the two, Pa
+    radius: float  # joint radius of curvature, m
 
     @property
     def finest(self) -> float:
@@ -126,7 +101,7 @@ class Rubbed:
         return (3 * load * self.radius / (4 * self.modulus)) ** (1 / 3)
 
     def stiffness(self, load: float) -> float:
-        """Return k, of the dent under a load, N/m."""
+        """Return the stiffness k of the dent under a load, N/m."""
         return (6 * self.modulus**2 * self.radius * load) ** (1 / 3)
 
     def force(self, load: float) -> Array:
@@ -142,20 +117,11 @@ class Rubbed:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rung:
-    """The force at one load, low-passed to ever longer waves for ever faster motion.
+    """The force at one load, low-passed to ever longer waves for ever faster motion."""
 
-    Parameters
-    ----------
-    values : array (T,), float32
-        N, level after level.
-    starts, counts : array (L,)
-        Where the levels begin, and how many points each has over the period. Level j holds waves
-        up to `finest` 2^(-j / LEVELS_AN_OCTAVE).
-    """
-
-    values: NDArray[np.float32]
-    starts: Index
-    counts: Index
+    values: NDArray[np.float32]  # (T,), N, level after level
+    starts: Index  # (L,), where level j begins, of waves up to `finest` 2^(-j / LEVELS_AN_OCTAVE)
+    counts: Index  # (L,), points of a level over the period
 
 
 @lru_cache(maxsize=16)  # of some 2 MB
@@ -174,7 +140,7 @@ def rung(rubbed: Rubbed, number: int) -> Rung:
 
 
 def _squeezed(spectrum: Complex, turns: Array) -> Complex:
-    """Return what remains of x (its spectrum of n / 2 + 1) once the tip follows the long waves."""
+    """Return the spectrum of x (n / 2 + 1,) once the tip follows the long waves."""
     power = np.square(np.abs(spectrum) / (len(spectrum) - 1)) / 2
 
     def excess(cut: float) -> float:
@@ -191,18 +157,7 @@ def _followed(turns: Array, cut: float) -> Array:
 
 
 def pressure_mean(turns: Array) -> Array:
-    """Return how much of a wave remains in its mean over the pressure of a Hertz contact.
-
-    Parameters
-    ----------
-    turns : array
-        Wavenumber times the radius of contact, q a.
-
-    Returns
-    -------
-    array
-        3 (sin u - u cos u) / u^3; 1 at u = 0.
-    """
+    """Return the mean of a wave over a Hertz contact, 3 (sin u - u cos u) / u^3 at u = q a."""
     far = np.maximum(np.abs(turns), 0.1)
     closed = 3 * (np.sin(far) - far * np.cos(far)) / far**3
     near = 1 - np.square(turns) / 10 + turns**4 / 280

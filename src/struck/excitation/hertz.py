@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 
+# 2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)
 CONTACT_CONSTANT = 4 * math.sqrt(math.pi) / 5 * math.gamma(0.4) / math.gamma(0.9) * (15 / 16) ** 0.4
-"""2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)."""
 
 
 class Elastic(Protocol):

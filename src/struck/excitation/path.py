@@ -19,8 +19,7 @@ from struck.model.model import ModalModel
 
 Waypoints = Sequence[Sequence[float] | str | Array]
 
-REPEATS = ("once", "back", "loop")
-"""Stop at the end, go there and back, or go round."""
+REPEATS = ("once", "back", "loop")  # stop at the end, go there and back, or go round
 
 _PIECES = 128
 # Spacings at which points are pulled tight in turn, and rounds at each.
@@ -31,45 +30,16 @@ _EVEN = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Path:
-    """A curve on a surface, by the length travelled along it.
+    """A curve on a surface, by the length travelled along it."""
 
-    Parameters
-    ----------
-    points : array (N, 3)
-        On the surface, m.
-    normals : array (N, 3)
-        Outward unit normals there.
-    lengths : array (N,)
-        Distance from the start, m; ascending from 0.
-    repeat : str
-        "once", "back" (there and back) or "loop" (the end is where it starts).
-    """
-
-    points: Array
-    normals: Array
-    lengths: Array
-    repeat: str = "once"
+    points: Array  # (N, 3), on the surface, m
+    normals: Array  # (N, 3), outward, of length 1
+    lengths: Array  # (N,), distance from the start, m; ascending from 0
+    repeat: str = "once"  # one of `REPEATS`; a loop ends where it starts
 
     @classmethod
     def over(cls, model: ModalModel, places: Waypoints, *, repeat: str = "once") -> Path:
-        """Find the path through `places` of a body.
-
-        Parameters
-        ----------
-        model : ModalModel
-            The body.
-        places : sequence of places, two or more
-            Names or coordinates, m, as for a strike.
-        repeat : str
-            "once", "back" or "loop"; a loop goes on from the last place to the first.
-
-        Raises
-        ------
-        ContactError
-            When a place is off the body, or no way over its surface leads to the next one.
-        OptionError
-            On fewer than two places, or a path without length.
-        """
+        """Return the path through two or more places; ContactError where the surface has none."""
         require_waypoints(places, repeat)
         mesh = model.geometry
         if mesh is None:
@@ -101,18 +71,15 @@ class Path:
 
     @property
     def length(self) -> float:
-        """From the first place to the last, m."""
+        """Distance from the first place to the last, m."""
         return float(self.lengths[-1])
 
     def at(self, travelled: float) -> Array:
-        """Return the point (3,) after a way of `travelled` m."""
+        """Return the point (3,) after a distance of `travelled` m."""
         return self._read(self.points, travelled)
 
     def normal(self, travelled: float) -> Array:
-        """Return the outward unit normal (3,) after a way of `travelled` m.
-
-        Over an edge it turns from face to face within one piece of the path.
-        """
+        """Return the outward unit normal (3,) after a distance of `travelled` m."""
         normal = self._read(self.normals, travelled)
         return normal / max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
 
@@ -143,16 +110,9 @@ def require_waypoints(places: Waypoints, repeat: str) -> None:
 
 
 def shortest(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
-    """Return points (N, 3) of a locally shortest way over a surface.
-
-    The shortest way along edges (Dijkstra) is pulled tight like a string: each point in turn moves
-    to the middle of its neighbours and back onto the surface, first points far apart, then near.
-
-    Raises
-    ------
-    ContactError
-        When no way over the surface joins the two.
-    """
+    """Return points (N, 3) of a locally shortest path over a surface."""
+    # The shortest path along edges (Dijkstra) is pulled tight like a string: each point in turn
+    # moves to the middle of its neighbours and back onto the surface, first far apart, then near.
     way = _resampled(_edge_way(mesh, surface, begin, end), _PIECES)
     for coarsest in _SPACINGS:
         points = _tight(surface, way, coarsest)
@@ -190,7 +150,7 @@ def _resampled(points: Array, pieces: int) -> Array:
 
 
 def _edge_way(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
-    """Return the shortest way along edges, its ends joined to the corners of their faces."""
+    """Return the shortest path along edges, its ends joined to the corners of their faces."""
     _, faces, ends = surface.closest(np.stack([begin, end]))
     if faces[0] == faces[1]:
         return ends

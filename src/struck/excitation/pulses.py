@@ -23,8 +23,7 @@ from scipy.special import erf, gamma, gammaln, rgamma, wofz
 from struck.errors import OptionError
 from struck.model.arrays import Array, Complex
 
-LEAD = 7
-"""How many samples before its onset a sampled pulse begins."""
+LEAD = 7  # samples that a sampled pulse begins before its onset
 
 _FLATNESS = 7.5  # of the Kaiser window: 75 dB beyond 2/3 of the rate, flat up to 1/3
 _OVERSAMPLING = 8
@@ -36,34 +35,20 @@ _STEP, _TABLE_END = 1 / 128, 512.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Samples:
-    """A stretch of force.
+    """A force, sample by sample."""
 
-    Parameters
-    ----------
-    first : int
-        Number of the sample at which it begins; may be negative.
-    force : array (n,)
-        N.
-    """
-
-    first: int
-    force: Array
+    first: int  # number of its first sample; may be negative
+    force: Array  # (n,), N
 
 
 def require_shape(shape: str) -> None:
-    """Raise an OptionError unless pulses of that shape are known."""
+    """Raise an OptionError unless `shape` is a known pulse."""
     if shape not in _SPECTRA:
         raise OptionError(f"shape is {shape!r}: give one of {', '.join(_SPECTRA)}")
 
 
 def force(shape: str, times: Array, duration: float) -> Array:
-    """Return a pulse of unit area at `times` since its onset, 1/s.
-
-    Raises
-    ------
-    OptionError
-        On an unknown shape.
-    """
+    """Return a pulse of unit area at `times` since its onset, 1/s."""
     require_shape(shape)
     phase = np.asarray(times, np.float64) / duration
     inside = (phase >= 0) & (phase <= 1)
@@ -71,29 +56,7 @@ def force(shape: str, times: Array, duration: float) -> Array:
 
 
 def transform(shape: str, frequencies: Array, duration: float) -> Complex:
-    """Return the Fourier transform of a pulse of unit area that begins at time 0.
-
-    Parameters
-    ----------
-    shape : str
-        "half-sine", "hertz" or "gaussian".
-    frequencies : array
-        Hz.
-    duration : float
-        s; 0 is an ideal impulse.
-
-    Returns
-    -------
-    array, complex
-        Integral of F(t) exp(-2 pi i f t) dt. For powers of a sine, with b = 2 f T, it is
-        Gamma(1 + m/2)^2 / (Gamma(1 + (m + b)/2) Gamma(1 + (m - b)/2)) exp(-i pi b / 2)
-        (Gradshteyn & Ryzhik, 3.631).
-
-    Raises
-    ------
-    OptionError
-        On an unknown shape.
-    """
+    """Return the Fourier transform of a pulse of unit area that begins at time 0."""
     require_shape(shape)
     cycles = np.asarray(frequencies, np.float64) * duration
     delay: Complex = np.exp(-1j * np.pi * cycles)
@@ -103,30 +66,9 @@ def transform(shape: str, frequencies: Array, duration: float) -> Complex:
 def sampled(
     shape: str, *, impulse: float, onset: float, duration: float, sample_rate: float
 ) -> Samples:
-    """Return the samples of a pulse, band-limited, its onset anywhere between them.
-
-    Parameters
-    ----------
-    shape : str
-        "half-sine", "hertz" or "gaussian".
-    impulse : float
-        Area, N s: sum(force) / sample_rate.
-    onset, duration : float
-        s; 0 is an ideal impulse.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    Samples
-        True to `transform` within 0.1 dB to a third of the rate, what folds below that at least
-        60 dB under the impulse.
-
-    Raises
-    ------
-    OptionError
-        On an unknown shape.
-    """
+    """Return the band-limited samples of a pulse of area `impulse`, N s, at any onset, s."""
+    # True to `transform` within 0.1 dB to a third of the rate; what folds below that lies at least
+    # 60 dB under the impulse.
     require_shape(shape)
     length = duration * sample_rate
     first = int(np.floor(onset * sample_rate)) - LEAD
@@ -158,7 +100,7 @@ def low_pass_spectrum(size: int) -> Array:
 
 
 def _folded(spectrum: Complex) -> Complex:
-    """Return what samples at the rate hold of a spectrum from 0 to the rate: half as much."""
+    """Return the spectrum of samples (half the rate) from one up to the rate, aliases added."""
     half = len(spectrum) // 2
     kept = spectrum[: half + 1].copy()
     kept[1:] += np.conj(spectrum[: half - 1 : -1])
@@ -182,6 +124,9 @@ def _sine_force(power: float) -> Callable[[Array], Array]:
 
 def _sine_spectrum(power: float) -> Callable[[Array], Array]:
     """Return the real spectrum, about its middle, of sin^power of unit area over f T."""
+    # With b = 2 f T and m the power, the integral of F(t) exp(-2 pi i f t) dt is
+    # Gamma(1 + m/2)^2 / (Gamma(1 + (m + b)/2) Gamma(1 + (m - b)/2)) exp(-i pi b / 2)
+    # (Gradshteyn & Ryzhik, 3.631).
     scale = gamma(1 + power / 2) ** 2
 
     def spectrum(cycles: Array) -> Array:
@@ -216,4 +161,3 @@ _SPECTRA = MappingProxyType(
     {"half-sine": _sine_spectrum(1.0), "hertz": _sine_spectrum(1.5), "gaussian": _gaussian_spectrum}
 )
 SHAPES = tuple(_SPECTRA)
-"""Names of the shapes."""

@@ -31,13 +31,10 @@ from struck.model.model import ModalModel
 
 # A contact that moves over a body: the force of its roughness, and where it drives the modes.
 
-FADE = 5e-3
-"""How long a moving contact takes to come on and to lift off, s."""
+FADE = 5e-3  # s, in which a moving contact comes on and lifts off
 
-CHUNK = 64
-"""Samples from one look at speed and load to the next."""
-LIGHTEST = 1e-3
-"""Lighter contacts follow the force at this load, in proportion, N."""
+CHUNK = 64  # samples between two readings of speed and load
+LIGHTEST = 1e-3  # N: the force of lighter contacts is in proportion to this one's
 
 
 class Rubber(Protocol):
@@ -81,40 +78,22 @@ class Rubber(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """How a contact moves and presses.
-
-    Parameters
-    ----------
-    path : Path
-        Over the body.
-    rubbed : Rubbed
-        The two surfaces.
-    speed, load : function of time
-        m/s and N; s since the contact began.
-    first : int
-        Number of the sample at which it begins.
-    seconds : float or None
-        How long it lasts; None: to the end of the path, without end where that repeats.
-    offset : float
-        Where on the roughness it begins, m.
-    patch : float
-        Radius of the area over which the mode shapes are averaged, m.
-    """
+    """Path, speed and load of a contact that moves over a body."""
 
     path: Path
     rubbed: Rubbed
-    speed: Callable[[float], float]
-    load: Callable[[float], float]
-    first: int
-    seconds: float | None
-    offset: float
-    patch: float
+    speed: Callable[[float], float]  # m/s, at s since the contact began
+    load: Callable[[float], float]  # N, at s since the contact began
+    first: int  # number of the sample at which it begins
+    seconds: float | None  # None: to the end of the path
+    offset: float  # m along the roughness at the begin
+    patch: float  # radius of the area of contact, m
 
     @classmethod
     def of(
         cls, rubber: Rubber, model: ModalModel, rubbed: Rubbed, load: Course, sample_rate: float
     ) -> Motion:
-        """Return that of a scrape or a roll on a model; ContactError when it leaves the body."""
+        """Return the motion of a scrape or a roll; ContactError when it leaves the body."""
         require_positive(sample_rate=sample_rate)
         random = np.random.default_rng(rubber.seed)
         return cls(
@@ -130,22 +109,10 @@ class Motion:
 
 
 class Rubbing:
-    """A `Pushing` that moves.
+    """A `Pushing` that moves over a body."""
 
-    Speed and load are asked for every 64 samples, counted from when the contact began, and joined
-    by straight lines, so that the force does not depend on how long the blocks are.
-
-    Parameters
-    ----------
-    motion : Motion
-        What it does.
-    model : ModalModel
-        The body.
-    sample_rate : float
-        Hz.
-    start : int
-        Number of the sample at which the first block begins.
-    """
+    # Speed and load are read every 64 samples, counted from when the contact began, and joined by
+    # straight lines, so that the force does not depend on how long the blocks are.
 
     def __init__(
         self, motion: Motion, model: ModalModel, sample_rate: float, *, start: int = 0
@@ -203,7 +170,7 @@ class Rubbing:
         return taken
 
     def _next_chunk(self) -> tuple[Array, Array]:
-        """Return force and ways of the next 64 samples; note where the path ends."""
+        """Return force and distances of the next 64 samples; note where the path ends."""
         self._chunk += 1
         time = self._chunk * CHUNK / self._rate
         speeds = self._speed, self._motion.speed(time)
@@ -257,7 +224,7 @@ class Rubbing:
 
 
 def _rungs(begin: float, end: float) -> dict[int, list[float]]:
-    """Return the tabulated loads that make up two loads, and their weights in each."""
+    """Return the tabulated loads about two loads, and their weights in each."""
     rungs: dict[int, list[float]] = {}
     for which, load in enumerate((begin, end)):
         for number, weight in _between(load):
@@ -277,8 +244,7 @@ def _between(load: float) -> list[tuple[int, float]]:
 
 # A roll: something round rolls over a body, both of them uneven.
 
-GRAVITY = 9.81
-"""m/s^2."""
+GRAVITY = 9.81  # m/s^2
 
 _FEWEST_TURNS_LENGTH = 0.12  # m of surface before its roughness comes round again
 _MOST_POINTS = 1 << 17
@@ -405,7 +371,7 @@ def _together(surface: Roughness, roller: Roughness, radius: float, flat: float)
 
 
 def _worn(radius: float, flat: float, points: int) -> Array:
-    """Return how deep a flat spot is around the roller, m."""
+    """Return the depth of a flat spot around the roller, m."""
     length = math.sqrt(8 * radius * flat)
     if not length:
         return np.zeros(points)

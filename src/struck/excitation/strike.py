@@ -32,18 +32,10 @@ _SHORTEST_TRANSIENT = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Blow:
-    """What a strike comes to on one body.
+    """Impulse and duration of a strike on one body."""
 
-    Parameters
-    ----------
-    impulse : float
-        Area of the force, N s.
-    duration : float
-        s; 0 is an ideal impulse.
-    """
-
-    impulse: float
-    duration: float
+    impulse: float  # area of the force, N s
+    duration: float  # s; 0 is an ideal impulse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

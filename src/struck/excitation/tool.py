@@ -16,8 +16,7 @@ from struck.model.arrays import Array
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
 
-HEAVIEST = 1e6
-"""The largest load, N."""
+HEAVIEST = 1e6  # N, the largest load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,25 +64,13 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Update:
-    """One word from outside.
+    """Place, load and speed of a touch from one sample on."""
 
-    Parameters
-    ----------
-    sample : int
-        Number of the sample at which it takes effect.
-    contact : Contact
-        Where, and along which direction the load pushes.
-    drive : array (M,)
-        How strongly each mode answers there, kg^-1/2.
-    force, speed : float
-        N and m/s, at least 0.
-    """
-
-    sample: int
-    contact: Contact
-    drive: Array
-    force: float
-    speed: float
+    sample: int  # number of the first sample that it holds for
+    contact: Contact  # place, and direction of the load
+    drive: Array  # (M,), kg^-1/2, of each mode there
+    force: float  # N, at least 0
+    speed: float  # m/s, at least 0
 
 
 def load_of(force: float) -> float:

@@ -28,10 +28,8 @@ from struck.model.arrays import Array
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
-SLOWEST, FASTEST = 60.0, 1000.0
-"""Updates a second between which ramps follow the updates' own rate, Hz."""
-USUAL = 100.0
-"""Updates a second that are expected before there were two."""
+SLOWEST, FASTEST = 60.0, 1000.0  # Hz, of updates that ramps adapt to
+USUAL = 100.0  # Hz, expected before there were two updates
 
 _WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
@@ -39,26 +37,7 @@ _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a 
 
 
 class Touching:
-    """A `Pushing` that is told what to do while it pushes.
-
-    Parameters
-    ----------
-    model : ModalModel
-        The body.
-    sample_rate : float
-        Hz.
-    tool : Tool
-        What touches.
-    start : int
-        Number of the sample at which the first block begins.
-
-    Attributes
-    ----------
-    now : int
-        Number of the sample at which the next block begins.
-    ended : bool
-        Set it where no update will come any more.
-    """
+    """A `Pushing` that follows updates of place, load and speed while it pushes."""
 
     def __init__(
         self, model: ModalModel, sample_rate: float, *, tool: Tool | None = None, start: int = 0
@@ -88,7 +67,7 @@ class Touching:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is let go of, and nothing else was said."""
+        """Whether it is let go of, and no update waits."""
         return not self._updates and self._is_off()
 
     def resume(self, sample: int) -> None:
@@ -105,33 +84,7 @@ class Touching:
         direction: Place = None,
         sample: int | None = None,
     ) -> Update:
-        """Say where the touch is now, how hard it presses and how it moves.
-
-        Parameters
-        ----------
-        at : Contact, array-like or str
-            Place, as for a strike.
-        force : float
-            The load, N; 0 lets go.
-        velocity : float or array-like
-            Along the surface, m/s; only its magnitude counts.
-        direction : array-like (3,), optional
-            Along which the load pushes; straight into the surface unless given.
-        sample : int, optional
-            From which sample on; the next one unless given.
-
-        Returns
-        -------
-        Update
-            As it will be followed.
-
-        Raises
-        ------
-        ContactError
-            Where the touch is off the body.
-        OptionError
-            On a force or a velocity that is not finite, or a force below 0 or above a million N.
-        """
+        """Follow a new place, load, N, and velocity along the surface, m/s; a load of 0 lets go."""
         word = self.word(at, force, velocity, direction=direction, sample=sample)
         self.follow(word)
         return word
@@ -145,7 +98,7 @@ class Touching:
         direction: Place = None,
         sample: int | None = None,
     ) -> Update:
-        """Return what `update` would follow, checked; see there."""
+        """Return the checked `Update` that `update` would follow."""
         load, speed = load_of(force), speed_of(velocity)
         model, said = self._model, self._said  # `change` may be called from another thread
         contact = at if isinstance(at, Contact) else model.contact(at, direction)
@@ -160,7 +113,7 @@ class Touching:
         return word
 
     def follow(self, word: Update) -> None:
-        """Do from its sample on what a word says."""
+        """Follow an update from its sample on."""
         self._updates.append(word)
 
     def change(self, model: ModalModel) -> None:
@@ -172,7 +125,7 @@ class Touching:
 
     @property
     def load(self) -> float:
-        """How hard it presses at the end of the last block, N."""
+        """Load at the end of the last block, N."""
         return self._load.value * self._pressed.value
 
     def advance(self, length: int) -> Push | None:
@@ -200,7 +153,7 @@ class Touching:
         self._drive.go(courses.shape[1])
 
     def _take(self, word: Update) -> None:
-        """Set out for what a word says."""
+        """Set the ramps for an update."""
         gap = self._gap(word.sample)
         jump = self._is_off()
         if word.force > 0:
@@ -224,7 +177,7 @@ class Touching:
         return self._pressed.value == 0.0 == self._pressed.target
 
     def _rests(self, length: int, pressed: Array) -> bool:
-        """Tell whether nothing presses and nothing of it is left; keep count of such samples."""
+        """Tell whether it is silent, smoothing included; count silent samples."""
         if pressed.any():
             self._still = 0
             return False
@@ -360,7 +313,7 @@ class TouchLog:
 
 
 class Replay:
-    """A `Pushing`: the touch of a log, let go of only where its last force is 0."""
+    """A `Pushing` that plays the touch of a log."""
 
     def __init__(
         self, log: TouchLog, model: ModalModel, sample_rate: float, *, start: int = 0
@@ -371,13 +324,7 @@ class Replay:
         self._contact: Contact | None = None
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them.
-
-        Raises
-        ------
-        ContactError
-            Where the touch leaves the body.
-        """
+        """Return the push of the next `length` samples; ContactError off the body."""
         self._now += length
         last = int(np.searchsorted(self._samples, self._now))
         for number in range(self._next, last):

@@ -29,26 +29,14 @@ OUT_OF_MEMORY = 77
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingLimits:
-    """Bounds within which a mesh file is read.
+    """Bounds on size, memory, time and counts within which a mesh file is read."""
 
-    Parameters
-    ----------
-    size : int
-        Bytes of a file with all that belongs to it, packed or not.
-    memory : int
-        Address space of the process that reads, with its interpreter, bytes; held where the
-        system can (Linux, not Windows).
-    seconds : float
-        Wall time for one file, s.
-    vertices, faces, parts : int
-        How many of them a file may hold; faces are triangles.
-    """
-
-    size: int = 256 * 2**20
+    size: int = 256 * 2**20  # bytes of a file with all that belongs to it, packed or not
+    # bytes of address space of the reading process; held on Linux, not Windows
     memory: int = 2 * 2**30
-    seconds: float = 10.0
+    seconds: float = 10.0  # wall time for one file, s
     vertices: int = 15_000_000
-    faces: int = 5_000_000
+    faces: int = 5_000_000  # triangles
     parts: int = 10_000
 
     @property
@@ -82,31 +70,15 @@ _SEPARATORS = re.compile(r"[/\\]")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Source:
-    """A mesh file in memory.
+    """A mesh file in memory: its format, its bytes, and access to the files it names."""
 
-    Parameters
-    ----------
-    kind : str
-        One of `FORMATS`, by the file's name.
-    data : bytes
-        Its content, unpacked.
-    beside : callable
-        From the name of another file beside it to the content of that; raises `MeshError`.
-    """
-
-    kind: str
-    data: bytes
-    beside: Callable[[str], bytes]
+    kind: str  # one of `FORMATS`, by the file's name
+    data: bytes  # unpacked content
+    beside: Callable[[str], bytes]  # name of a file beside it to that file's content
 
 
 def kind_of(name: str) -> str:
-    """Return the mesh format that a file's name promises.
-
-    Raises
-    ------
-    MeshError
-        When it promises none that is read here.
-    """
+    """Return the mesh format that a file's name promises; MeshError when it is none read here."""
     suffix = Path(name).suffix
     if suffix[1:].lower() not in FORMATS:
         raise MeshError(
@@ -117,13 +89,7 @@ def kind_of(name: str) -> str:
 
 
 def open_regular(path: Path, limits: ReadingLimits) -> IO[bytes]:
-    """Open an ordinary file that is not too large.
-
-    Raises
-    ------
-    MeshError
-        When it is missing, closed to us, empty, too large, a folder, a pipe or a device.
-    """
+    """Open an ordinary file within the size limit; MeshError on folders, pipes and devices."""
     try:
         # Opening a pipe would wait for its writer.
         if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
@@ -143,13 +109,7 @@ def open_regular(path: Path, limits: ReadingLimits) -> IO[bytes]:
 
 
 def require_size(size: int, limits: ReadingLimits) -> None:
-    """Refuse more bytes than a file may take up.
-
-    Raises
-    ------
-    MeshError
-        With the bound and the way out.
-    """
+    """Raise a MeshError when a file has more bytes than the limit."""
     if size > limits.size:
         raise MeshError(
             f"it takes up {size} bytes or more, and {limits.size} are read: simplify the surface "
@@ -160,22 +120,7 @@ def require_size(size: int, limits: ReadingLimits) -> None:
 def gathered(
     chunks: Iterable[bytes], limits: ReadingLimits, *, packed: Callable[[], int] | None = None
 ) -> bytes:
-    """Join the pieces of a file, as long as they stay within bounds.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        Pieces, each made only when asked for.
-    limits : Limits
-        Their sizes count together.
-    packed : callable, optional
-        Tells, where they were packed, how many packed bytes have been taken so far.
-
-    Raises
-    ------
-    MeshError
-        When there are more, or they were packed tighter than any mesh.
-    """
+    """Join the chunks of a file while they stay within its size limit and packing ratio."""
     data = bytearray()
     for chunk in chunks:
         data += chunk
@@ -189,18 +134,12 @@ def gathered(
 
 
 def pieces_of(file: IO[bytes] | BufferedIOBase) -> Iterator[bytes]:
-    """Read a file piece by piece."""
+    """Read a file in chunks of `CHUNK` bytes."""
     return iter(lambda: file.read(CHUNK), b"")
 
 
 def require_beside(name: str) -> None:
-    """Refuse names that lead elsewhere: up, to the root, to another drive or to the net.
-
-    Raises
-    ------
-    MeshError
-        With the name.
-    """
+    """Refuse file names that lead up, to the root, to another drive or to the net."""
     steps = _SEPARATORS.split(name)
     if not steps[0] or not steps[-1] or ".." in steps or re.search(r"[:\0]", name):
         raise MeshError(
@@ -210,13 +149,7 @@ def require_beside(name: str) -> None:
 
 
 def plain_source(path: Path, limits: ReadingLimits) -> Source:
-    """Read a mesh file that is not packed.
-
-    Raises
-    ------
-    MeshError
-        When it, or a file that it names, cannot be read within bounds.
-    """
+    """Read a mesh file that is not packed."""
     kind = kind_of(path.name)
     with open_regular(path, limits) as file:
         data = gathered(pieces_of(file), limits)
@@ -224,19 +157,13 @@ def plain_source(path: Path, limits: ReadingLimits) -> Source:
 
 
 class Folder:
-    """The files beside a mesh file, which count with it."""
+    """The files beside a mesh file, whose sizes count with it."""
 
     def __init__(self, folder: Path, limits: ReadingLimits, *, taken: int) -> None:
         self._folder, self._limits, self._taken = folder, limits, taken
 
     def read(self, name: str) -> bytes:
-        """Return the content of a file.
-
-        Raises
-        ------
-        MeshError
-            When it lies elsewhere, cannot be read, or is too large.
-        """
+        """Return the content of a file beside the mesh file."""
         require_beside(name)
         try:
             with open_regular(self._folder / name, self._limits) as file:
@@ -258,13 +185,7 @@ _DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAEr
 
 
 def open_source(path: Path, limits: ReadingLimits) -> Source:
-    """Read a mesh file, packed or not.
-
-    Raises
-    ------
-    MeshError
-        When it cannot be read within bounds, or its name promises no mesh.
-    """
+    """Read a mesh file, packed or not; MeshError when it is damaged or beyond its limits."""
     packing = path.suffix[1:].lower()
     if packing not in PACKINGS:
         return plain_source(path, limits)
@@ -286,7 +207,7 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
 
 
 def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
-    """Unpack one file, whose name is that of the archive less its ending."""
+    """Unpack one gz, bz2 or xz file; its name without that ending tells the format."""
     kind = kind_of(path.stem)
     chunks = _UNPACKED[path.suffix[1:].lower()](file)
     data = gathered(chunks, limits, packed=file.tell)
@@ -303,7 +224,7 @@ def _gunzipped(file: IO[bytes]) -> Iterator[bytes]:
 def _streams(
     make: Callable[[], bz2.BZ2Decompressor | lzma.LZMADecompressor],
 ) -> Callable[[IO[bytes]], Iterator[bytes]]:
-    """Return how to unpack streams that follow each other, never more than a piece at once."""
+    """Return a reader of streams that follow each other, which unpacks one chunk at a time."""
 
     def unpacked(file: IO[bytes]) -> Iterator[bytes]:
         data = file.read(CHUNK)
@@ -333,7 +254,7 @@ _UNPACKED: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
 
 
 def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
-    """Unpack the one mesh of a zip file, and the buffers below its folder where it is glTF."""
+    """Unpack the only mesh of a zip file, with the buffers beside it where it is glTF."""
     _require_small_directory(file)
     with zipfile.ZipFile(file) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]
@@ -355,7 +276,7 @@ def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
 def _unzipped(
     archive: zipfile.ZipFile, file: IO[bytes], member: zipfile.ZipInfo, limits: ReadingLimits
 ) -> bytes:
-    """Unpack one member; it ends at the latest where it said it would."""
+    """Unpack one member, at most to the size that the archive states."""
     with archive.open(member) as content:
         return gathered(
             pieces_of(content), limits, packed=lambda: file.tell() - member.header_offset

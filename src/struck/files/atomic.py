@@ -20,26 +20,10 @@ _DAY = 86_400.0
 
 
 def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
-    """Write a file so that readers see the old content or the new, never a part.
-
-    The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
-    on a failure or an interruption the hidden file is removed and `path` stays as it was. What a
-    killed process could not remove goes with the next file written there. A symbolic link is
-    followed.
-
-    Parameters
-    ----------
-    path : path
-        Where to write; its folder must exist.
-    *blocks : bytes
-        The whole content, in order.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder is missing or closed to us, `path` is not an ordinary file, or the disk
-        refuses.
-    """
+    """Write a file whole: readers see the old content or the new, never a part."""
+    # The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
+    # what a killed process leaves goes with the next file written there. Symbolic links are
+    # followed.
     target = Path(os.path.realpath(path))
     try:
         _require_place(target, path)
@@ -60,20 +44,7 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
 def writable(
     path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
 ) -> Path:
-    """Return the path of a file to write, refused before any work when that cannot do.
-
-    Parameters
-    ----------
-    path : path
-    unlike : iterable of paths
-        Files that the same work reads, or writes too: it must be none of them.
-
-    Raises
-    ------
-    FileFormatError
-        When the folder is missing, the path is a folder, or it is one of those files by whatever
-        name.
-    """
+    """Return a path to write, after refusing folders and the files `unlike` that are in use."""
     target = Path(path)
     if target.is_dir():
         raise FileFormatError(f"{target} is a folder: give the name of a file in it")
@@ -90,7 +61,7 @@ def writable(
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Tell whether two names stand for one file, also where it does not exist yet."""
+    """Tell whether two names lead to one file, also where it does not exist yet."""
     try:
         return os.path.realpath(one) == os.path.realpath(other) or one.samefile(other)
     except (OSError, ValueError):
@@ -98,11 +69,8 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def sweep(folder: Path) -> int:
-    """Remove the hidden files of processes that were killed while writing, and count them.
-
-    A process of this computer is known to be gone; of another one, or where that cannot be
-    asked, after a day. A folder that cannot be read is left alone.
-    """
+    """Remove and count the hidden files of processes that were killed while writing."""
+    # A process of this computer is known to be gone; one of another computer, after a day.
     swept = 0
     for path in _left_behind(folder):
         with suppress(OSError):
@@ -140,7 +108,7 @@ def _write_through(path: Path, blocks: Iterable[bytes]) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name itself survive a power cut, where folders can be opened for that."""
+    """Flush the folder, so that the new name survives a power cut."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     try:

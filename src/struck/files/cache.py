@@ -32,43 +32,15 @@ _KEY = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CacheEntry:
-    """One entry of a cache.
+    """One file of a cache, with its size and last use."""
 
-    Parameters
-    ----------
-    path : Path
-        Its name is the key.
-    size : int
-        Bytes on the disk.
-    used : int
-        When it was last written or read, ns.
-    """
-
-    path: Path
-    size: int
-    used: int
+    path: Path  # its name is the key
+    size: int  # bytes on the disk
+    used: int  # last written or read, ns
 
 
 class Cache:
-    """Entries of bytes by key; of more than fits, the least recently used go.
-
-    Parameters
-    ----------
-    folder : path
-        Where entries are; made when the first is kept.
-    most_bytes : int
-        What all entries together may take on the disk.
-
-    Attributes
-    ----------
-    damaged : int
-        Entries that were found damaged here, and removed.
-
-    Raises
-    ------
-    OptionError
-        When `most_bytes` is negative.
-    """
+    """A folder of sealed entries by key, at most `most_bytes` large: the least recently used go."""
 
     def __init__(self, folder: str | os.PathLike[str], *, most_bytes: int = MOST_BYTES) -> None:
         if most_bytes < 0:
@@ -79,10 +51,7 @@ class Cache:
         self._said: set[str] = set()
 
     def get(self, key: str) -> bytes | None:
-        """Return what was kept under `key`, a SHA-256 in hexadecimal; None when nothing was.
-
-        A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
-        """
+        """Return the content kept under a SHA-256 in hexadecimal; None when none is, or damaged."""
         path = self._path(key)
         try:
             content = _content(path, self.most_bytes)
@@ -99,7 +68,7 @@ class Cache:
         return content
 
     def put(self, key: str, content: bytes) -> None:
-        """Keep `content` under `key`, a SHA-256 in hexadecimal, where that is possible."""
+        """Keep `content` under a SHA-256 in hexadecimal, where that is possible."""
         path = self._path(key)
         size = len(_HEAD) + _SEAL + len(content)
         if size > self.most_bytes:
@@ -114,7 +83,7 @@ class Cache:
         self._trim(path)
 
     def discard(self, key: str, reason: str) -> None:
-        """Remove an entry that is not what it should be; count it, and say so once."""
+        """Remove a damaged entry, count it, and warn once."""
         self.damaged += 1
         with suppress(OSError):
             self._path(key).unlink()
@@ -160,14 +129,7 @@ class Cache:
 
 
 def opened(*, choice: bool | str | os.PathLike[str] = True) -> Cache | None:
-    """Return the cache that a person chose, or None for no cache.
-
-    Parameters
-    ----------
-    choice : bool or path
-        False for none; a folder; True for the folder that the environment variable STRUCK_CACHE
-        names (none where it says "off"), else the user's own.
-    """
+    """Return the cache that a user chose by path or STRUCK_CACHE; None for no cache."""
     if choice is False:
         return None
     if choice is not True:
@@ -182,10 +144,8 @@ def opened(*, choice: bool | str | os.PathLike[str] = True) -> Cache | None:
 
 
 def user_folder(system: str, environment: Mapping[str, str]) -> Path | None:
-    """Return where `system`, as in `sys.platform`, keeps caches; None for a user without a home.
-
-    Linux follows the XDG base directory specification, whose paths count only where absolute.
-    """
+    """Return the folder of caches on a `sys.platform`; None for a user without a home."""
+    # Linux follows the XDG base directory specification: its paths count only where absolute.
     if system == "win32" and environment.get("LOCALAPPDATA"):
         return Path(environment["LOCALAPPDATA"]) / "struck" / "Cache"
     named = Path(environment.get("XDG_CACHE_HOME", ""))

@@ -23,8 +23,7 @@ from struck.model.mesh import Mesh
 
 # Values of a model file's JSON, refused where they are not what belongs there.
 
-FARTHEST = 1e9
-"""No place of a body is farther away, m: squares of it are numbers still."""
+FARTHEST = 1e9  # m: coordinates beyond it are refused, so that their squares stay finite
 
 
 def refuse_constant(name: str) -> NoReturn:
@@ -33,13 +32,7 @@ def refuse_constant(name: str) -> NoReturn:
 
 
 def numbers(value: object, shape: tuple[int, ...]) -> Array:
-    """Return a nested list of finite numbers as an array of that shape.
-
-    Raises
-    ------
-    FileFormatError
-        When there are more or fewer, or one is not finite.
-    """
+    """Return a nested list of finite numbers as an array of the given shape."""
     array = np.array(value, dtype=np.float64)
     if array.shape != shape:
         raise FileFormatError(f"its metadata holds {array.shape} numbers where {shape} belong")
@@ -54,26 +47,14 @@ def numbers_or_none(value: object, shape: tuple[int, ...]) -> Array | None:
 
 
 def vector(value: object, count: int = 3) -> Array:
-    """Return the coordinates of a place.
-
-    Raises
-    ------
-    FileFormatError
-        When they are not as many finite numbers.
-    """
+    """Return the finite coordinates of a place (count,)."""
     if value is None:
         raise FileFormatError("its metadata holds null where the coordinates of a place belong")
     return numbers(value, (count,))
 
 
 def near(places: Array, name: str) -> Array:
-    """Return places, m.
-
-    Raises
-    ------
-    FileFormatError
-        When one has a coordinate beyond `FARTHEST`.
-    """
+    """Return places, m, once none has a coordinate beyond `FARTHEST`."""
     farthest = float(np.abs(places).max(initial=0.0))
     if farthest > FARTHEST:
         raise FileFormatError(f"its {name} goes up to {farthest:g} m: at most {FARTHEST:g} m fits")
@@ -81,13 +62,7 @@ def near(places: Array, name: str) -> Array:
 
 
 def number(value: object, name: str, least: float, most: float = np.inf) -> float:
-    """Return a finite number.
-
-    Raises
-    ------
-    FileFormatError
-        When it lies outside of `least` and `most`.
-    """
+    """Return a finite number between two bounds."""
     found = float(numbers(value, ()))
     if not least <= found <= most:
         raise FileFormatError(f"its {name} is {found:g}: it must lie from {least:g} to {most:g}")
@@ -95,39 +70,21 @@ def number(value: object, name: str, least: float, most: float = np.inf) -> floa
 
 
 def flag(value: object, name: str) -> bool:
-    """Return true or false.
-
-    Raises
-    ------
-    FileFormatError
-        When it is neither.
-    """
+    """Return a JSON boolean."""
     if not isinstance(value, bool):
         raise FileFormatError(f"its {name} is {value!r}: give true or false")
     return value
 
 
 def texts(value: object, name: str) -> tuple[str, ...]:
-    """Return a list of texts.
-
-    Raises
-    ------
-    FileFormatError
-        When it is none.
-    """
+    """Return a JSON list of texts."""
     if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
         raise FileFormatError(f"its {name} are {value!r}: give a list of texts")
     return tuple(value)
 
 
 def one_of(value: object, name: str, choices: tuple[str, ...]) -> str:
-    """Return one of some texts.
-
-    Raises
-    ------
-    FileFormatError
-        When it is another.
-    """
+    """Return a text that is one of the choices."""
     if not isinstance(value, str) or value not in choices:
         raise FileFormatError(f"its {name} is {value!r}: give one of {', '.join(choices)}")
     return value
@@ -141,20 +98,7 @@ _AGAIN = "copy it again from its source, or save the model again"
 
 
 def pack(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
-    """Return a safetensors file.
-
-    Parameters
-    ----------
-    tensors : mapping
-        Arrays of float64, float32 or uint32 by name.
-    metadata : mapping
-        Text by name; ``sha256`` is added.
-
-    Raises
-    ------
-    FileFormatError
-        When the metadata would exceed 16 MiB.
-    """
+    """Return the bytes of a safetensors file with a SHA-256 among its metadata."""
     # Widest items first: then every tensor starts at a multiple of its own item's size.
     ordered = dict(sorted(tensors.items(), key=lambda item: (-item[1].itemsize, item[0])))
     header = _header(ordered, {**metadata, "sha256": _UNSEALED})
@@ -191,22 +135,7 @@ def _sha256(*blocks: bytes | memoryview) -> str:
 
 
 def unpack(data: bytes, *, kind: str, newest: int) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return the metadata and tensors of a safetensors file whose seal is intact.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    kind : str
-        What the metadata key ``format`` must say.
-    newest : int
-        The highest ``version`` that the caller understands.
-
-    Raises
-    ------
-    FileFormatError
-        When the file is of another format or newer, damaged or truncated.
-    """
+    """Return metadata and tensors of a sealed file; FileFormatError when damaged or newer."""
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
@@ -281,35 +210,14 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def to_bytes(value: object, kinds: tuple[type, ...]) -> bytes:
-    """Return a value as bytes from which `from_bytes` makes the same.
-
-    Parameters
-    ----------
-    value : object
-        Arrays, numbers, text and None, in tuples, lists, mappings by text and dataclasses.
-    kinds : tuple of types
-        The dataclasses that may occur.
-
-    Raises
-    ------
-    FileFormatError
-        When it holds anything else.
-    """
+    """Return dataclasses, mappings, tuples, lists, arrays and numbers as sealed bytes."""
     arrays: Arrays = {}
     text = json.dumps(to_plain(value, kinds, arrays), separators=(",", ":"))
     return pack(arrays, {"format": _FORMAT, "version": str(VERSION), "json": text})
 
 
 def from_bytes(data: bytes, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401  as given to to_bytes
-    """Return the value that `to_bytes` was given; arrays are contiguous.
-
-    Raises
-    ------
-    FileFormatError
-        When the bytes are damaged, or hold a dataclass that is none of `kinds` as they are now.
-    StruckError
-        When a dataclass refuses what they say.
-    """
+    """Return the value that `to_bytes` was given, made of the dataclasses `kinds` alone."""
     metadata, arrays = unpack(data, kind=_FORMAT, newest=VERSION)
     try:
         return from_plain(
@@ -320,7 +228,7 @@ def from_bytes(data: bytes, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401  as
 
 
 def to_plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
-    """Return a value as JSON holds it, and put its arrays into `arrays`; see `to_bytes`."""
+    """Return a value as JSON holds it, and put its arrays into `arrays`."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):
@@ -359,7 +267,7 @@ def _is_index(array: NDArray[np.int64]) -> bool:
 
 
 def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
-    """Return the value that `to_plain` took; `kinds` by name."""
+    """Return the value that `to_plain` took, made of the dataclasses in `kinds`."""
     if not isinstance(plain, dict):
         return plain
     ((tag, content),) = plain.items()
@@ -389,24 +297,12 @@ Text = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Tensor:
-    """One array of a file.
+    """Type and shape that one array of a file must have."""
 
-    Parameters
-    ----------
-    dtype : str
-        "float64", "float32" or "uint32".
-    shape : tuple
-        Lengths, or letters for lengths that all tensors with the letter share.
-    optional : bool
-        Whether it may be absent.
-    gaps : bool
-        Whether it may hold what is not finite, for unknown.
-    """
-
-    dtype: str
-    shape: tuple[str | int, ...]
-    optional: bool = False
-    gaps: bool = False
+    dtype: str  # "float64", "float32" or "uint32"
+    shape: tuple[str | int, ...]  # lengths, or letters for lengths that tensors share
+    optional: bool = False  # may be absent
+    gaps: bool = False  # may hold NaN or infinity, for unknown
 
 
 Layout = Mapping[str, Tensor]
@@ -414,15 +310,7 @@ Layout = Mapping[str, Tensor]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kept:
-    """What a file keeps of something.
-
-    Parameters
-    ----------
-    text : dict
-        Values that JSON holds.
-    tensors : dict
-        Arrays by name.
-    """
+    """JSON values and arrays that a file keeps of one object."""
 
     text: dict[str, Any]
     tensors: Arrays
@@ -430,39 +318,18 @@ class Kept:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kind:
-    """How files keep one kind of gains.
+    """How files keep one class of gains."""
 
-    Parameters
-    ----------
-    made : type
-        The class of the gains.
-    layout : Layout
-        Of its tensors.
-    keep : callable
-        Tells what a file keeps of the gains.
-    make : callable
-        Makes them again from text and tensors, and the body's surface if there is one.
-    coordinates : callable
-        Tells how many numbers name a contact, or None where any will do.
-    """
-
-    made: type[Gains]
+    made: type[Gains]  # class of the gains
     layout: Layout
     keep: Callable[[Any], Kept]
-    make: Callable[[Text, Tensors, Mesh | None], Gains]
+    make: Callable[[Text, Tensors, Mesh | None], Gains]  # the mesh is the body's surface
+    # numbers that name a contact; None: any
     coordinates: Callable[[Any], int | None] = lambda _: None
 
 
 def require_layout(tensors: Tensors, layout: Layout) -> None:
-    """Refuse tensors that are missing, or whose types, shapes or values are others.
-
-    Tensors that the layout does not name may be there too.
-
-    Raises
-    ------
-    FileFormatError
-        On the first one that does not fit.
-    """
+    """Refuse tensors of a layout that are missing, or have other types, shapes or gaps."""
     sizes: dict[str, int] = {}
     for name, wanted in layout.items():
         if name in tensors:

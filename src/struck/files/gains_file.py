@@ -228,7 +228,7 @@ def _list(array: NDArray[np.float64]) -> list[Any]:
 
 
 def _below(array: NDArray[np.uint32], count: int, name: str, things: str) -> Index:
-    """Return whole numbers from 0 that count some things."""
+    """Return whole numbers as indices below `count`; FileFormatError on larger ones."""
     if array.size and array.max() >= count:
         raise FileFormatError(f"its tensor {name!r} goes up to {array.max()}: of {count} {things}")
     return array.astype(np.int64)
@@ -272,7 +272,6 @@ RECORDED: dict[str, Kind] = {
         make=_make_point,
     ),
 }
-"""How files keep gains of recordings, by the names of their classes."""
 
 
 # Mode shapes known by formula, as JSON and tensors of a model file, and back.
@@ -281,13 +280,7 @@ _PREFIX = "formula."
 
 
 def formula_to_json(formula: TransverseShapes | None) -> tuple[Any, Arrays]:
-    """Return a formula as a JSON value and the tensors that it names.
-
-    Raises
-    ------
-    FileFormatError
-        When its forms are none of struck's own.
-    """
+    """Return mode shapes in closed form as a JSON value and the tensors that it names."""
     arrays: Arrays = {}
     plain = None if formula is None else to_plain(formula, _kinds(), arrays)
     return plain, {_PREFIX + name: array for name, array in arrays.items()}
@@ -296,13 +289,7 @@ def formula_to_json(formula: TransverseShapes | None) -> tuple[Any, Arrays]:
 def formula_from_json(
     plain: object, tensors: Mapping[str, NDArray[Any]]
 ) -> TransverseShapes | None:
-    """Return the formula that a JSON value and tensors describe.
-
-    Raises
-    ------
-    FileFormatError
-        When they describe something else.
-    """
+    """Return the mode shapes in closed form that a JSON value and tensors describe."""
     if plain is None:
         return None
     named = {
@@ -330,17 +317,10 @@ def _kinds() -> tuple[type, ...]:
 
 
 KINDS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")
-"""The classes of gains that files keep."""
 
 
 def kind_of(gains: Gains) -> Kind:
-    """Return how files keep such gains.
-
-    Raises
-    ------
-    FileFormatError
-        When they do not.
-    """
+    """Return how files keep these gains; FileFormatError when they do not."""
     name = type(gains).__name__
     kind = kind_named(name) if name in KINDS else None
     if kind is None or type(gains) is not kind.made:
@@ -352,13 +332,7 @@ def kind_of(gains: Gains) -> Kind:
 
 
 def kind_named(name: str) -> Kind:
-    """Return how files keep gains of the class with that name.
-
-    Raises
-    ------
-    FileFormatError
-        When they do not.
-    """
+    """Return how files keep gains of the named class; FileFormatError when they do not."""
     if name not in KINDS:
         raise FileFormatError(f"its gains are {name!r}, none of {', '.join(KINDS)}: update struck")
     if name == "ShapeGains":
@@ -380,7 +354,7 @@ def _keep(gains: ShapeGains) -> Kept:
 
 
 def _radiation_name(radiation: Radiation) -> str:
-    """Return the name, where that is all there is to tell."""
+    """Return the name of an estimate of radiation; FileFormatError when it was changed."""
     known = by_name(radiation.name)
     if type(known) is not type(radiation) or vars(known) != vars(radiation):
         raise FileFormatError(
@@ -415,4 +389,3 @@ SHAPES = Kind(
     keep=_keep,
     make=_make,
 )
-"""Mode shapes on the body's surface."""

@@ -39,24 +39,10 @@ _AT_ONCE = 2**16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contents:
-    """The parts of a mesh file, all finite and with valid indices.
+    """The parts of a mesh file, checked: finite vertices, valid indices, at least one area."""
 
-    Parameters
-    ----------
-    kind : str
-        The format, "obj", "stl", "ply", "off", "glb" or "gltf", of what was packed as well.
-    parts : list of Part
-        In the file's own order and numbers; each has faces.
-
-    Raises
-    ------
-    MeshError
-        On vertices that are not finite or too far away for arithmetic, indices out of range, no
-        faces, or none with an area.
-    """
-
-    kind: str
-    parts: list[Part]
+    kind: str  # one of `FORMATS`, of what was packed as well
+    parts: list[Part]  # in the file's own order and numbers
 
     def __post_init__(self) -> None:
         for part in self.parts:
@@ -111,7 +97,7 @@ def _require_sound(part: Part) -> None:
 
 
 def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
-    """Tell which faces are lines or points, at any scale, so many at a time."""
+    """Yield which faces are lines or points, at any scale, 65,536 faces at a time."""
     for part in parts:
         for start in range(0, len(part.faces), _AT_ONCE):
             corners = part.points[part.faces[start : start + _AT_ONCE]]
@@ -142,22 +128,7 @@ class Frame:
 def write_frame(
     stream: IO[bytes], content: dict[str, Any], arrays: Sequence[AnyArray] = ()
 ) -> None:
-    """Send one message.
-
-    Parameters
-    ----------
-    stream : binary stream
-        Where to.
-    content : dict
-        What JSON can say.
-    arrays : sequence of array (N, D)
-        Of real or integer numbers.
-
-    Raises
-    ------
-    ValueError
-        When the header is longer than a receiver takes.
-    """
+    """Send JSON content and arrays (N, D) of real or integer numbers as one message."""
     shapes = [[_TYPES[array.dtype.kind], *array.shape] for array in arrays]
     header = json.dumps({"content": content, "arrays": shapes}).encode()
     if len(header) > LONGEST_HEADER:
@@ -170,22 +141,7 @@ def write_frame(
 
 
 def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
-    """Receive one message.
-
-    Parameters
-    ----------
-    stream : binary stream
-        Where from.
-    largest : int
-        Bytes that its arrays may take up.
-
-    Raises
-    ------
-    EOFError
-        When the sender has gone.
-    ValueError
-        When what comes is no message, or a larger one.
-    """
+    """Receive one message with at most `largest` bytes of arrays; ValueError if malformed."""
     length = int.from_bytes(_received(stream, 8), "little")
     if length > LONGEST_HEADER:
         raise ValueError(f"the header has {length} bytes, and {LONGEST_HEADER} are taken")
@@ -247,13 +203,7 @@ def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
 
 
 def surface_of(frame: Frame) -> tuple[str, list[Part]]:
-    """Return the format of a mesh file and its parts; their numbers are not judged.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        When the message says something else.
-    """
+    """Return the format and the parts of a surface mesh that a message holds."""
     names = _texts(frame, "names")
     shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
     if shapes != [("f", 3), ("i", 3)] * len(names):
@@ -267,13 +217,7 @@ def surface_of(frame: Frame) -> tuple[str, list[Part]]:
 
 
 def blocks_of(frame: Frame) -> ElementBlocks:
-    """Return the blocks of a volume mesh; their numbers are not judged.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        When the message says something else.
-    """
+    """Return the nodes and elements of a volume mesh that a message holds."""
     kinds = _texts(frame, "kinds")
     if [array.dtype.kind for array in frame.arrays] != ["f", *"i" * len(kinds)]:
         raise ValueError("its arrays are no elements")
@@ -305,42 +249,17 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
 def read_contents(path: str | os.PathLike[str]) -> Contents:
-    """Read the parts of a mesh file: OBJ, STL, PLY, OFF, GLB or glTF, also as gz, bz2, xz or zip.
-
-    Raises
-    ------
-    MeshError
-        When it cannot be read within the limits, or holds no sound surface.
-    """
+    """Read the parts of a surface mesh file, packed or not; MeshError beyond the limits."""
     return _GUARD.contents(path)
 
 
 def read_volume(path: str | os.PathLike[str]) -> ElementBlocks:
-    """Read the blocks of elements of a volume mesh file: vtk, vtu, msh or inp.
-
-    Raises
-    ------
-    MeshError
-        When it cannot be read within the limits.
-    MissingDependencyError
-        When meshio is not installed.
-    """
+    """Read the elements of a vtk, vtu, msh or inp file; MeshError beyond the limits."""
     return _GUARD.blocks(path)
 
 
 class Guard:
-    """A process that reads files, and the terms on which it does.
-
-    May be used from several threads, which then wait for each other; a process that forks gets a
-    reader of its own.
-
-    Parameters
-    ----------
-    limits : Limits, optional
-        What one file may cost.
-    command : list of str, optional
-        Another program that speaks as the worker does.
-    """
+    """A process that reads files, its limits, and a lock for the threads that share it."""
 
     def __init__(
         self, limits: ReadingLimits | None = None, *, command: list[str] | None = None
@@ -357,7 +276,7 @@ class Guard:
 
     @property
     def process_id(self) -> int | None:
-        """The reader's number in the system, None while there is none."""
+        """The reading process's number in the system, None while there is none."""
         return self._process.pid if self._process else None
 
     def contents(self, path: str | os.PathLike[str]) -> Contents:
@@ -370,7 +289,7 @@ class Guard:
         return self._asked("volume", path, blocks_of)
 
     def close(self) -> None:
-        """End the reader; the next file starts another."""
+        """End the reading process; the next file starts another."""
         with self._lock:
             if self._ending:
                 self._ending()
@@ -379,7 +298,7 @@ class Guard:
     def _asked(
         self, task: str, path: str | os.PathLike[str], understood: Callable[[Frame], Answer]
     ) -> Answer:
-        """Ask one question, and take the answer if it makes sense."""
+        """Send one question, and return the checked answer."""
         with self._lock:
             frame = self._frame({"task": task, "path": str(Path(path).absolute())})
             if "error" in frame.content:
@@ -440,7 +359,7 @@ class Guard:
         return process
 
     def _explain(self, process: subprocess.Popen[bytes], deadline: _Deadline) -> NoReturn:
-        """Say why the reader has gone."""
+        """Raise a MeshError that says why the reading process ended."""
         if not deadline.passed:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(1)
@@ -469,7 +388,7 @@ class Guard:
         )
 
     def forget(self) -> None:
-        """Leave the reader to the parent, after a fork."""
+        """Leave the reading process to the parent, after a fork."""
         if self._ending:
             self._ending.detach()
         if self._process:
@@ -480,7 +399,7 @@ class Guard:
 
 
 class _Deadline:
-    """Ends a process that takes too long, whatever this thread waits for."""
+    """A timer that kills a process after some seconds."""
 
     def __init__(self, process: subprocess.Popen[bytes], seconds: float) -> None:
         self.passed = False
@@ -512,17 +431,17 @@ def _close_pipes(process: subprocess.Popen[bytes]) -> None:
 
 
 def _search_path() -> str:
-    """Return where modules are found: as by the program, and not where it was started."""
+    """Return the program's module path, without the folder it was started in."""
     return os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
 
 
 def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
-    """Return where the reader is asked, and where it answers."""
+    """Return the standard input and output of the reading process."""
     return cast("IO[bytes]", process.stdin), cast("IO[bytes]", process.stdout)
 
 
 def _printable(text: str) -> str:
-    """Return one line without what would steer a terminal."""
+    """Return text as one line without control characters."""
     line = " ".join(text.split())[:_LONGEST_MESSAGE]
     return "".join(letter if letter.isprintable() else "?" for letter in line)
 

@@ -35,30 +35,14 @@ READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElementBlocks:
-    """What a volume mesh file holds, not judged yet.
+    """Nodes and elements of a volume mesh file, not checked yet."""
 
-    Parameters
-    ----------
-    nodes : array (N, D)
-        In the file's own unit.
-    cells : list of (str, array (E, K))
-        Kinds of elements in meshio's words, and the nodes of each; K is 0 where it varies.
-    """
-
-    nodes: NDArray[np.float64]
-    cells: list[tuple[str, NDArray[np.int64]]]
+    nodes: NDArray[np.float64]  # (N, D), in the file's own unit
+    cells: list[tuple[str, NDArray[np.int64]]]  # meshio's kind, (E, K); K is 0 where it varies
 
 
 def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
-    """Read with meshio, which prints and leaves the program where others raise.
-
-    Raises
-    ------
-    MeshError
-        When the file cannot be read.
-    MissingDependencyError
-        When meshio is not installed.
-    """
+    """Read a volume mesh with meshio, which prints and exits where others raise."""
     reader = _reader(path)
     with open_regular(path, limits) as file:
         if path.suffix.lower() == ".inp":
@@ -90,7 +74,7 @@ def _cells(block: meshio.CellBlock) -> NDArray[np.int64]:
 
 
 def _require_one_node_block(data: bytes) -> None:
-    """Refuse files of several parts: meshio keeps the nodes of the last alone."""
+    """Refuse Abaqus files of several parts: meshio keeps the nodes of the last alone."""
     blocks = len(re.findall(rb"^\*NODE[ \t\r]*(?:,|$)", data, re.IGNORECASE | re.MULTILINE))
     if blocks > 1:
         raise MeshError(
@@ -120,7 +104,7 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
 
 
 def _complete_meshio() -> None:
-    """Say that two elements are solid: meshio 5.3 knows their nodes and yet fails on them."""
+    """Register two elements as solid: meshio 5.3 knows their nodes and yet fails on them."""
     with contextlib.suppress(ImportError):
         from meshio._mesh import topological_dimension
 
@@ -136,7 +120,7 @@ _TRIANGLE_FAN = 6
 
 
 def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
-    """Return the header of a glTF or GLB file, and nothing for other formats."""
+    """Return the JSON header of a glTF or GLB file, and {} for other formats."""
     if kind == "gltf":
         return json.loads(data)
     if kind == "glb":
@@ -146,13 +130,7 @@ def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
 
 
 def require_core_gltf(header: dict[str, Any]) -> None:
-    """Refuse what trimesh would pass over: packed vertices and triangle fans.
-
-    Raises
-    ------
-    MeshError
-        With what the file uses.
-    """
+    """Refuse glTF that trimesh would misread: compressed vertices and triangle fans."""
     strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
     primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
     used = [part.get("attributes", {}).get("POSITION") for part in primitives]
@@ -172,13 +150,13 @@ def require_core_gltf(header: dict[str, Any]) -> None:
 
 
 class Buffers:
-    """Buffers outside the file, as trimesh asks for them."""
+    """Buffers outside a glTF file, in the form in which trimesh asks for them."""
 
     def __init__(self, read: Callable[[str], bytes]) -> None:
         self._read = read
 
     def get(self, name: str) -> bytes:
-        """Return the content of one, by its relative address."""
+        """Return the content of a buffer by its relative address."""
         return self._read(unquote(name))
 
     __getitem__ = get
@@ -191,16 +169,7 @@ class Buffers:
 
 
 def parse_obj(data: bytes) -> Iterator[Part]:
-    """Read the objects of an OBJ file, or its groups where it has no several objects.
-
-    Polygons are cut into fans. Texture, normals, materials, lines, points and free-form curves
-    are passed over.
-
-    Raises
-    ------
-    MeshError
-        On a line that cannot be read, with its number.
-    """
+    """Read the objects of an OBJ file, or its groups where it has at most one object."""
     text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
     reader = _Reader()
     for number, line in enumerate(text.split("\n"), start=1):
@@ -214,7 +183,7 @@ def parse_obj(data: bytes) -> Iterator[Part]:
 
 
 class _Reader:
-    """What the lines so far have said."""
+    """Vertices and triangles of the OBJ lines read so far."""
 
     def __init__(self) -> None:
         self._points: list[tuple[float, ...]] = []
@@ -225,7 +194,7 @@ class _Reader:
         self._group = "default"
 
     def take(self, words: list[str]) -> None:
-        """Take in one line."""
+        """Take in the words of one line."""
         keyword = words[0] if words else ""
         if keyword == "v":
             x, y, z = words[1:4]
@@ -252,7 +221,7 @@ class _Reader:
         self._groups += [self._group] * len(fan)
 
     def parts(self) -> Iterator[Part]:
-        """Return what was read, by object or else by group."""
+        """Return the triangles by object, or else by group."""
         points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
         faces = np.array(self._faces, dtype=object).reshape(-1, 3)
         if len(faces) and faces.max() >= len(points):
@@ -282,16 +251,7 @@ _MOST_LETTERS = 10**6
 
 
 def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
-    """Return the format of a mesh file and its parts, with the file's own numbers.
-
-    The numbers are not judged: they may be infinite, or name vertices that are not there.
-
-    Raises
-    ------
-    MeshError
-        When the file is missing, of an unknown format, not what its name says, beyond the limits,
-        or cannot be read.
-    """
+    """Return format and parts of a mesh file; indices and vertices are not checked yet."""
     source = open_source(path, limits)
     _require_content(source)
     try:

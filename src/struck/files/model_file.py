@@ -55,13 +55,7 @@ _DAMPINGS: dict[str, Callable[..., Damping]] = {
 
 
 def material_to_json(material: Material) -> dict[str, Any]:
-    """Return a material as a JSON object.
-
-    Raises
-    ------
-    FileFormatError
-        When its damping is none of struck's own.
-    """
+    """Return a material as a JSON object; FileFormatError on a foreign damping law."""
     damping = material.damping
     kind = type(damping).__name__
     if not isinstance(damping, InternalFriction | Rayleigh | Measured) or kind not in _DAMPINGS:
@@ -82,13 +76,7 @@ def provenance_to_json(provenance: Provenance) -> dict[str, Any]:
 
 
 def plain(value: object) -> object:
-    """Return numbers of NumPy as Python's own, for `json.dumps`.
-
-    Raises
-    ------
-    TypeError
-        On anything else that JSON cannot hold.
-    """
+    """Return NumPy's numbers as Python's own, for `json.dumps`."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"provenance holds {value!r}, and JSON values are kept alone")
@@ -131,7 +119,7 @@ _RESIDUAL_FILE_LAYOUT: Layout = {
 
 
 def keep_residual(residual: Residual | None) -> Kept:
-    """Return what a file keeps of it; null for none."""
+    """Return what a file keeps of attack and noise; null for none."""
     if residual is None:
         return Kept(text={"residual": None}, tensors={})
     tensors = {
@@ -145,13 +133,7 @@ def keep_residual(residual: Residual | None) -> Kept:
 
 
 def make_residual(text: Text, tensors: Tensors) -> Residual | None:
-    """Return what a file keeps of it; None where it tells of none.
-
-    Raises
-    ------
-    FileFormatError, OptionError
-        When tensors are missing or do not fit each other, or numbers are out of bounds.
-    """
+    """Return attack and noise that a file describes; None where it has none."""
     told = text.get("residual")
     if told is None:
         return None
@@ -225,13 +207,7 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
 
 
 def to_bytes(model: ModalModel) -> bytes:
-    """Return a model as the content of a model file.
-
-    Raises
-    ------
-    FileFormatError
-        When the model holds what version 1 cannot keep.
-    """
+    """Return a model as the content of a model file."""
     try:
         kept = _kept(model)
         text = json.dumps(kept.text, allow_nan=False, default=plain)
@@ -242,13 +218,7 @@ def to_bytes(model: ModalModel) -> bytes:
 
 
 def from_bytes(data: bytes) -> ModalModel:
-    """Return the model that the content of a model file holds.
-
-    Raises
-    ------
-    FileFormatError
-        When it is damaged, truncated, no model, or of a newer version.
-    """
+    """Return the model that the content of a model file holds."""
     try:
         metadata, tensors = unpack(data, kind="struck", newest=VERSION)
         text = json.loads(metadata["json"], parse_constant=refuse_constant)
@@ -275,7 +245,7 @@ def _read(path: Path) -> bytes:
 
 
 def _kept(model: ModalModel) -> Kept:
-    """Return what a file keeps of a model: each part brings JSON, tensors or both."""
+    """Return the JSON values and tensors that a file keeps of a model."""
     kind, surface = kind_of(model.gains), _surface(model)
     gains, residual = kind.keep(model.gains), keep_residual(model.residual)
     tensors = {
@@ -299,7 +269,7 @@ def _kept(model: ModalModel) -> Kept:
 
 
 def _surface(model: ModalModel) -> Mesh | None:
-    """Return the one surface that is kept."""
+    """Return the only surface that a file keeps."""
     gains, geometry = model.gains, model.geometry
     if not isinstance(gains, ShapeGains):
         return geometry
@@ -389,7 +359,7 @@ def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
 
 
 def _places(text: Text, kind: Kind, coordinates: tuple[str, ...]) -> dict[str, Array]:
-    """Return contacts by name: points of a surface, or what recordings call a contact."""
+    """Return named contacts: points of a surface, or coordinates of a recording."""
     count = 3 if kind is SHAPES else len(coordinates)
     return {name: vector(place, count) for name, place in text.items()}
 
@@ -405,10 +375,8 @@ def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...])
 
 # Models in files of any kind that holds one, told by the ending of the name.
 
-ENDINGS = (".struck", ".sofa")
-"""Of names of files that hold models."""
-CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)
-"""Of SOFA files: gains, frequencies and decays of modes; impulse responses."""
+ENDINGS = (".struck", ".sofa")  # of model files
+CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)  # of SOFA files
 _SOFA = ".sofa"
 _LONGEST = 10.0
 
@@ -416,26 +384,13 @@ _LONGEST = 10.0
 def model_path(
     path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
 ) -> Path:
-    """Return the path of a model to write, refused before any work when that cannot do.
-
-    Parameters
-    ----------
-    path, unlike
-        As for `writable`.
-
-    Raises
-    ------
-    OptionError
-        On an ending that is none of `ENDINGS`.
-    FileFormatError
-        As `writable`.
-    """
+    """Return the path of a model to write, refused early as by `writable` or by its ending."""
     _require_ending(path)
     return writable(path, unlike=unlike)
 
 
 def is_model(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file is one of a model, by the ending of its name."""
+    """Tell whether a file's ending is one of `ENDINGS`."""
     return Path(path).suffix.lower() in ENDINGS
 
 
@@ -584,7 +539,7 @@ def export(
 
 
 def left_out(model: ModalModel) -> tuple[str, ...]:
-    """Return what a model has that SOFA files cannot hold."""
+    """Return the parts of a model that SOFA files cannot hold."""
     parts = {
         "its residual (attack and noise)": model.residual,
         "its shape": model.geometry,

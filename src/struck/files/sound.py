@@ -17,10 +17,8 @@ from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.model.arrays import Array
 
-FULL_SCALE = 20.0
-"""The pressure that level="absolute" writes as 1.0, Pa."""
-PEAK = 10 ** (-1 / 20)
-"""The maximum that level="peak" writes: -1 dB of full scale."""
+FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
+PEAK = 10 ** (-1 / 20)  # of level="peak": -1 dB of full scale
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -202,7 +200,7 @@ _LEVEL_PATTERN = re.compile(r"struck: samples are pressure \((Pa|relative)\) tim
 
 
 def _read_level(comment: str) -> tuple[float, bool]:
-    """Return the factor and whether the unit is Pa; 1 and relative where nothing is said."""
+    """Return factor and calibration from a comment; 1 and relative where it has none."""
     found = _LEVEL_PATTERN.fullmatch(comment)
     try:
         factor = float(found[2]) if found else 1.0

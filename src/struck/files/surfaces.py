@@ -95,10 +95,7 @@ def load_surface(
     part: str | None = None,
     up: str | None = None,
 ) -> Mesh:
-    """Load a surface as it stands in a mesh file, closed or not: see `load_mesh`.
-
-    Without `part` it holds all bodies of the file.
-    """
+    """Load a surface, closed or not: one part, or all bodies of the file together."""
     path = Path(path)
     _require_options(units, size, up)
     with _named(path):
@@ -116,19 +113,7 @@ def load_body(
     up: str | None = None,
     wall: float | None = None,
 ) -> Repair:
-    """Load one body from a mesh file and repair it: see `load_mesh`.
-
-    Parameters
-    ----------
-    wall : float, optional
-        Thickness that a single-sided sheet shall have, m.
-
-    Returns
-    -------
-    Repair
-        The closed surface, or the sheet, with what was found and changed. Of several bodies it
-        is the largest, unless `part` chooses.
-    """
+    """Load one body from a mesh file and repair it; `wall` is the thickness of sheets, m."""
     surface = load_surface(path, units=units, size=size, part=part, up=up)
     with _named(Path(path)):
         result = repaired(surface, wall=wall)
@@ -140,7 +125,7 @@ def load_body(
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Put the file's name before what is wrong with it."""
+    """Put the file's name before the message of an error."""
     try:
         yield
     except (FileFormatError, MeshError) as error:
@@ -175,7 +160,7 @@ def _one_body(parts: list[Part], part: str | None) -> Mesh:
 
 
 def _any_surface(parts: list[Part], part: str | None) -> Mesh:
-    """Choose what `part` names, or everything."""
+    """Choose the surface that `part` names, or all together."""
     surfaces = [_surface(found) for found in parts]
     whole = _whole(parts, surfaces)
     if part is None:
@@ -199,7 +184,7 @@ def _chosen(
 
 
 def _apart(surfaces: list[Mesh]) -> bool:
-    """Tell whether parts are bodies, even where they touch; else they are patches of one."""
+    """Tell whether parts are closed bodies; else they are patches of one surface."""
     return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
 
 
@@ -220,7 +205,7 @@ def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[
 
 
 def _joined(surfaces: list[Mesh]) -> Mesh:
-    """Return surfaces side by side."""
+    """Return surfaces as one mesh, without welding."""
     starts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
     return Mesh(
         points=np.concatenate([surface.points for surface in surfaces]),
@@ -231,7 +216,7 @@ def _joined(surfaces: list[Mesh]) -> Mesh:
 
 
 def _united(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
-    """Return all patches sewn together."""
+    """Return all patches welded together."""
     if len(parts) == 1:
         return surfaces[0]
     raw = _joined([Mesh(points=part.points, faces=part.faces) for part in parts])

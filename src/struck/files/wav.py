@@ -22,38 +22,15 @@ _EXTENSIBLE_GUID = bytes.fromhex("000000001000800000aa00389b71")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """What a WAV file holds.
+    """Samples, rate and comment of a WAV file."""
 
-    Parameters
-    ----------
-    samples : array (channels, n), float32
-        1.0 is full scale.
-    sample_rate : int
-        Hz.
-    comment : str
-        The ICMT field of its LIST/INFO chunk.
-    """
-
-    samples: NDArray[np.float32]
-    sample_rate: int
-    comment: str = ""
+    samples: NDArray[np.float32]  # (channels, n); 1.0 is full scale
+    sample_rate: int  # Hz
+    comment: str = ""  # ICMT field of its LIST/INFO chunk
 
 
 def encode(recording: Recording, encoding: str = "float32") -> bytes:
-    """Return the bytes of a WAV file.
-
-    Parameters
-    ----------
-    recording : Recording
-        Samples in -1 to 1 for the integer encodings; any finite value for "float32".
-    encoding : str
-        "float32", "int24" or "int16". Integers are rounded to the nearest, without dither.
-
-    Raises
-    ------
-    OptionError
-        On an unknown encoding, samples beyond full scale for integers, or more than 4 GiB.
-    """
+    """Return the bytes of a WAV file; integers are rounded to the nearest, without dither."""
     if encoding not in ENCODINGS:
         raise OptionError(f"encoding is {encoding!r}: give one of {', '.join(ENCODINGS)}")
     channels, length = recording.samples.shape
@@ -73,20 +50,7 @@ def encode(recording: Recording, encoding: str = "float32") -> bytes:
 
 
 def decode(data: bytes, name: str = "the file") -> Recording:
-    """Read the bytes of a WAV file.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    name : str
-        What to call it in errors.
-
-    Raises
-    ------
-    FileFormatError
-        When it is no WAV file, is cut short, or holds another encoding.
-    """
+    """Read the bytes of a WAV file, called `name` in errors."""
     if len(data) < 12 or data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         raise FileFormatError(f"{name} is not a WAV file: convert it to one")
     chunks = dict(_chunks(data, name))
@@ -195,7 +159,7 @@ def _integers(pieces: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _read_comment(content: bytes) -> str:
-    """Return the ICMT field of a LIST/INFO chunk, or nothing where there is none."""
+    """Return the ICMT field of a LIST/INFO chunk, or an empty text."""
     position = 4
     while content[:4] == b"INFO" and position + 8 <= len(content):
         kind, size = struct.unpack_from("<4sI", content, position)
