@@ -10,7 +10,7 @@ import pytest
 from scipy.special import j1
 
 from struck.errors import OptionError
-from struck.excitation.contact_patch import drive
+from struck.excitation.excitation import drive
 from tests.excitation.bodies import SIZE, WAVENUMBERS, plate
 
 PLATE = plate()

@@ -198,7 +198,8 @@ def test_seeds_repeat() -> None:
     assert not np.allclose(one, other)
 
 
-def test_a_block_costs_well_under_a_third_of_a_millisecond() -> None:
+def test_a_block_costs_a_fraction_of_its_own_length() -> None:
+    """A loose bound: 0.1 ms on an idle machine, of 2.7 ms that the block lasts."""
     pushing = scrape().begin(PLATE, RATE)
     pushing.advance(128)
     fastest = np.inf
@@ -207,7 +208,7 @@ def test_a_block_costs_well_under_a_third_of_a_millisecond() -> None:
         for _ in range(5):
             pushing.advance(128)
         fastest = min(fastest, (time.perf_counter() - begin) / 5)
-    assert fastest < 3e-4
+    assert fastest < 1.5e-3
 
 
 @pytest.mark.parametrize(

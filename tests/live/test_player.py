@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 import struck
 from struck.errors import ContactError, DeviceError, OptionError
-from struck.excitation.excitation import Push
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Hold, Push
 from struck.excitation.pulses import LEAD
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from struck.errors import OptionError
+from struck.excitation.excitation import Hold
 from struck.excitation.force_track import ForceTrack
-from struck.excitation.hold import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike

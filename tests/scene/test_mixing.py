@@ -12,7 +12,7 @@ from struck.ears.listeners import Binaural, Mono, Stereo
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
 from struck.errors import ContactError, OptionError
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Hold
 from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.model.gains import ShapeGains

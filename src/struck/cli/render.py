@@ -9,7 +9,7 @@ import struck
 from struck.cli.command import Result
 from struck.cli.options import add_listener, add_room, listener, numbers, place, room
 from struck.errors import OptionError
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike

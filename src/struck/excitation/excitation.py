@@ -1,151 +1,34 @@
-"""A finite stretch of force at one place: what a strike, a pluck and a recorded force come to."""
+"""What all excitations have in common: bounds, control curves, the area of contact, and pushes.
+
+An excitation is constant; once begun on a model, it pushes the body block after block. A push is
+spread over a disc, which drives each mode by the mean of its shape: a patch wider than a mode's
+waves does not drive that mode, which is why a soft, broad finger sounds duller than a nail (2007
+lets the area of contact shape the sound).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import difflib
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from struck.errors import OptionError
-from struck.excitation.contact_patch import drive
 from struck.excitation.pulses import Samples
 from struck.model.arrays import Array
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
-# Bounds that every excitation checks when it is made.
-
-
-class Placed(Protocol):
-    """What acts at a place."""
-
-    @property
-    def at(self) -> Place:
-        """Coordinates in m, a name, or None for the loudest."""
-        ...
-
-
-def require_positive(**numbers: float | None) -> None:
-    """Raise an OptionError unless each number is finite and above 0, or None."""
-    for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
-
-
-def require_at_least_zero(**numbers: float | None) -> None:
-    """Raise an OptionError unless each number is finite and at least 0, or None."""
-    for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number of at least 0")
-
-
-def require_finite(**numbers: float) -> None:
-    """Raise an OptionError unless each number is finite."""
-    for name, value in numbers.items():
-        if not np.isfinite(value):
-            raise OptionError(f"{name} is {value}: it must be a finite number")
-
-
-def coordinates(name: str, values: object) -> tuple[float, ...]:
-    """Return one to three finite numbers as a tuple, or raise an OptionError."""
-    return _finite(name, values, "one to three finite coordinates in m, or the name of a place")
-
-
-def unit_vector(name: str, values: object) -> tuple[float, ...]:
-    """Return a vector of three numbers, made one long, or raise an OptionError."""
-    wanted = "a vector (x, y, z) with a length"
-    vector = _finite(name, values, wanted)
-    length = float(np.linalg.norm(vector))
-    if len(vector) != 3 or not length:
-        raise OptionError(f"{name} is {values!r}: give {wanted}")
-    return tuple(part / length for part in vector)
-
-
-def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give {wanted}") from error
-    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
-        raise OptionError(f"{name} is {values!r}: give {wanted}")
-    return tuple(array.tolist())
-
-
-def freeze_place(excitation: Placed, *names: str) -> None:
-    """Turn `at` and the named directions of a frozen excitation into plain tuples."""
-    at = excitation.at
-    if at is not None and not isinstance(at, str):
-        object.__setattr__(excitation, "at", coordinates("at", at))
-    for name in names:
-        if getattr(excitation, name) is not None:
-            vector = unit_vector(name, getattr(excitation, name))
-            object.__setattr__(excitation, name, vector)
-
-
-# A quantity that a person sets over time: a number, a table, or a function.
-
+_RINGS, _SPOKES = 4, 12
 # A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
 # function of the time in s since the excitation began
 Course = float | tuple[Sequence[float], Sequence[float]] | Callable[[float], float]
-
-
-def require_course(name: str, course: Course) -> None:
-    """Raise an OptionError unless all numbers of a control curve are finite and at least 0."""
-    if callable(course):
-        return
-    if not isinstance(course, tuple):
-        _require(name, course)
-        return
-    times, values = _table(name, course)
-    if times.ndim != 1 or times.shape != values.shape or not len(times):
-        raise OptionError(f"{name} has times {times.shape} and values {values.shape}: as many each")
-    if not (np.isfinite(times).all() and np.all(np.diff(times) > 0)):
-        raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
-    for value in values:
-        _require(name, float(value))
-
-
-def frozen(name: str, course: Course) -> Course:
-    """Return a checked control curve that nobody can change afterwards."""
-    require_course(name, course)
-    if not isinstance(course, tuple):
-        return course
-    times, values = _table(name, course)
-    return tuple(times.tolist()), tuple(values.tolist())
-
-
-def follow(name: str, course: Course) -> Callable[[float], float]:
-    """Return a control curve as a function of time that checks what it returns."""
-    if isinstance(course, tuple):
-        times, values = _table(name, course)
-        return lambda time: float(np.interp(time, times, values))
-    if callable(course):
-        return lambda time: _require(name, course(time))
-    constant = float(course)
-    return lambda _: constant
-
-
-def _table(name: str, course: tuple[Sequence[float], Sequence[float]]) -> tuple[Array, Array]:
-    try:
-        times, values = course
-        return np.asarray(times, np.float64), np.asarray(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {course!r}: give (times, values)") from error
-
-
-def _require(name: str, value: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {value!r}: give a number") from error
-    if not (np.isfinite(number) and number >= 0):
-        raise OptionError(f"{name} is {number}: it must be a finite number of at least 0")
-    return number
-
-
-# What every excitation has in common: once begun on a model it pushes, block after block.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,88 +91,6 @@ class Excitation(Protocol):
         ...
 
 
-# Straight lines between what is said now and then.
-
-
-class Ramp:
-    """A number that moves to its target in a straight line, sample by sample."""
-
-    def __init__(self, value: float = 0.0) -> None:
-        self.value = self.target = value
-        self._left = 0
-
-    def toward(self, target: float, samples: int) -> None:
-        """Set a target, to be reached after some samples; 0 is at once."""
-        self.target, self._left = target, samples
-        if samples == 0:
-            self.value = target
-
-    def take(self, count: int) -> Array:
-        """Return the next values (count,)."""
-        if self._left == 0 or count == 0:
-            return np.full(count, self.value)
-        shares = np.minimum(np.arange(1, count + 1) / self._left, 1.0)
-        values = self.value + shares * (self.target - self.value)
-        self._left = max(0, self._left - count)
-        self.value = float(values[-1]) if self._left else self.target
-        return values
-
-
-class Blend:
-    """An array that moves to its target in a straight line; the same object while it rests."""
-
-    def __init__(self) -> None:
-        self.now: Array = np.zeros(0)
-        self._target = self.now
-        self._left = 0
-
-    def toward(self, target: Array, samples: int) -> None:
-        """Set a target, to be reached after some samples; 0 is at once."""
-        self._target, self._left = target, samples
-        if samples == 0 or target is self.now:
-            self.now, self._left = target, 0
-
-    def go(self, count: int) -> None:
-        """Move on by `count` samples."""
-        if not self._left or not count:
-            return
-        share = min(count / self._left, 1.0)
-        self._left = max(0, self._left - count)
-        self.now = self.now + share * (self._target - self.now) if self._left else self._target
-
-
-class Sampled(Protocol):
-    """A force at one place that is known beforehand."""
-
-    @property
-    def at(self) -> Place:
-        """Where it acts."""
-        ...
-
-    @property
-    def direction(self) -> Place:
-        """Which way it pushes."""
-        ...
-
-    @property
-    def patch(self) -> float:
-        """Radius of the area of contact, m."""
-        ...
-
-    def sampled(self, sample_rate: float) -> Samples:
-        """Return the force, N."""
-        ...
-
-
-def burst_of(excitation: Sampled, model: ModalModel, sample_rate: float, *, start: int) -> Burst:
-    """Begin a sampled force on a model; ContactError when it touches no body."""
-    require_positive(sample_rate=sample_rate)
-    contact = model.contact(excitation.at, excitation.direction)
-    samples, patch = excitation.sampled(sample_rate), excitation.patch
-    driven = drive(model, contact, radius=patch)
-    return Burst(samples, driven, start=start, contact=contact, patch=patch)
-
-
 class Burst:
     """A `Pushing` that plays given samples of force at one place."""
 
@@ -306,6 +107,15 @@ class Burst:
         self._drive = drive
         self._now = start
         self._contact, self._patch = contact, patch
+
+    @classmethod
+    def at(
+        cls, contact: Contact, samples: Samples, model: ModalModel, *, patch: float, start: int
+    ) -> Burst:
+        """Begin on a model, spread over a disc of radius `patch`, m."""
+        return cls(
+            samples, drive(model, contact, radius=patch), start=start, contact=contact, patch=patch
+        )
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -328,3 +138,250 @@ class Burst:
     def finished(self) -> bool:
         """Whether no force will come any more."""
         return self._now >= self._samples.first + len(self._samples.force)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hold:
+    """A soft grip that takes energy from the modes that move where it holds.
+
+    A grip of c N s/m resists motion at its place in every direction. It raises the decay of a mode
+    by c / 2 times the square of its mass-normalised shape there: modes with a node under the hand
+    ring on.
+
+    Parameters
+    ----------
+    at : array-like, str or None
+        Place, as for a strike.
+    grip : float
+        N s/m; a finger on a bell is some 10.
+    time : float
+        When it takes hold, s.
+    seconds : float or None
+        For how long; None: for good.
+    patch : float
+        Radius of the area held, m; 0 is a point.
+
+    Raises
+    ------
+    OptionError
+        On a number outside its bound.
+    """
+
+    at: Place = None
+    grip: float = 10.0
+    time: float = 0.0
+    seconds: float | None = None
+    patch: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze_place(self)
+        require_positive(seconds=self.seconds)
+        require_at_least_zero(grip=self.grip, time=self.time, patch=self.patch)
+
+    def holds_at(self, time: float) -> bool:
+        """Tell whether it holds at a time, s."""
+        return self.time <= time < self.time + (np.inf if self.seconds is None else self.seconds)
+
+    def raised(self, model: ModalModel) -> Array:
+        """Return by how much it raises each decay, 1/s (M,).
+
+        Raises
+        ------
+        ContactError
+            When it touches no body.
+        """
+        contact = model.contact(self.at)
+        moved = [
+            drive_at(model, contact.point, contact.normal, axis, radius=self.patch)
+            for axis in np.eye(3)
+        ]
+        return self.grip / 2 * np.square(moved).sum(axis=0)
+
+
+def drive(model: ModalModel, contact: Contact, *, radius: float = 0.0) -> Array:
+    """Return the mean of each mode shape over a disc of contact, along its push, kg^-1/2 (M,)."""
+    return drive_at(model, contact.point, contact.normal, contact.direction, radius=radius)
+
+
+def drive_at(
+    model: ModalModel, point: Array, normal: Array, direction: Array, *, radius: float = 0.0
+) -> Array:
+    """Return `drive` of a disc about `point`, in the plane whose unit normal is `normal`."""
+    if not radius:
+        return _rank_one(model, point[None], direction)[0]
+    if not normal.any():
+        raise OptionError(
+            f"the area of contact has a radius of {radius} m, but this body was recorded and has "
+            "no surface: leave patch= out"
+        )
+    places, weights = _disc()
+    offsets = places @ np.stack(_tangents(normal)) * radius
+    return weights @ _rank_one(model, point + offsets, direction)
+
+
+def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
+    drives = model.gains.at(points, np.broadcast_to(direction, (len(points), 3)))
+    if drives.shape[1] != 1:
+        raise OptionError(
+            f"the gains are a sum of {drives.shape[1]} products of contact and listener, and a "
+            "push needs one: use the model's expanded() gains"
+        )
+    if not np.isfinite(drives).all():
+        wrong = np.count_nonzero(~np.isfinite(drives).all(axis=(0, 1)))
+        raise OptionError(
+            f"{wrong} of {drives.shape[2]} modes have gains that are not finite: analyze the body "
+            "again, or look at its model file"
+        )
+    return drives[:, 0]
+
+
+@cache
+def _disc() -> tuple[Array, Array]:
+    """Return points (K, 2) and weights (K,) that average over the unit disc to degree 7."""
+    nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
+    radii = np.sqrt((nodes + 1) / 2)
+    turns = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    rim = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    points = (radii[:, None, None] * rim).reshape(-1, 2)
+    return points, np.repeat(weights / 2 / _SPOKES, _SPOKES)
+
+
+def _tangents(normal: Array) -> tuple[Array, Array]:
+    axis = np.zeros(3)
+    axis[np.argmin(np.abs(normal))] = 1.0
+    first = np.cross(normal, axis)
+    first /= np.linalg.norm(first)
+    return first, np.cross(normal, first)
+
+
+def require_course(name: str, course: Course) -> None:
+    """Raise an OptionError unless all numbers of a control curve are finite and at least 0."""
+    if callable(course):
+        return
+    if not isinstance(course, tuple):
+        _require(name, course)
+        return
+    times, values = _table(name, course)
+    if times.ndim != 1 or times.shape != values.shape or not len(times):
+        raise OptionError(f"{name} has times {times.shape} and values {values.shape}: as many each")
+    if not (np.isfinite(times).all() and np.all(np.diff(times) > 0)):
+        raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
+    for value in values:
+        _require(name, float(value))
+
+
+def frozen(name: str, course: Course) -> Course:
+    """Return a checked control curve that nobody can change afterwards."""
+    require_course(name, course)
+    if not isinstance(course, tuple):
+        return course
+    times, values = _table(name, course)
+    return tuple(times.tolist()), tuple(values.tolist())
+
+
+def follow(name: str, course: Course) -> Callable[[float], float]:
+    """Return a control curve as a function of time that checks what it returns."""
+    if isinstance(course, tuple):
+        times, values = _table(name, course)
+        return lambda time: float(np.interp(time, times, values))
+    if callable(course):
+        return lambda time: _require(name, course(time))
+    constant = float(course)
+    return lambda _: constant
+
+
+def _table(name: str, course: tuple[Sequence[float], Sequence[float]]) -> tuple[Array, Array]:
+    try:
+        times, values = course
+        return np.asarray(times, np.float64), np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {course!r}: give (times, values)") from error
+
+
+def _require(name: str, value: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {value!r}: give a number") from error
+    if not (np.isfinite(number) and number >= 0):
+        raise OptionError(f"{name} is {number}: it must be a finite number of at least 0")
+    return number
+
+
+def freeze_place(excitation: _Placed, *names: str) -> None:
+    """Turn `at` and the named directions of a frozen excitation into plain tuples."""
+    at = excitation.at
+    if at is not None and not isinstance(at, str):
+        object.__setattr__(excitation, "at", coordinates("at", at))
+    for name in names:
+        if getattr(excitation, name) is not None:
+            vector = unit_vector(name, getattr(excitation, name))
+            object.__setattr__(excitation, name, vector)
+
+
+def require_positive(**numbers: float | None) -> None:
+    """Raise an OptionError unless each number is finite and above 0, or None."""
+    for name, value in numbers.items():
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
+
+
+def require_at_least_zero(**numbers: float | None) -> None:
+    """Raise an OptionError unless each number is finite and at least 0, or None."""
+    for name, value in numbers.items():
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise OptionError(f"{name} is {value}: it must be a finite number of at least 0")
+
+
+def require_finite(**numbers: float) -> None:
+    """Raise an OptionError unless each number is finite."""
+    for name, value in numbers.items():
+        if not np.isfinite(value):
+            raise OptionError(f"{name} is {value}: it must be a finite number")
+
+
+def coordinates(name: str, values: object) -> tuple[float, ...]:
+    """Return one to three finite numbers as a tuple, or raise an OptionError."""
+    return _finite(name, values, "one to three finite coordinates in m, or the name of a place")
+
+
+def unit_vector(name: str, values: object) -> tuple[float, ...]:
+    """Return a vector of three numbers, made one long, or raise an OptionError."""
+    wanted = "a vector (x, y, z) with a length"
+    vector = _finite(name, values, wanted)
+    length = float(np.linalg.norm(vector))
+    if len(vector) != 3 or not length:
+        raise OptionError(f"{name} is {values!r}: give {wanted}")
+    return tuple(part / length for part in vector)
+
+
+def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} is {values!r}: give {wanted}") from error
+    if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
+        raise OptionError(f"{name} is {values!r}: give {wanted}")
+    return tuple(array.tolist())
+
+
+class _Placed(Protocol):
+    @property
+    def at(self) -> Place: ...
+
+
+@cache
+def table_of(name: str) -> Mapping[str, Mapping[str, Any]]:
+    """Return a table of ``<name>.toml`` in this package."""
+    text = resources.files("struck.excitation").joinpath(f"{name}.toml").read_text("utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
+def require_known(name: str, table: Mapping[str, object], noun: str) -> str:
+    """Return the key of a table that a name stands for in any case, or raise an OptionError."""
+    key = name.strip().lower()
+    if key not in table:
+        near = difflib.get_close_matches(key, table, n=3, cutoff=0.5)
+        offer = f"did you mean {' or '.join(near)}? " if near else ""
+        raise OptionError(f"no {noun} is called {name!r}: {offer}there are {', '.join(table)}")
+    return key

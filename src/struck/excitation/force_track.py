@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from struck.errors import FileFormatError, OptionError
 from struck.excitation.excitation import (
     Burst,
-    burst_of,
     freeze_place,
     require_at_least_zero,
     require_finite,
@@ -84,7 +83,10 @@ class ForceTrack:
         ContactError
             When it touches no body.
         """
-        return burst_of(self, model, sample_rate, start=start)
+        require_positive(sample_rate=sample_rate)
+        contact = model.contact(self.at, self.direction)
+        samples = self.sampled(sample_rate)
+        return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
         """Return the force at another sample rate, N; what that cannot carry is left out."""

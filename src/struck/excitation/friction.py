@@ -24,6 +24,8 @@ following are simple stand-ins for the inertia of the tip, which would not scale
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -33,46 +35,11 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.optimize import brentq
 
-from struck.excitation.roughness import Roughness
+from struck.excitation.excitation import require_at_least_zero, require_positive
+from struck.excitation.hertz import Striker, contact_modulus
+from struck.excitation.roughness import Roughness, profile
 from struck.model.arrays import Array, Complex, Index
-
-# The one loop over samples here: read a periodic table along a way.
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201 - compiled
-    """Add to `out` (n,) the values of a `Rung` at `turns` (n,) of its period."""
-    count = len(out)
-    for sample in range(count):
-        share = sample / count
-        level = (1 - share) * levels[0] + share * levels[1]
-        low = int(level)
-        blend = level - low
-        value = 0.0
-        if low < len(counts):
-            value += (1 - blend) * _cubic(values, starts[low], counts[low], turns[sample])
-        if low + 1 < len(counts):
-            value += blend * _cubic(values, starts[low + 1], counts[low + 1], turns[sample])
-        out[sample] += ((1 - share) * weights[0] + share * weights[1]) * value
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202 - compiled
-    """Return the cubic through the four points about a place (Lagrange)."""
-    place = (turn - np.floor(turn)) * count
-    whole = int(place)
-    x = place - whole
-    before = values[start + (whole - 1) % count]
-    here = values[start + whole % count]
-    after = values[start + (whole + 1) % count]
-    beyond = values[start + (whole + 2) % count]
-    return (
-        here
-        + x * (after - before / 3 - here / 2 - beyond / 6)
-        + x * x * ((before + after) / 2 - here)
-        + x * x * x * ((beyond - before) / 6 + (here - after) / 2)
-    )
-
+from struck.model.model import ModalModel
 
 LEVELS_AN_OCTAVE = 3
 RUNGS_AN_OCTAVE = 2  # loads are tabulated at 2^(rung / 2) N and interpolated between
@@ -81,6 +48,52 @@ _MOST = 0.8  # of the load: what filters overshoot stays a push
 _ROUGHEST = 1.0
 _POINTS_A_WAVE = 6  # of the shortest wave of a level
 _FLAT = 2 / 3  # share of a level's band that passes whole
+FADE = 5e-3  # s, in which a moving contact comes on and lifts off
+CHUNK = 64  # samples between two looks at speed and load
+LIGHTEST = 1e-3  # N: the force of lighter contacts is in proportion to this one's
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tool:
+    """What touches.
+
+    Parameters
+    ----------
+    roughness : str or Roughness
+        Of the two surfaces together: a name in ``roughness.toml``, or a profile.
+    striker : str
+        Of what the tip is, a name in ``strikers.toml``.
+    radius : float or None
+        Of the tip, m; None takes the striker's.
+    patch : float
+        Radius of the area over which mode shapes are averaged, m; 0 is a point.
+
+    Raises
+    ------
+    OptionError
+        On unknown names, or numbers outside their bounds.
+    """
+
+    roughness: str | Roughness = "wood"
+    striker: str = "plastic"
+    radius: float | None = None
+    patch: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "roughness", profile(self.roughness))
+        Striker.named(self.striker)
+        require_positive(radius=self.radius)
+        require_at_least_zero(patch=self.patch)
+
+    def on(self, model: ModalModel) -> Rubbed:
+        """Return its tip in contact with a model."""
+        tip = Striker.named(self.striker)
+        solids = (tip,) if model.material is None else (tip, model.material)
+        return Rubbed(
+            roughness=profile(self.roughness),
+            modulus=contact_modulus(*solids),
+            radius=self.radius or tip.radius,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,3 +184,123 @@ def _low_passed(spectrum: Complex, highest: float) -> Array:
     fall = np.clip((highest - waves) / (highest * (1 - _FLAT)), 0, 1)
     count = next_fast_len(max(8, int(np.ceil(_POINTS_A_WAVE * highest))), real=True)
     return np.fft.irfft(spectrum[:kept] * np.sin(np.pi / 2 * fall) ** 2, count) * count
+
+
+class Reader:
+    """The force of a moving contact and the distance it has gone, sample by sample."""
+
+    # Speed and load are looked at every 64 samples, counted from when the contact began, and joined
+    # by straight lines, so that the force does not depend on how long the blocks are.
+
+    def __init__(
+        self, rubbed: Rubbed, sample_rate: float, *, offset: float, speed: float, load: float
+    ) -> None:
+        self._rubbed, self._rate, self._offset = rubbed, sample_rate, offset
+        self._speed, self._load = speed, load
+        self._force = np.zeros(0)  # read, but not taken yet
+        self._ways = np.zeros(0)
+        self._way = 0.0
+        self._chunk = 0
+        # Tables and kernel are made now, not while the first block is waited for.
+        self._read(self._ways, (speed, speed), (load, load))
+
+    def take(self, length: int, look: Callable[[int], tuple[float, float]]) -> tuple[Array, Array]:
+        """Return force, N, and distance, m; `look` gives speed and load after so many chunks."""
+        while len(self._force) < length:
+            self._chunk += 1
+            force, ways = self._next(*look(self._chunk))
+            self._force = np.concatenate([self._force, force])
+            self._ways = np.concatenate([self._ways, ways])
+        taken = self._force[:length], self._ways[:length]
+        self._force, self._ways = self._force[length:], self._ways[length:]
+        return taken
+
+    def _next(self, speed: float, load: float) -> tuple[Array, Array]:
+        speeds, loads = (self._speed, speed), (self._load, load)
+        steps = np.arange(1, CHUNK + 1)
+        gone = steps * speeds[0] + steps**2 * ((speeds[1] - speeds[0]) / 2 / CHUNK)
+        ways = self._way + gone / self._rate
+        self._way, self._speed, self._load = float(ways[-1]), speed, load
+        return self._read(ways, speeds, loads), ways
+
+    def _read(self, ways: Array, speeds: tuple[float, float], loads: tuple[float, float]) -> Array:
+        force = np.zeros(len(ways))
+        turns = (self._offset + ways) / self._rubbed.roughness.length
+        levels = self._level(speeds[0]), self._level(speeds[1])
+        for number, weights in _rungs(*loads).items():
+            table = rung(self._rubbed, number)
+            add_reading(
+                table.values, table.starts, table.counts, turns, levels, tuple(weights), force
+            )
+        return force
+
+    def _level(self, speed: float) -> float:
+        """Return the level whose shortest waves pass in two samples or more, between two levels."""
+        passing = 2 * self._rubbed.finest * speed / self._rate
+        return max(0.0, LEVELS_AN_OCTAVE * math.log2(passing) + 1) if passing > 0 else 0.0
+
+
+def fading(numbers: Array, fade: int, last: int | None) -> Array:
+    """Return factors that fade a contact in over `fade` samples, and out after its last one."""
+    rising = np.clip((numbers + 1) / fade, 0, 1)
+    falling = 1.0 if last is None else np.clip((last + fade - numbers) / fade, 0, 1)
+    return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
+
+
+def rung_at(load: float) -> int:
+    """Return the number of the tabulated load at or below a load, N."""
+    return math.floor(RUNGS_AN_OCTAVE * math.log2(max(load, LIGHTEST)))
+
+
+def _rungs(begin: float, end: float) -> dict[int, list[float]]:
+    """Return the tabulated loads about two loads, and their weights in each."""
+    rungs: dict[int, list[float]] = {}
+    for which, load in enumerate((begin, end)):
+        for number, weight in _between(load):
+            rungs.setdefault(number, [0.0, 0.0])[which] += weight
+    return rungs
+
+
+def _between(load: float) -> list[tuple[int, float]]:
+    if load <= 0:
+        return []
+    held = max(load, LIGHTEST)
+    number = rung_at(load)
+    low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
+    share = (held - low) / (high - low)
+    return [(number, (1 - share) * load / held), (number + 1, share * load / held)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201 - compiled
+    """Add to `out` (n,) the values of a `Rung` at `turns` (n,) of its period."""
+    count = len(out)
+    for sample in range(count):
+        share = sample / count
+        level = (1 - share) * levels[0] + share * levels[1]
+        low = int(level)
+        blend = level - low
+        value = 0.0
+        if low < len(counts):
+            value += (1 - blend) * _cubic(values, starts[low], counts[low], turns[sample])
+        if low + 1 < len(counts):
+            value += blend * _cubic(values, starts[low + 1], counts[low + 1], turns[sample])
+        out[sample] += ((1 - share) * weights[0] + share * weights[1]) * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202 - compiled
+    """Return the cubic through the four points about a place (Lagrange)."""
+    place = (turn - np.floor(turn)) * count
+    whole = int(place)
+    x = place - whole
+    before = values[start + (whole - 1) % count]
+    here = values[start + whole % count]
+    after = values[start + (whole + 1) % count]
+    beyond = values[start + (whole + 2) % count]
+    return (
+        here
+        + x * (after - before / 3 - here / 2 - beyond / 6)
+        + x * x * ((before + after) / 2 - here)
+        + x * x * x * ((beyond - before) / 6 + (here - after) / 2)
+    )

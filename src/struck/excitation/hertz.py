@@ -6,20 +6,15 @@ far as it gives way there. The blow is quasi-static: waves within the striker ar
 
 from __future__ import annotations
 
-import difflib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.excitation.excitation import require_known, table_of
 
 # 2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)
 CONTACT_CONSTANT = 4 * math.sqrt(math.pi) / 5 * math.gamma(0.4) / math.gamma(0.9) * (15 / 16) ** 0.4
@@ -78,23 +73,13 @@ class Striker:
         OptionError
             When there is none of that name; the nearest are offered.
         """
-        entry = strikers().get(name.strip().lower())
-        if entry is None:
-            raise OptionError(_unknown(name))
-        return cls(name=name.strip().lower(), **entry)
+        key = require_known(name, strikers(), "striker")
+        return cls(name=key, **strikers()[key])
 
 
-@cache
 def strikers() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of strikers by name."""
-    text = resources.files("struck.excitation").joinpath("strikers.toml").read_text("utf-8")
-    return MappingProxyType(tomllib.loads(text))
-
-
-def _unknown(name: str) -> str:
-    near = difflib.get_close_matches(name.lower(), strikers(), n=3, cutoff=0.5)
-    offer = f"did you mean {' or '.join(near)}? " if near else ""
-    return f"no striker is called {name!r}: {offer}there are {', '.join(strikers())}"
+    return table_of("strikers")
 
 
 def contact_modulus(*solids: Elastic) -> float:

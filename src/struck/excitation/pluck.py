@@ -11,7 +11,6 @@ import numpy as np
 from struck.errors import OptionError
 from struck.excitation.excitation import (
     Burst,
-    burst_of,
     freeze_place,
     require_at_least_zero,
     require_positive,
@@ -223,7 +222,10 @@ class Pluck:
         ContactError
             When it touches no body.
         """
-        return burst_of(self, model, sample_rate, start=start)
+        require_positive(sample_rate=sample_rate)
+        contact = model.contact(self.at, self.direction)
+        samples = self.sampled(sample_rate)
+        return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
         """Return the force, N."""

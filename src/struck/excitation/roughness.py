@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from safetensors.numpy import load
 
 from struck.errors import OptionError
-from struck.excitation.excitation import require_at_least_zero, require_positive
+from struck.excitation.excitation import (
+    require_at_least_zero,
+    require_known,
+    require_positive,
+    table_of,
+)
 from struck.model.arrays import Array
 
 _FEWEST, _MOST = 16, 1 << 18
@@ -130,14 +132,7 @@ class Roughness:
         OptionError
             When there is none of that name; the nearest are offered.
         """
-        key = name.strip().lower()
-        if key not in roughnesses():
-            near = difflib.get_close_matches(key, roughnesses(), n=3, cutoff=0.5)
-            offer = f"did you mean {' or '.join(near)}? " if near else ""
-            raise OptionError(
-                f"no roughness is called {name!r}: {offer}there are {', '.join(roughnesses())}"
-            )
-        return _known(key)
+        return _known(require_known(name, roughnesses(), "roughness"))
 
     @property
     def length(self) -> float:
@@ -160,11 +155,9 @@ class Roughness:
         return np.interp(places, own, self.heights, period=self.length)
 
 
-@cache
 def roughnesses() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of roughnesses by name."""
-    text = resources.files("struck.excitation").joinpath("roughness.toml").read_text("utf-8")
-    return MappingProxyType(tomllib.loads(text))
+    return table_of("roughness")
 
 
 def profile(roughness: str | Roughness) -> Roughness:

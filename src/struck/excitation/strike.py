@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import OptionError
-from struck.excitation.contact_patch import drive
 from struck.excitation.excitation import (
     Burst,
     freeze_place,
@@ -177,8 +176,7 @@ class Strike:
         if self.transient:
             noise = self._noise(blow, sample_rate)
             pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
-        driven = drive(model, contact, radius=self.patch)
-        return Burst(pulse, driven, start=start, contact=contact, patch=self.patch)
+        return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def _approach(self, striker: Striker) -> float:
         if self.energy is not None:

@@ -10,7 +10,6 @@ is silent; what is heard is how it changes.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -18,12 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.excitation.contact_patch import drive
-from struck.excitation.excitation import Blend, Push, Ramp
-from struck.excitation.friction import RUNGS_AN_OCTAVE, rung
-from struck.excitation.path import Path
-from struck.excitation.scrape import CHUNK, LIGHTEST, Motion, Rubbing
-from struck.excitation.tool import HEAVIEST, Tool, Update, load_of, speed_of
+from struck.excitation.excitation import Push, drive
+from struck.excitation.friction import CHUNK, FADE, Reader, Tool, fading, rung, rung_at
 from struck.model.arrays import Array
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
@@ -31,9 +26,21 @@ from struck.model.model import ModalModel
 SLOWEST, FASTEST = 60.0, 1000.0  # Hz, of updates that ramps adapt to
 USUAL = 100.0  # Hz, expected before there were two updates
 
+HEAVIEST = 1e6  # N, the largest load
 _WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Update:
+    """Place, load and speed of a touch from one sample on."""
+
+    sample: int  # number of the first sample that it holds for
+    contact: Contact  # place, and direction of the load
+    drive: Array  # (M,), kg^-1/2, of each mode there
+    force: float  # N, at least 0
+    speed: float  # m/s, at least 0
 
 
 class Touching:
@@ -54,9 +61,9 @@ class Touching:
         self._drive = Blend()
         self._window = _window(sample_rate)
         self._before: Array = np.zeros(len(self._window) - 1)
-        self._looks: tuple[int, Array, Array] = (0, np.zeros(0), np.zeros(0))
-        self._rubbing = Rubbing(self._motion(), model, sample_rate)
-        self._rubbed_for, self._skipped, self._still = 0, 0, 0
+        self._fade = max(1, round(FADE * sample_rate))
+        self._reader = Reader(self._rubbed, sample_rate, offset=0.0, speed=0.0, load=0.0)
+        self._rubbed_for, self._skipped, self._still = 0, 0, 0  # samples
         self._prepared = 0.0
         self.ended = False
 
@@ -201,54 +208,27 @@ class Touching:
         return self._rub(loads, speeds)
 
     def _rub(self, loads: Array, speeds: Array) -> Array:
-        self._looks = (self._rubbed_for, loads, speeds)
-        push = self._rubbing.advance(len(loads)) if len(loads) else None
-        self._rubbed_for += len(loads)
-        return np.zeros(len(loads)) if push is None else push.force
+        first, count = self._rubbed_for, len(loads)
+        if not count:
+            return np.zeros(0)
 
-    def _look(self, time: float, *, fast: bool) -> float:
-        """Return speed or load for the end of a chunk: as at its begin, which is known by then."""
-        first, loads, speeds = self._looks
-        values = speeds if fast else loads
-        number = round(time * self._rate) - CHUNK - first
-        return float(values[min(max(number, 0), len(values) - 1)]) if len(values) else 0.0
+        def look(chunks: int) -> tuple[float, float]:
+            # For the end of a chunk as at its begin, which is known by then.
+            number = min(max((chunks - 1) * CHUNK - first, 0), count - 1)
+            return float(speeds[number]), float(loads[number])
 
-    def _motion(self) -> Motion:
-        nowhere = Path(
-            points=np.zeros((2, 3)), normals=np.eye(3)[:2], lengths=np.arange(2.0), repeat="loop"
-        )
-        return Motion(
-            path=nowhere,  # where it drives the modes is this class's own business
-            rubbed=self._rubbed,
-            speed=lambda time: self._look(time, fast=True),
-            load=lambda time: self._look(time, fast=False),
-            first=0,
-            seconds=None,
-            offset=0.0,
-            patch=0.0,
-        )
+        force, _ = self._reader.take(count, look)
+        self._rubbed_for += count
+        return force * fading(np.arange(first, first + count, dtype=np.float64), self._fade, None)
 
     def _prepare(self, load: float) -> None:
         """Make the tables that this load and those on the way to it need, here and not later."""
         if load <= 0:
             return
-        ends = sorted(_rung_at(each) for each in (self._prepared or load, load))
+        ends = sorted(rung_at(each) for each in (self._prepared or load, load))
         for number in range(ends[0], ends[1] + 2):
             rung(self._rubbed, number)
         self._prepared = load
-
-
-def _rung_at(load: float) -> int:
-    return math.floor(RUNGS_AN_OCTAVE * math.log2(max(load, LIGHTEST)))
-
-
-def _window(sample_rate: float) -> Array:
-    """Return a Hann window with a sum of 1."""
-    window = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
-    return window / window.sum()
-
-
-# What a touch did, to be heard again.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -355,6 +335,68 @@ class Replay:
         self._touching.ended = number == len(self._samples) - 1
 
 
+class Ramp:
+    """A number that moves to its target in a straight line, sample by sample."""
+
+    def __init__(self, value: float = 0.0) -> None:
+        self.value = self.target = value
+        self._left = 0
+
+    def toward(self, target: float, samples: int) -> None:
+        """Set a target, to be reached after some samples; 0 is at once."""
+        self.target, self._left = target, samples
+        if samples == 0:
+            self.value = target
+
+    def take(self, count: int) -> Array:
+        """Return the next values (count,)."""
+        if self._left == 0 or count == 0:
+            return np.full(count, self.value)
+        shares = np.minimum(np.arange(1, count + 1) / self._left, 1.0)
+        values = self.value + shares * (self.target - self.value)
+        self._left = max(0, self._left - count)
+        self.value = float(values[-1]) if self._left else self.target
+        return values
+
+
+class Blend:
+    """An array that moves to its target in a straight line; the same object while it rests."""
+
+    def __init__(self) -> None:
+        self.now: Array = np.zeros(0)
+        self._target = self.now
+        self._left = 0
+
+    def toward(self, target: Array, samples: int) -> None:
+        """Set a target, to be reached after some samples; 0 is at once."""
+        self._target, self._left = target, samples
+        if samples == 0 or target is self.now:
+            self.now, self._left = target, 0
+
+    def go(self, count: int) -> None:
+        """Move on by `count` samples."""
+        if not self._left or not count:
+            return
+        share = min(count / self._left, 1.0)
+        self._left = max(0, self._left - count)
+        self.now = self.now + share * (self._target - self.now) if self._left else self._target
+
+
+def load_of(force: float) -> float:
+    """Return a load, N, or raise an OptionError."""
+    if not 0 <= force <= HEAVIEST:
+        raise OptionError(f"force is {force}: it must lie from 0 to {HEAVIEST:g} N")
+    return float(force)
+
+
+def speed_of(velocity: float | ArrayLike) -> float:
+    """Return the magnitude of a velocity, m/s, or raise an OptionError."""
+    vector = np.asarray(velocity, np.float64)
+    if vector.ndim > 1 or not np.isfinite(vector).all():
+        raise OptionError(f"velocity is {velocity!r}: give a finite number or (x, y, z) in m/s")
+    return float(np.linalg.norm(vector))
+
+
 def _stays(log: TouchLog, number: int) -> bool:
     (point, way), (before, way_before) = log.place(number), log.place(number - 1)
     return np.array_equal(point, before) and (
@@ -380,3 +422,9 @@ def _rows(name: str, values: ArrayLike, count: int) -> Array:
         raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows (x, y, z)")
     rows.setflags(write=False)
     return rows
+
+
+def _window(sample_rate: float) -> Array:
+    """Return a Hann window with a sum of 1."""
+    window = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
+    return window / window.sum()

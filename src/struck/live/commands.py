@@ -17,13 +17,11 @@ import numpy as np
 from struck.ears.listeners import Listener, is_listener, position_of
 from struck.ears.propagation import aside
 from struck.errors import OptionError
-from struck.excitation.contact_patch import drive
-from struck.excitation.excitation import Pushing
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Hold, Pushing, drive
+from struck.excitation.friction import Tool
 from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.strike import Strike
-from struck.excitation.tool import Tool, Update
-from struck.excitation.touch import Touching, TouchLog
+from struck.excitation.touch import Touching, TouchLog, Update
 from struck.live.callback import arena
 from struck.live.ears import LiveEars
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Listener
 from struck.errors import DeviceError, OptionError
 from struck.excitation.excitation import Excitation
+from struck.excitation.friction import Tool
 from struck.excitation.pulses import LEAD, Samples, sampled
 from struck.excitation.strike import Strike
-from struck.excitation.tool import Tool
 from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
 from struck.live.callback import OPEN, PEAK, Shared, sound

@@ -12,7 +12,7 @@ import numpy as np
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
 from struck.errors import FileFormatError
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike

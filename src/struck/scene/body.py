@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.propagation import Emitter, aside
 from struck.errors import OptionError
-from struck.excitation.excitation import Excitation
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array
 from struck.model.model import ModalModel
 

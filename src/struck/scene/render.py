@@ -20,8 +20,7 @@ from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.ears.room import Room
 from struck.errors import OptionError
-from struck.excitation.excitation import Excitation, Pushing
-from struck.excitation.hold import Hold
+from struck.excitation.excitation import Excitation, Hold, Pushing
 from struck.excitation.pulses import LEAD, sampled
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
