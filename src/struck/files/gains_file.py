@@ -1,4 +1,4 @@
-"""Gains in model files: which kinds there are, and those of mode shapes on a surface."""
+"""Gains in model files: mode shapes on a surface; timbre fields, tables and single places."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from struck.errors import FileFormatError
 from struck.files.container import (
     FARTHEST,
     Arrays,
-    Kept,
     Kind,
     Tensor,
     Tensors,
@@ -21,7 +20,6 @@ from struck.files.container import (
     flag,
     from_pairs,
     from_plain,
-    in_pairs,
     near,
     number,
     numbers,
@@ -30,7 +28,7 @@ from struck.files.container import (
     to_plain,
     vector,
 )
-from struck.model.arrays import Index
+from struck.model.arrays import Array, Index
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
 from struck.model.mesh import Mesh
 from struck.model.timbre_field import LENGTHS, ContactPart, Inside, ListenerPart, TimbreField
@@ -38,47 +36,117 @@ from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, Timb
 from struck.model.waves import ORDER, SphericalWaves
 from struck.radiation import by_name
 
-# Gains as recorded, in model files: timbre fields, tables, and single places.
-
 # Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
 _LEAST, _MOST = 1 / FARTHEST, FARTHEST
+_FORMULA = "formula."
 
 
-# Fields
+def kind_of(gains: Gains) -> Kind:
+    """Return how files keep these gains; FileFormatError when they do not."""
+    name = type(gains).__name__
+    if name not in KINDS or type(gains) is not KINDS[name].made:
+        raise FileFormatError(
+            f"its gains are {name}, and files keep {', '.join(KINDS)} alone: save the model that "
+            "it was made from"
+        )
+    return KINDS[name]
 
 
-def _keep_field(field: TimbreField) -> Kept:
-    contact, listener = field.contact_part, field.listener_part
-    waves, inside = listener.waves, listener.inside
-    return Kept(
-        text={
-            "centre": _list(field.centre),
-            "radius": float(field.radius),
-            "lowest": _list(contact.lowest),
-            "spans": _list(contact.spans),
-            "lengths": list(LENGTHS),
-            "limit": float(waves.limit),
-            "reach": float(inside.reach),
-            "mirrored": bool(listener.mirrored),
-            "turned": bool(listener.turned),
-            "notes": list(field.notes),
-            "calibrated": bool(field.is_calibrated),
-        },
-        tensors={
-            "field_contacts": contact.contacts,
-            "field_factors": contact.factors,
-            "field_parts": in_pairs(waves.parts),
-            "field_levelled": waves.levelled.astype(np.uint32),
-            "field_inside": inside.places,
-            "field_corrections": in_pairs(inside.corrections),
-            "field_rank_errors": field.rank_errors,
-            "field_unmeasured": field.unmeasured.astype(np.uint32),
-        },
+def kind_named(name: str) -> Kind:
+    """Return how files keep gains of the named class; FileFormatError when they do not."""
+    if name not in KINDS:
+        raise FileFormatError(f"its gains are {name!r}, none of {', '.join(KINDS)}: update struck")
+    return KINDS[name]
+
+
+# Mode shapes on a surface
+
+
+def _keep_shapes(gains: ShapeGains) -> tuple[dict[str, Any], Arrays]:
+    arrays: Arrays = {}
+    formula = None if gains.formula is None else to_plain(gains.formula, _formulas(), arrays)
+    text = {
+        "centre": _list(gains.centre),
+        "radiation": _radiation_name(gains.radiation),
+        "formula": formula,
+    }
+    return text, {_FORMULA + name: array for name, array in arrays.items()}
+
+
+def _radiation_name(radiation: Radiation) -> str:
+    """Return the name of an estimate of radiation; FileFormatError when it was changed."""
+    known = by_name(radiation.name)
+    if type(known) is not type(radiation) or vars(known) != vars(radiation):
+        raise FileFormatError(
+            f"its radiation {radiation.name!r} was changed, and files keep the name alone: make "
+            f"the model with by_name({radiation.name!r})"
+        )
+    return radiation.name
+
+
+def _make_shapes(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGains:
+    if surface is None:
+        raise FileFormatError("its mode shapes have no surface: give vertices and faces")
+    return ShapeGains(
+        surface=surface,
+        shapes=tensors["shapes"],
+        outputs=from_pairs(tensors["outputs"]),
+        centre=vector(text["centre"]),
+        radiation=by_name(text["radiation"]),
+        formula=_formula(text.get("formula"), tensors),
     )
 
 
-def _make_field(text: Text, tensors: Tensors, surface: Mesh | None) -> TimbreField:
-    del surface
+def _formula(plain: object, tensors: Tensors) -> TransverseShapes | None:
+    """Return the mode shapes in closed form that a JSON value and tensors describe."""
+    if plain is None:
+        return None
+    named = {
+        name.removeprefix(_FORMULA): array
+        for name, array in tensors.items()
+        if name.startswith(_FORMULA)
+    }
+    formula = from_plain(plain, {kind.__name__: kind for kind in _formulas()}, named)
+    if not isinstance(formula, TransverseShapes):
+        raise FileFormatError(f"its formula is a {type(formula).__name__}, not TransverseShapes")
+    return formula
+
+
+def _formulas() -> tuple[type, ...]:
+    # With SciPy's special functions, for those who need them.
+    from struck.shapes.beam import BendingForms
+    from struck.shapes.circular_membrane import RoundForms
+    from struck.shapes.particular_solutions import PolygonForms
+    from struck.shapes.rectangular_membrane import SineForms
+    from struck.shapes.rectangular_plate import RitzForms
+    from struck.shapes.string import StringForms
+
+    forms = (BendingForms, PolygonForms, RitzForms, RoundForms, SineForms, StringForms)
+    return (TransverseShapes, *forms)
+
+
+# Timbre fields
+
+
+def _keep_field(field: TimbreField) -> tuple[dict[str, Any], Arrays]:
+    contact, listener = field.contact_part, field.listener_part
+    text = {
+        "centre": _list(field.centre),
+        "radius": float(field.radius),
+        "lowest": _list(contact.lowest),
+        "spans": _list(contact.spans),
+        "lengths": list(LENGTHS),
+        "limit": float(listener.waves.limit),
+        "reach": float(listener.inside.reach),
+        "mirrored": bool(listener.mirrored),
+        "turned": bool(listener.turned),
+        "notes": list(field.notes),
+        "calibrated": bool(field.is_calibrated),
+    }
+    return text, {}
+
+
+def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
     modes = len(tensors["field_levelled"])
     return TimbreField(
         contact_part=_contact_part(text, tensors),
@@ -134,38 +202,26 @@ def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
     )
 
 
-def _coordinates(field: TimbreField) -> int:
-    return 2 if field.listener_part.turned else len(field.contact_part.spans)
+# Tables and single places
 
 
-# Tables
+def _keep_table(table: TimbreTable) -> tuple[dict[str, Any], Arrays]:
+    def axes(grid: Grid) -> list[dict[str, Any]]:
+        return [{"nodes": _list(axis.nodes), "period": float(axis.period)} for axis in grid.axes]
+
+    text = {
+        "centre": _list(table.centre),
+        "size": float(table.size),
+        "system": table.system,
+        "mirrored": bool(table.mirrored),
+        "contacts": axes(table.contacts),
+        "listeners": axes(table.listeners),
+        "calibrated": bool(table.is_calibrated),
+    }
+    return text, {}
 
 
-def _keep_table(table: TimbreTable) -> Kept:
-    return Kept(
-        text={
-            "centre": _list(table.centre),
-            "size": float(table.size),
-            "system": table.system,
-            "mirrored": bool(table.mirrored),
-            "contacts": _axes_to_json(table.contacts),
-            "listeners": _axes_to_json(table.listeners),
-            "calibrated": bool(table.is_calibrated),
-        },
-        tensors={
-            "field_gains": in_pairs(table.gains),
-            "field_contact_sources": table.contacts.sources.astype(np.uint32),
-            "field_listener_sources": table.listeners.sources.astype(np.uint32),
-        },
-    )
-
-
-def _axes_to_json(grid: Grid) -> list[dict[str, Any]]:
-    return [{"nodes": _list(axis.nodes), "period": float(axis.period)} for axis in grid.axes]
-
-
-def _make_table(text: Text, tensors: Tensors, surface: Mesh | None) -> TimbreTable:
-    del surface
+def _make_table(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreTable:
     gains = from_pairs(tensors["field_gains"])
     return TimbreTable(
         contacts=_grid(text, tensors, "contact", gains.shape[0], (1, 2)),
@@ -204,18 +260,11 @@ def _axis(text: Mapping[str, Any]) -> GridAxis:
     return GridAxis(nodes=nodes, period=period)
 
 
-# Single places
+def _keep_point(point: SinglePoint) -> tuple[dict[str, Any], Arrays]:
+    return {"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)}, {}
 
 
-def _keep_point(point: SinglePoint) -> Kept:
-    return Kept(
-        text={"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)},
-        tensors={"field_outputs": in_pairs(point.outputs)},
-    )
-
-
-def _make_point(text: Text, tensors: Tensors, surface: Mesh | None) -> SinglePoint:
-    del surface
+def _make_point(text: Text, tensors: Tensors, _: Mesh | None) -> SinglePoint:
     return SinglePoint(
         outputs=from_pairs(tensors["field_outputs"]),
         centre=near(vector(text["centre"]), "centre"),
@@ -223,7 +272,7 @@ def _make_point(text: Text, tensors: Tensors, surface: Mesh | None) -> SinglePoi
     )
 
 
-def _list(array: NDArray[np.float64]) -> list[Any]:
+def _list(array: Array) -> list[Any]:
     return np.asarray(array, dtype=np.float64).tolist()
 
 
@@ -234,32 +283,49 @@ def _below(array: NDArray[np.uint32], count: int, name: str, things: str) -> Ind
     return array.astype(np.int64)
 
 
-# Lengths by letter: M modes, P contacts, Q listeners, D coordinates, I listeners inside the body,
-# N modes that were not measured, A and B combinations of nodes.
-_BASES = (ORDER + 1) ** 2
-RECORDED: dict[str, Kind] = {
+# How files keep gains, by their class. Lengths by letter: M modes, V vertices, F faces, P contacts,
+# Q listeners, D coordinates, I listeners inside the body, N modes that were not measured, A and B
+# combinations of nodes.
+KINDS: dict[str, Kind] = {
+    "ShapeGains": Kind(
+        made=ShapeGains,
+        layout={
+            "vertices": Tensor("float64", ("V", 3)),
+            "faces": Tensor("uint32", ("F", 3)),
+            "shapes": Tensor("float32", ("V", 3, "M"), "shapes"),
+            "outputs": Tensor("float64", ("M", 2), "outputs"),
+        },
+        keep=_keep_shapes,
+        make=_make_shapes,
+    ),
     "TimbreField": Kind(
         made=TimbreField,
         layout={
-            "field_contacts": Tensor("float64", ("P", "D")),
-            "field_factors": Tensor("float64", (len(LENGTHS), "P", "M")),
-            "field_parts": Tensor("float64", (ORDER + 1, _BASES, "M", 2)),
-            "field_levelled": Tensor("uint32", ("M",)),
-            "field_inside": Tensor("float64", ("I", 3)),
-            "field_corrections": Tensor("float64", ("I", "M", 2)),
-            "field_rank_errors": Tensor("float64", ("M",), gaps=True),
-            "field_unmeasured": Tensor("uint32", ("N",)),
+            "field_contacts": Tensor("float64", ("P", "D"), "contact_part.contacts"),
+            "field_factors": Tensor("float64", (len(LENGTHS), "P", "M"), "contact_part.factors"),
+            "field_parts": Tensor(
+                "float64", (ORDER + 1, (ORDER + 1) ** 2, "M", 2), "listener_part.waves.parts"
+            ),
+            "field_levelled": Tensor("uint32", ("M",), "listener_part.waves.levelled"),
+            "field_inside": Tensor("float64", ("I", 3), "listener_part.inside.places"),
+            "field_corrections": Tensor(
+                "float64", ("I", "M", 2), "listener_part.inside.corrections"
+            ),
+            "field_rank_errors": Tensor("float64", ("M",), "rank_errors", gaps=True),
+            "field_unmeasured": Tensor("uint32", ("N",), "unmeasured"),
         },
         keep=_keep_field,
         make=_make_field,
-        coordinates=_coordinates,
+        coordinates=lambda field: (
+            2 if field.listener_part.turned else len(field.contact_part.spans)
+        ),
     ),
     "TimbreTable": Kind(
         made=TimbreTable,
         layout={
-            "field_gains": Tensor("float64", ("P", "Q", "M", 2)),
-            "field_contact_sources": Tensor("uint32", ("A",)),
-            "field_listener_sources": Tensor("uint32", ("B",)),
+            "field_gains": Tensor("float64", ("P", "Q", "M", 2), "gains"),
+            "field_contact_sources": Tensor("uint32", ("A",), "contacts.sources"),
+            "field_listener_sources": Tensor("uint32", ("B",), "listeners.sources"),
         },
         keep=_keep_table,
         make=_make_table,
@@ -267,125 +333,8 @@ RECORDED: dict[str, Kind] = {
     ),
     "SinglePoint": Kind(
         made=SinglePoint,
-        layout={"field_outputs": Tensor("float64", ("M", 2))},
+        layout={"field_outputs": Tensor("float64", ("M", 2), "outputs")},
         keep=_keep_point,
         make=_make_point,
     ),
 }
-
-
-# Mode shapes known by formula, as JSON and tensors of a model file, and back.
-
-_PREFIX = "formula."
-
-
-def formula_to_json(formula: TransverseShapes | None) -> tuple[Any, Arrays]:
-    """Return mode shapes in closed form as a JSON value and the tensors that it names."""
-    arrays: Arrays = {}
-    plain = None if formula is None else to_plain(formula, _kinds(), arrays)
-    return plain, {_PREFIX + name: array for name, array in arrays.items()}
-
-
-def formula_from_json(
-    plain: object, tensors: Mapping[str, NDArray[Any]]
-) -> TransverseShapes | None:
-    """Return the mode shapes in closed form that a JSON value and tensors describe."""
-    if plain is None:
-        return None
-    named = {
-        name.removeprefix(_PREFIX): array
-        for name, array in tensors.items()
-        if name.startswith(_PREFIX)
-    }
-    formula = from_plain(plain, {kind.__name__: kind for kind in _kinds()}, named)
-    if not isinstance(formula, TransverseShapes):
-        raise FileFormatError(f"its formula is a {type(formula).__name__}, not TransverseShapes")
-    return formula
-
-
-def _kinds() -> tuple[type, ...]:
-    # With SciPy's special functions, for those who need them.
-    from struck.shapes.beam import BendingForms
-    from struck.shapes.circular_membrane import RoundForms
-    from struck.shapes.particular_solutions import PolygonForms
-    from struck.shapes.rectangular_membrane import SineForms
-    from struck.shapes.rectangular_plate import RitzForms
-    from struck.shapes.string import StringForms
-
-    forms = (BendingForms, PolygonForms, RitzForms, RoundForms, SineForms, StringForms)
-    return (TransverseShapes, *forms)
-
-
-KINDS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")
-
-
-def kind_of(gains: Gains) -> Kind:
-    """Return how files keep these gains; FileFormatError when they do not."""
-    name = type(gains).__name__
-    kind = kind_named(name) if name in KINDS else None
-    if kind is None or type(gains) is not kind.made:
-        raise FileFormatError(
-            f"its gains are {name}, and files keep {', '.join(KINDS)} alone: save the model that "
-            "it was made from"
-        )
-    return kind
-
-
-def kind_named(name: str) -> Kind:
-    """Return how files keep gains of the named class; FileFormatError when they do not."""
-    if name not in KINDS:
-        raise FileFormatError(f"its gains are {name!r}, none of {', '.join(KINDS)}: update struck")
-    if name == "ShapeGains":
-        return SHAPES
-
-    return RECORDED[name]
-
-
-def _keep(gains: ShapeGains) -> Kept:
-    formula, arrays = formula_to_json(gains.formula)
-    return Kept(
-        text={
-            "centre": np.asarray(gains.centre, np.float64).tolist(),
-            "radiation": _radiation_name(gains.radiation),
-            "formula": formula,
-        },
-        tensors={"shapes": gains.shapes, "outputs": in_pairs(gains.outputs), **arrays},
-    )
-
-
-def _radiation_name(radiation: Radiation) -> str:
-    """Return the name of an estimate of radiation; FileFormatError when it was changed."""
-    known = by_name(radiation.name)
-    if type(known) is not type(radiation) or vars(known) != vars(radiation):
-        raise FileFormatError(
-            f"its radiation {radiation.name!r} was changed, and files keep the name alone: make "
-            f"the model with by_name({radiation.name!r})"
-        )
-    return radiation.name
-
-
-def _make(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGains:
-    if surface is None:
-        raise FileFormatError("its mode shapes have no surface: give vertices and faces")
-    return ShapeGains(
-        surface=surface,
-        shapes=tensors["shapes"],
-        outputs=from_pairs(tensors["outputs"]),
-        centre=vector(text["centre"]),
-        radiation=by_name(text["radiation"]),
-        formula=formula_from_json(text.get("formula"), tensors),
-    )
-
-
-# Lengths by letter: M modes, V vertices, F faces.
-SHAPES = Kind(
-    made=ShapeGains,
-    layout={
-        "vertices": Tensor("float64", ("V", 3)),
-        "faces": Tensor("uint32", ("F", 3)),
-        "shapes": Tensor("float32", ("V", 3, "M")),
-        "outputs": Tensor("float64", ("M", 2)),
-    },
-    keep=_keep,
-    make=_make,
-)

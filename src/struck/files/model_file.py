@@ -1,11 +1,11 @@
-"""Model files (.struck): a modal model in one safetensors container."""
+"""Model files: a whole modal model (.struck, one safetensors container), or its gains (.sofa)."""
 
 from __future__ import annotations
 
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,17 @@ from struck.errors import FileFormatError, LossWarning, OptionError, StruckError
 from struck.files import sofa_fields
 from struck.files.atomic import writable, write_bytes
 from struck.files.container import (
-    Kept,
+    Arrays,
     Kind,
     Layout,
     Tensor,
     Tensors,
     Text,
     flag,
+    kept_tensors,
     near,
     number,
     numbers,
-    numbers_or_none,
     one_of,
     pack,
     refuse_constant,
@@ -36,7 +36,7 @@ from struck.files.container import (
     unpack,
     vector,
 )
-from struck.files.gains_file import SHAPES, kind_named, kind_of
+from struck.files.gains_file import kind_named, kind_of
 from struck.files.sofa_fields import Contacts, load_sofa_field, save_sofa, save_sofa_responses
 from struck.model.arrays import Array
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
@@ -47,119 +47,31 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
 from struck.model.residual import Residual
 
-# Materials and provenance as JSON, and back.
-
+ENDINGS = (".struck", ".sofa")  # of model files
+CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)  # of SOFA files
+VERSION = 1
+_SOFA = ".sofa"
+_LONGEST = 10.0  # s, of impulse responses unless their length is given
+# What Python raises on JSON of another form than is read.
+_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
     kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)
 }
-
-
-def material_to_json(material: Material) -> dict[str, Any]:
-    """Return a material as a JSON object; FileFormatError on a foreign damping law."""
-    damping = material.damping
-    kind = type(damping).__name__
-    if not isinstance(damping, InternalFriction | Rayleigh | Measured) or kind not in _DAMPINGS:
-        raise FileFormatError(
-            f"its damping is {kind}, and files keep {', '.join(_DAMPINGS)} alone: use one of them"
-        )
-    return {**asdict(material), "damping": {"kind": kind, **asdict(damping)}}
-
-
-def provenance_to_json(provenance: Provenance) -> dict[str, Any]:
-    """Return a provenance as a JSON object."""
-    return {
-        "method": provenance.method,
-        "references": list(provenance.references),
-        "dropped": list(provenance.dropped),
-        "details": dict(provenance.details),
-    }
-
-
-def plain(value: object) -> object:
-    """Return NumPy's numbers as Python's own, for `json.dumps`."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"provenance holds {value!r}, and JSON values are kept alone")
-
-
-def material_from_json(text: Mapping[str, Any]) -> Material:
-    """Return the material that a JSON object describes."""
-    return Material(**{**text, "damping": _damping(text["damping"])})
-
-
-def _damping(text: Mapping[str, Any]) -> Damping:
-    if text["kind"] not in _DAMPINGS:
-        raise FileFormatError(f"its damping is {text['kind']!r}, none of {', '.join(_DAMPINGS)}")
-    numbers = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in text.items()
-        if name != "kind"
-    }
-    return _DAMPINGS[text["kind"]](**numbers)
-
-
-def provenance_from_json(text: Mapping[str, Any]) -> Provenance:
-    """Return the provenance that a JSON object describes."""
-    return Provenance(
-        method=text["method"],
-        references=tuple(text["references"]),
-        dropped=tuple(text["dropped"]),
-        details=text["details"],
-    )
-
-
-# How model files keep what recordings have beside their modes.
-
-_RESIDUAL_FILE_LAYOUT: Layout = {
-    "residual_attack": Tensor("float32", ("A",)),
-    "residual_edges": Tensor("float64", ("E",)),
-    "residual_levels": Tensor("float64", ("B",)),
-    "residual_decays": Tensor("float64", ("B",)),
-}
-
-
-def keep_residual(residual: Residual | None) -> Kept:
-    """Return what a file keeps of attack and noise; null for none."""
-    if residual is None:
-        return Kept(text={"residual": None}, tensors={})
-    tensors = {
-        "residual_attack": residual.attack,
-        "residual_edges": residual.edges,
-        "residual_levels": residual.levels,
-        "residual_decays": residual.decays,
-    }
-    text = {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)}
-    return Kept(text={"residual": text}, tensors=tensors)
-
-
-def make_residual(text: Text, tensors: Tensors) -> Residual | None:
-    """Return attack and noise that a file describes; None where it has none."""
-    told = text.get("residual")
-    if told is None:
-        return None
-    require_layout(tensors, _RESIDUAL_FILE_LAYOUT)
-    return Residual(
-        attack=tensors["residual_attack"],
-        sample_rate=int(number(told["sample_rate"], "residual's sample rate", 1, 1e9)),
-        lead=number(told["lead"], "residual's lead", 0),
-        edges=tensors["residual_edges"],
-        levels=tensors["residual_levels"],
-        decays=tensors["residual_decays"],
-    )
-
-
-VERSION = 1
-# What Python raises on JSON of another form than is read.
-_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 # Lengths by letter: M modes, V vertices, F faces. Gains add tensors of their own.
 _LAYOUT: Layout = {
-    "frequencies": Tensor("float64", ("M",)),
-    "natural_frequencies": Tensor("float64", ("M",)),
-    "decays": Tensor("float64", ("M",)),
+    "frequencies": Tensor("float64", ("M",), "frequencies"),
+    "natural_frequencies": Tensor("float64", ("M",), "natural_frequencies"),
+    "decays": Tensor("float64", ("M",), "decays"),
     "vertices": Tensor("float64", ("V", 3), optional=True),
     "faces": Tensor("uint32", ("F", 3), optional=True),
-    "poisson_slopes": Tensor("float64", ("M",), optional=True, gaps=True),
-    "errors": Tensor("float64", ("M",), optional=True, gaps=True),
+    "poisson_slopes": Tensor("float64", ("M",), "poisson_slopes", optional=True, gaps=True),
+    "errors": Tensor("float64", ("M",), "errors", optional=True, gaps=True),
+}
+_RESIDUAL: Layout = {
+    "residual_attack": Tensor("float32", ("A",), "attack"),
+    "residual_edges": Tensor("float64", ("E",), "edges"),
+    "residual_levels": Tensor("float64", ("B",), "levels"),
+    "residual_decays": Tensor("float64", ("B",), "decays"),
 }
 
 
@@ -201,7 +113,12 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
         When the file is missing, damaged, truncated, no model, or of a newer version.
     """
     try:
-        return from_bytes(_read(Path(path)))
+        return from_bytes(Path(path).read_bytes())
+    except OSError as error:
+        raise FileFormatError(
+            f"{path}: it cannot be opened ({error.strerror or error}): check the name and the "
+            "permissions"
+        ) from error
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
@@ -209,10 +126,10 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
 def to_bytes(model: ModalModel) -> bytes:
     """Return a model as the content of a model file."""
     try:
-        kept = _kept(model)
-        text = json.dumps(kept.text, allow_nan=False, default=plain)
-        metadata = {"format": "struck", "version": str(VERSION), "json": text}
-        return pack(kept.tensors, metadata)
+        text, tensors = _kept(model)
+        written = json.dumps(text, allow_nan=False, default=_plain)
+        metadata = {"format": "struck", "version": str(VERSION), "json": written}
+        return pack(tensors, metadata)
     except (FileFormatError, TypeError, ValueError) as error:
         raise FileFormatError(f"the model cannot be saved: {error}") from error
 
@@ -230,155 +147,6 @@ def from_bytes(data: bytes) -> ModalModel:
             f"its metadata is not as the format demands ({type(error).__name__}: {error}): "
             "write it by docs/reference/model_file.md"
         ) from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(
-            f"it cannot be opened ({error.strerror or error}): check the name and the permissions"
-        ) from error
-
-
-# Writing
-
-
-def _kept(model: ModalModel) -> Kept:
-    """Return the JSON values and tensors that a file keeps of a model."""
-    kind, surface = kind_of(model.gains), _surface(model)
-    gains, residual = kind.keep(model.gains), keep_residual(model.residual)
-    tensors = {
-        "frequencies": model.frequencies,
-        "natural_frequencies": model.natural_frequencies,
-        "decays": model.decays,
-        "vertices": None if surface is None else near(surface.points, "surface"),
-        "faces": None if surface is None else surface.faces.astype(np.uint32),
-        "poisson_slopes": model.poisson_slopes,
-        "errors": model.errors,
-        **gains.tensors,
-        **residual.tensors,
-    }
-    present = {name: np.asarray(array) for name, array in tensors.items() if array is not None}
-    require_layout(present, {**_LAYOUT, **kind.layout})
-    text = {**_description(model, surface, gains.text), **residual.text}
-    make_residual(text, present)
-    _require_coordinates(kind, kind.make(gains.text, present, surface), model.coordinates)
-    _places(text["places"], kind, model.coordinates)
-    return Kept(text=text, tensors=present)
-
-
-def _surface(model: ModalModel) -> Mesh | None:
-    """Return the only surface that a file keeps."""
-    gains, geometry = model.gains, model.geometry
-    if not isinstance(gains, ShapeGains):
-        return geometry
-    if geometry is not None and not _same(geometry, gains.surface):
-        raise FileFormatError(
-            "its geometry is not the surface of its gains, and one surface is kept: make them one"
-        )
-    return gains.surface
-
-
-def _same(left: Mesh, right: Mesh) -> bool:
-    return left is right or (
-        left.up == right.up
-        and np.array_equal(left.points, right.points)
-        and np.array_equal(left.faces, right.faces)
-    )
-
-
-def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[str, Any]:
-    return {
-        "units": "SI",
-        "material": None if model.material is None else material_to_json(model.material),
-        "mass": None if model.mass is None else float(model.mass),
-        "centre": _list(model.centre),
-        "inertia": _list(model.inertia),
-        "geometry": None if model.geometry is None else "surface",
-        "supported": model.supported,
-        "tensioned": model.tensioned,
-        "up": None if surface is None else surface.up,
-        "gains": {"kind": type(model.gains).__name__, **gains},
-        "complete_to": float(model.complete_to),
-        "coordinates": list(model.coordinates),
-        "places": {name: _list(point) for name, point in model.places.items()},
-        "provenance": provenance_to_json(model.provenance),
-    }
-
-
-def _list(array: Array | None) -> list[Any] | None:
-    return None if array is None else np.asarray(array, dtype=np.float64).tolist()
-
-
-# Reading
-
-
-def _model(text: Text, tensors: Tensors) -> ModalModel:
-    kind = kind_named(text["gains"]["kind"])
-    require_layout(tensors, {**_LAYOUT, **kind.layout})
-    surface, coordinates = _given_surface(text, tensors), texts(text["coordinates"], "coordinates")
-    gains = kind.make(text["gains"], tensors, surface)
-    _require_coordinates(kind, gains, coordinates)
-    return ModalModel(
-        frequencies=tensors["frequencies"],
-        natural_frequencies=tensors["natural_frequencies"],
-        decays=tensors["decays"],
-        gains=gains,
-        material=None if text["material"] is None else material_from_json(text["material"]),
-        mass=None if text["mass"] is None else float(numbers(text["mass"], ())),
-        centre=numbers_or_none(text["centre"], (3,)),
-        inertia=numbers_or_none(text["inertia"], (3, 3)),
-        geometry=surface if text["geometry"] == "surface" else None,
-        supported=flag(text["supported"], "supported"),
-        tensioned=flag(text.get("tensioned", False), "tensioned"),
-        complete_to=float(numbers(text["complete_to"], ())),
-        poisson_slopes=tensors.get("poisson_slopes"),
-        errors=tensors.get("errors"),
-        places=_places(text["places"], kind, coordinates),
-        coordinates=coordinates,
-        residual=make_residual(text, tensors),
-        provenance=provenance_from_json(text["provenance"]),
-    )
-
-
-def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
-    given = [name for name in ("vertices", "faces") if name in tensors]
-    if not given and text["geometry"] is None:
-        return None
-    if len(given) < 2:
-        raise FileFormatError(
-            f"of vertices and faces it has {' '.join(given) or 'none'}, and its geometry is "
-            f"{text['geometry']!r}: give both, or neither and null"
-        )
-    return Mesh(
-        points=near(tensors["vertices"], "tensor 'vertices'"),
-        faces=tensors["faces"].astype(np.int64),
-        up=one_of(text["up"], "up", ("x", "y", "z")),
-    )
-
-
-def _places(text: Text, kind: Kind, coordinates: tuple[str, ...]) -> dict[str, Array]:
-    """Return named contacts: points of a surface, or coordinates of a recording."""
-    count = 3 if kind is SHAPES else len(coordinates)
-    return {name: vector(place, count) for name, place in text.items()}
-
-
-def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...]) -> None:
-    wanted = kind.coordinates(gains)
-    if wanted not in {None, len(coordinates)}:
-        raise FileFormatError(
-            f"its contacts have {len(coordinates)} coordinates, {', '.join(coordinates)}, and its "
-            f"{kind.made.__name__} knows {wanted}: name as many"
-        )
-
-
-# Models in files of any kind that holds one, told by the ending of the name.
-
-ENDINGS = (".struck", ".sofa")  # of model files
-CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)  # of SOFA files
-_SOFA = ".sofa"
-_LONGEST = 10.0
 
 
 def model_path(
@@ -401,29 +169,7 @@ def save_model(
     contacts: Contacts | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
-    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
-
-    Parameters
-    ----------
-    model : ModalModel
-    path : path
-    contacts, listeners : array-like, optional
-        For ``.sofa`` files, as for `export`.
-
-    Raises
-    ------
-    FileFormatError
-        When the file cannot be written, or cannot keep the model.
-    OptionError
-        On another ending, on contacts or listeners for a ``.struck`` file, and as `export`.
-    ContactError, MissingDependencyError
-        As `export`.
-
-    Warns
-    -----
-    LossWarning
-        As `export`.
-    """
+    """Write a model to a ``.struck`` file, or its gains alone to a ``.sofa`` file."""
     _require_ending(path)
     if _is_sofa(path):
         export(model, path, contacts=contacts, listeners=listeners)
@@ -436,15 +182,7 @@ def save_model(
 
 
 def load_model(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
-
-    Raises
-    ------
-    FileFormatError
-        When the file is missing, damaged, no model, or of a newer version.
-    MissingDependencyError
-        When h5py, which reads SOFA files, is not installed.
-    """
+    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
     if not _is_sofa(path):
         return load(path)
     field = load_sofa_field(path)
@@ -458,59 +196,16 @@ def export(
     model: ModalModel,
     path: str | os.PathLike[str],
     *,
-    contacts: Contacts | None = None,
-    listeners: ArrayLike | None = None,
+    contacts: Contacts | None = None,  # coordinates (P, D), points, m, or names; None: recorded
+    listeners: ArrayLike | None = None,  # (Q, 3), body coordinates, m; None: recorded
     convention: str = sofa_fields.CONVENTION,
-    seconds: float | None = None,
-    sample_rate: int = 48_000,
+    seconds: float | None = None,  # of impulse responses; None: until a fall of 60 dB, at most 10
+    sample_rate: int = 48_000,  # of impulse responses, Hz
     title: str = "",
     author: str = "",
     licence: str = "",
 ) -> int:
-    """Write the gains of a model as a SOFA file (AES69).
-
-    Parameters
-    ----------
-    model : ModalModel
-    path : path
-        Ends in ``.sofa``.
-    contacts : array-like (P, D), optional
-        Coordinates of a recorded model, or points on a surface, m, or names. Those that were
-        recorded unless given; of a computed model they must be given.
-    listeners : array-like (Q, 3), optional
-        Body coordinates, m; the same holds for them.
-    convention : str
-        "GeneralTF-E": gains, frequencies and decays of modes, which come back to the last bit;
-        "GeneralFIR-E": impulse responses, for other programs.
-    seconds : float, optional
-        Length of impulse responses; until the slowest mode has fallen by 60 dB, at most 10 s,
-        unless given.
-    sample_rate : int
-        Of impulse responses, Hz.
-    title, author, licence : str
-        What a reader should know.
-
-    Returns
-    -------
-    int
-        How many modes impulse responses leave out, at or above half the sample rate.
-
-    Raises
-    ------
-    OptionError
-        On another ending or convention, and as `save_sofa` and `save_sofa_responses`.
-    ContactError
-        On a contact off the body, or a listener inside it.
-    FileFormatError
-        When the file cannot be written.
-    MissingDependencyError
-        Without h5py.
-
-    Warns
-    -----
-    LossWarning
-        When the model has what SOFA files cannot hold; see `left_out`.
-    """
+    """Write the gains of a model as a SOFA file; return how many modes its responses lack."""
     if not _is_sofa(path):
         raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
     if convention not in CONVENTIONS:
@@ -558,6 +253,12 @@ def _tell_losses(model: ModalModel, path: str | os.PathLike[str]) -> None:
         )
 
 
+def _ringing(model: ModalModel) -> float:
+    slowest = float(np.min(model.decays, initial=np.inf))
+    fallen = float(np.log(1000))
+    return fallen / slowest if slowest * _LONGEST > fallen else _LONGEST
+
+
 def _require_ending(path: str | os.PathLike[str]) -> None:
     if not is_model(path):
         ending = Path(path).suffix
@@ -570,7 +271,198 @@ def _is_sofa(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() == _SOFA
 
 
-def _ringing(model: ModalModel) -> float:
-    slowest = float(np.min(model.decays, initial=np.inf))
-    fallen = float(np.log(1000))
-    return fallen / slowest if slowest * _LONGEST > fallen else _LONGEST
+# Writing
+
+
+def _kept(model: ModalModel) -> tuple[dict[str, Any], Arrays]:
+    """Return the JSON values and tensors that a file keeps of a model."""
+    kind, surface = kind_of(model.gains), _surface(model)
+    gains, tensors = kind.keep(model.gains)
+    tensors |= kept_tensors(model, _LAYOUT) | kept_tensors(model.gains, kind.layout)
+    if surface is not None:
+        tensors["vertices"] = near(surface.points, "surface")
+        tensors["faces"] = surface.faces.astype(np.uint32)
+    text = _description(model, surface, gains)
+    if model.residual is not None:
+        tensors |= kept_tensors(model.residual, _RESIDUAL)
+    require_layout(tensors, {**_LAYOUT, **kind.layout})
+    _make_residual(text, tensors)
+    _require_coordinates(kind, kind.make(gains, tensors, surface), model.coordinates)
+    _places(text["places"], kind, model.coordinates)
+    return text, tensors
+
+
+def _surface(model: ModalModel) -> Mesh | None:
+    """Return the only surface that a file keeps."""
+    gains, geometry = model.gains, model.geometry
+    if not isinstance(gains, ShapeGains):
+        return geometry
+    if geometry is not None and not _same(geometry, gains.surface):
+        raise FileFormatError(
+            "its geometry is not the surface of its gains, and one surface is kept: make them one"
+        )
+    return gains.surface
+
+
+def _same(left: Mesh, right: Mesh) -> bool:
+    return left is right or (
+        left.up == right.up
+        and np.array_equal(left.points, right.points)
+        and np.array_equal(left.faces, right.faces)
+    )
+
+
+def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[str, Any]:
+    residual = model.residual
+    return {
+        "units": "SI",
+        "material": None if model.material is None else _material_to_json(model.material),
+        "mass": None if model.mass is None else float(model.mass),
+        "centre": _list(model.centre),
+        "inertia": _list(model.inertia),
+        "geometry": None if model.geometry is None else "surface",
+        "supported": model.supported,
+        "tensioned": model.tensioned,
+        "up": None if surface is None else surface.up,
+        "gains": {"kind": type(model.gains).__name__, **gains},
+        "complete_to": float(model.complete_to),
+        "coordinates": list(model.coordinates),
+        "places": {name: _list(point) for name, point in model.places.items()},
+        "provenance": {
+            "method": model.provenance.method,
+            "references": list(model.provenance.references),
+            "dropped": list(model.provenance.dropped),
+            "details": dict(model.provenance.details),
+        },
+        "residual": None
+        if residual is None
+        else {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)},
+    }
+
+
+def _list(array: Array | None) -> list[Any] | None:
+    return None if array is None else np.asarray(array, dtype=np.float64).tolist()
+
+
+def _material_to_json(material: Material) -> dict[str, Any]:
+    """Return a material as a JSON object; FileFormatError on a foreign damping law."""
+    damping = material.damping
+    kind = type(damping).__name__
+    if not isinstance(damping, InternalFriction | Rayleigh | Measured) or kind not in _DAMPINGS:
+        raise FileFormatError(
+            f"its damping is {kind}, and files keep {', '.join(_DAMPINGS)} alone: use one of them"
+        )
+    return {**asdict(material), "damping": {"kind": kind, **asdict(damping)}}
+
+
+def _plain(value: object) -> object:
+    """Return NumPy's numbers as Python's own, for `json.dumps`."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"provenance holds {value!r}, and JSON values are kept alone")
+
+
+# Reading
+
+
+def _model(text: Text, tensors: Tensors) -> ModalModel:
+    kind = kind_named(text["gains"]["kind"])
+    require_layout(tensors, {**_LAYOUT, **kind.layout})
+    surface, coordinates = _given_surface(text, tensors), texts(text["coordinates"], "coordinates")
+    gains = kind.make(text["gains"], tensors, surface)
+    _require_coordinates(kind, gains, coordinates)
+    return ModalModel(
+        frequencies=tensors["frequencies"],
+        natural_frequencies=tensors["natural_frequencies"],
+        decays=tensors["decays"],
+        gains=gains,
+        material=None if text["material"] is None else _material(text["material"]),
+        mass=None if text["mass"] is None else float(numbers(text["mass"], ())),
+        centre=_optional(text["centre"], (3,)),
+        inertia=_optional(text["inertia"], (3, 3)),
+        geometry=surface if text["geometry"] == "surface" else None,
+        supported=flag(text["supported"], "supported"),
+        tensioned=flag(text.get("tensioned", False), "tensioned"),
+        complete_to=float(numbers(text["complete_to"], ())),
+        poisson_slopes=tensors.get("poisson_slopes"),
+        errors=tensors.get("errors"),
+        places=_places(text["places"], kind, coordinates),
+        coordinates=coordinates,
+        residual=_make_residual(text, tensors),
+        provenance=_provenance(text["provenance"]),
+    )
+
+
+def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
+    given = [name for name in ("vertices", "faces") if name in tensors]
+    if not given and text["geometry"] is None:
+        return None
+    if len(given) < 2:
+        raise FileFormatError(
+            f"of vertices and faces it has {' '.join(given) or 'none'}, and its geometry is "
+            f"{text['geometry']!r}: give both, or neither and null"
+        )
+    return Mesh(
+        points=near(tensors["vertices"], "tensor 'vertices'"),
+        faces=tensors["faces"].astype(np.int64),
+        up=one_of(text["up"], "up", ("x", "y", "z")),
+    )
+
+
+def _optional(value: object, shape: tuple[int, ...]) -> Array | None:
+    return None if value is None else numbers(value, shape)
+
+
+def _material(text: Text) -> Material:
+    return Material(**{**text, "damping": _damping(text["damping"])})
+
+
+def _damping(text: Text) -> Damping:
+    if text["kind"] not in _DAMPINGS:
+        raise FileFormatError(f"its damping is {text['kind']!r}, none of {', '.join(_DAMPINGS)}")
+    numbers = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in text.items()
+        if name != "kind"
+    }
+    return _DAMPINGS[text["kind"]](**numbers)
+
+
+def _provenance(text: Text) -> Provenance:
+    return Provenance(
+        method=text["method"],
+        references=tuple(text["references"]),
+        dropped=tuple(text["dropped"]),
+        details=text["details"],
+    )
+
+
+def _make_residual(text: Text, tensors: Tensors) -> Residual | None:
+    """Return attack and noise that a file describes; None where it has none."""
+    kept = text.get("residual")
+    if kept is None:
+        return None
+    require_layout(tensors, _RESIDUAL)
+    return Residual(
+        attack=tensors["residual_attack"],
+        sample_rate=int(number(kept["sample_rate"], "residual's sample rate", 1, 1e9)),
+        lead=number(kept["lead"], "residual's lead", 0),
+        edges=tensors["residual_edges"],
+        levels=tensors["residual_levels"],
+        decays=tensors["residual_decays"],
+    )
+
+
+def _places(text: Text, kind: Kind, coordinates: tuple[str, ...]) -> dict[str, Array]:
+    """Return named contacts: points of a surface, or coordinates of a recording."""
+    count = 3 if kind.made is ShapeGains else len(coordinates)
+    return {name: vector(place, count) for name, place in text.items()}
+
+
+def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...]) -> None:
+    wanted = kind.coordinates(gains)
+    if wanted not in {None, len(coordinates)}:
+        raise FileFormatError(
+            f"its contacts have {len(coordinates)} coordinates, {', '.join(coordinates)}, and its "
+            f"{kind.made.__name__} knows {wanted}: name as many"
+        )

@@ -30,51 +30,16 @@ _NEAR = 0.01
 def load_mesh(
     path: str | os.PathLike[str],
     *,
-    units: str | None = None,
-    size: float | None = None,
-    part: str | None = None,
-    up: str | None = None,
-    repair: bool = True,
+    units: str | None = None,  # of the file's numbers, one of UNITS; None: metres
+    size: float | None = None,  # longest edge of the bounding box, m; instead of units
+    part: str | None = None,  # name of an object, group, solid or node, or number of a body
+    up: str | None = None,  # axis that points up; None: the custom of the format
+    repair: bool = True,  # make a closed body of any other surface
 ) -> Mesh:
-    """Load one closed body from a mesh file.
-
-    Vertices at the very same place become one (formats repeat them along seams, STL for each
-    face), vertices without faces go, and polygons are cut into triangles. Faces without area are
-    left out where the surface stays closed without them.
-
-    Parameters
-    ----------
-    path : path
-        A file of type OBJ, STL, PLY, OFF, GLB or glTF.
-    units : str, optional
-        What the file's numbers are: "m", "cm", "mm", "in" or "ft". Left out, they are taken as
-        metres, as glTF defines them.
-    size : float, optional
-        Longest edge of the body's bounding box after scaling, m; instead of `units`.
-    part : str, optional
-        Which body of several: the name of an OBJ object or group, an STL solid or a glTF node, or
-        the number of a separate body, "0", "1", ... in file order. Names come before numbers.
-    up : str, optional
-        The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
-        GLB and glTF, z for STL, PLY and OFF.
-    repair : bool
-        Make of any other surface one that encloses a body: `load_body` tells what that took.
-        Otherwise it is refused, and so are several bodies unless `part` chooses one.
-
-    Returns
-    -------
-    Mesh
-        A closed surface with normals outward, in m.
-
-    Raises
-    ------
-    OptionError
-        On unknown units or axis, a size that is not positive, or both `units` and `size`.
-    FileFormatError
-        When the file cannot be read.
-    MeshError
-        When its content is no single closed body, and none can be made of it.
-    """
+    """Load one closed body, in m and with normals outward, from a mesh file."""
+    # Vertices at the very same place become one (formats repeat them along seams, STL for each
+    # face), vertices without faces go, and polygons are cut into triangles. Faces without area are
+    # left out where the surface stays closed without them. Names of parts come before numbers.
     if repair:
         return load_body(path, units=units, size=size, part=part, up=up).mesh
     path = Path(path)

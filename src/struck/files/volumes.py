@@ -31,33 +31,7 @@ _SURFACES = ("vertex", "line", "triangle", "quad", "polygon")
 
 
 def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
-    """Load a mesh of tetrahedra, hexahedra or wedges that another program made.
-
-    Linear and quadratic elements are taken as they are. Points, lines and surface elements are
-    passed over, and so are nodes that no volume element uses.
-
-    Parameters
-    ----------
-    path : path
-        A file of VTK (vtk, vtu), Gmsh (msh), or Abaqus and CalculiX (inp).
-    units : str, optional
-        What the file's numbers are: "m", "cm", "mm", "in" or "ft"; left out, metres.
-
-    Returns
-    -------
-    VolumeMesh
-        Elements of one kind, in m.
-
-    Raises
-    ------
-    OptionError
-        On unknown units.
-    MissingDependencyError
-        When meshio is not installed.
-    MeshError
-        When the file cannot be read, or holds no volume elements, several kinds of them, inverted
-        ones, or numbers that are not finite.
-    """
+    """Load a mesh of tetrahedra, hexahedra or wedges of one kind that another program made."""
     path = Path(path)
     if units is not None and units not in UNITS:
         raise OptionError(f"units is {units!r}: give one of {', '.join(UNITS)}")
