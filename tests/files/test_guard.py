@@ -432,22 +432,22 @@ def test_corrupted_frames_are_refused_or_well_formed(seed: int) -> None:
     assert all(array.ndim == 2 for array in found.arrays)
 
 
-# What is reported
+# What has an area
 
 
-def test_lines_and_repeated_faces_are_counted() -> None:
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0.0, 0, -0.0]])
-    faces = np.array([[0, 1, 2], [2, 1, 4], [0, 1, 3], [1, 1, 2], [1, 2, 0]])
-    contents = Contents(kind="stl", parts=[Part(name="a", points=points, faces=faces)])
-    assert contents.degenerate_faces == 2
-    assert contents.duplicate_faces == 2
+def test_lines_alone_are_no_surface() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
+    lines, triangle = np.array([[0, 1, 3], [1, 1, 2]]), np.array([[0, 1, 2]])
+    with pytest.raises(MeshError, match="none of its 2 faces has an area"):
+        Contents(kind="stl", parts=[Part(name="a", points=points, faces=lines)])
+    Contents(kind="stl", parts=[Part(name="a", points=points, faces=np.vstack([lines, triangle]))])
 
 
 @pytest.mark.parametrize("scale", [1e-140, 1e-3, 1e140])
 def test_needles_are_no_lines_at_any_scale(scale: float) -> None:
     points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0]]) * scale
     part = Part(name="a", points=points, faces=np.array([[0, 1, 2]]))
-    assert Contents(kind="stl", parts=[part]).degenerate_faces == 0
+    assert Contents(kind="stl", parts=[part]).parts == [part]
 
 
 # Archives

@@ -53,10 +53,6 @@ class Path:
         surface = model.gains.locator if isinstance(model.gains, ShapeGains) else Surface(mesh)
         legs = [shortest(mesh, surface, *ends) for ends in pairwise(stops)]
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-        return cls._along(mesh, surface, points, repeat)
-
-    @classmethod
-    def _along(cls, mesh: Mesh, surface: Surface, points: Array, repeat: str) -> Path:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         moving = np.concatenate([[True], steps > 0])
         if not moving[1:].any():

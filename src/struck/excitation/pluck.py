@@ -18,7 +18,7 @@ from struck.excitation.excitation import (
 from struck.excitation.pulses import LEAD, Samples, low_pass
 from struck.model.arrays import Array
 from struck.model.contact import Place
-from struck.model.gains import ShapeGains, TransverseShapes
+from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 
@@ -136,9 +136,13 @@ def initial_amplitudes(
     OptionError
         When the model knows its shapes at vertices alone.
     """
-    formula = _formula(model)
-    places, weights = plan_rule(model.gains.surface)  # type: ignore[attr-defined]  # has a formula
-    forms = formula.displacements(places)[:, 2]
+    gains = model.gains
+    if not isinstance(gains, ShapeGains) or gains.formula is None:
+        raise OptionError(
+            "this model knows its shapes at vertices alone: analyze a body of struck.shapes"
+        )
+    places, weights = plan_rule(gains.surface)
+    forms = gains.formula.displacements(places)[:, 2]
     scale = np.sqrt(weights @ np.square(forms))
     rates = 2 * np.pi * model.natural_frequencies
 
@@ -155,15 +159,6 @@ def _along_push(model: ModalModel, at: Place) -> Array:
     if not np.any(np.abs(shapes) > np.finfo(float).eps * np.sqrt(len(shapes))):
         raise OptionError(f"no mode moves at {at}: strike another place")
     return shapes
-
-
-def _formula(model: ModalModel) -> TransverseShapes:
-    gains = model.gains
-    if not isinstance(gains, ShapeGains) or gains.formula is None:
-        raise OptionError(
-            "this model knows its shapes at vertices alone: analyze a body of struck.shapes"
-        )
-    return gains.formula
 
 
 _FINE = 256

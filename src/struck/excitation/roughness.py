@@ -174,14 +174,10 @@ def _known(name: str) -> Roughness:
     heights = load(data)[name] * entry["step"]
     raw = Roughness(heights=heights, pitch=entry["pitch"])
     joined = raw.over(raw.length * (1 - _SEAM), round(len(heights) * (1 - _SEAM)))
+    waves = np.fft.rfftfreq(len(joined), raw.pitch)
     return Roughness(
-        heights=_without_form(joined, raw.pitch),
+        heights=np.fft.irfft(np.fft.rfft(joined) * (waves >= 1 / _WAVINESS), len(joined)),
         pitch=raw.pitch,
         name=name,
         source=entry["source"],
     )
-
-
-def _without_form(heights: Array, pitch: float) -> Array:
-    waves = np.fft.rfftfreq(len(heights), pitch)
-    return np.fft.irfft(np.fft.rfft(heights) * (waves >= 1 / _WAVINESS), len(heights))

@@ -106,7 +106,12 @@ class Touching:
         sample: int | None = None,
     ) -> Update:
         """Return the checked `Update` that `update` would follow."""
-        load, speed = load_of(force), speed_of(velocity)
+        if not 0 <= force <= HEAVIEST:
+            raise OptionError(f"force is {force}: it must lie from 0 to {HEAVIEST:g} N")
+        vector, load = np.asarray(velocity, np.float64), float(force)
+        if vector.ndim > 1 or not np.isfinite(vector).all():
+            raise OptionError(f"velocity is {velocity!r}: give a finite number or (x, y, z) in m/s")
+        speed = float(np.linalg.norm(vector))
         model, said = self._model, self._said  # `change` may be called from another thread
         contact = at if isinstance(at, Contact) else model.contact(at, direction)
         if said is not None and said[0] is model and said[1].contact is contact:
@@ -380,21 +385,6 @@ class Blend:
         share = min(count / self._left, 1.0)
         self._left = max(0, self._left - count)
         self.now = self.now + share * (self._target - self.now) if self._left else self._target
-
-
-def load_of(force: float) -> float:
-    """Return a load, N, or raise an OptionError."""
-    if not 0 <= force <= HEAVIEST:
-        raise OptionError(f"force is {force}: it must lie from 0 to {HEAVIEST:g} N")
-    return float(force)
-
-
-def speed_of(velocity: float | ArrayLike) -> float:
-    """Return the magnitude of a velocity, m/s, or raise an OptionError."""
-    vector = np.asarray(velocity, np.float64)
-    if vector.ndim > 1 or not np.isfinite(vector).all():
-        raise OptionError(f"velocity is {velocity!r}: give a finite number or (x, y, z) in m/s")
-    return float(np.linalg.norm(vector))
 
 
 def _stays(log: TouchLog, number: int) -> bool:

@@ -1,4 +1,4 @@
-"""Packed mesh files: gz, bz2, xz and zip, unpacked in memory and within bounds."""
+"""Bytes of a mesh file, plain or packed as gz, bz2, xz or zip, read within bounds."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from io import BufferedIOBase
 from pathlib import Path
 from typing import IO
@@ -21,10 +22,22 @@ from numpy.typing import NDArray
 
 from struck.errors import MeshError
 
-# What one foreign file may cost.
-
 # What a reading process exits with when its memory does not suffice: an answer would need some.
 OUT_OF_MEMORY = 77
+FORMATS = ("obj", "stl", "ply", "off", "glb", "gltf")
+PACKINGS = ("gz", "bz2", "xz", "zip")
+CHUNK = 2**14
+# Meshes as text pack ten to one; what packs better than this, and is no small file, is a trap.
+_HIGHEST_RATIO = 200
+_SMALL = 16 * 2**20
+_SEPARATORS = re.compile(r"[/\\]")
+_MAGIC = (b"\x1f\x8b\x08", b"BZh", b"\xfd7zXZ\0", b"PK\3\4", b"7z\xbc\xaf", b"Rar!")
+_MOST_MEMBERS = 1000
+# The end of a zip file: a record of 22 bytes with a comment of up to 64 KiB after it.
+_END = 22 + 2**16
+_LARGEST_DIRECTORY = 2**20
+_UNPACKING = 128 * 2**20
+_DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,9 +58,6 @@ class ReadingLimits:
         return 24 * (self.vertices + self.faces)
 
 
-# Parts of a mesh file, as they stand in it, before any judgement of them as bodies.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
     """A named part of a file: raw vertices (V, 3) and triangles (F, 3)."""
@@ -57,17 +67,6 @@ class Part:
     faces: NDArray[np.int64]
 
 
-# Bytes of a mesh file: opened, unpacked and counted before anything looks into them.
-
-FORMATS = ("obj", "stl", "ply", "off", "glb", "gltf")
-PACKINGS = ("gz", "bz2", "xz", "zip")
-CHUNK = 2**14
-# Meshes as text pack ten to one; what packs better than this, and is no small file, is a trap.
-_HIGHEST_RATIO = 200
-_SMALL = 16 * 2**20
-_SEPARATORS = re.compile(r"[/\\]")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Source:
     """A mesh file in memory: its format, its bytes, and access to the files it names."""
@@ -75,6 +74,31 @@ class Source:
     kind: str  # one of `FORMATS`, by the file's name
     data: bytes  # unpacked content
     beside: Callable[[str], bytes]  # name of a file beside it to that file's content
+
+
+def open_source(path: Path, limits: ReadingLimits) -> Source:
+    """Read a mesh file, packed or not; MeshError when it is damaged or beyond its limits."""
+    packing = path.suffix[1:].lower()
+    if packing not in PACKINGS:
+        kind = kind_of(path.name)
+        with open_regular(path, limits) as file:
+            data = gathered(pieces_of(file), limits)
+        return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))
+    unpack = _zipped if packing == "zip" else _packed
+    try:
+        with open_regular(path, limits) as file:
+            source = unpack(path, file, limits)
+    # zipfile says of a compression it does not know that it is not implemented.
+    except (*_DAMAGED, zipfile.BadZipFile, NotImplementedError) as error:
+        if isinstance(error, MeshError):
+            raise
+        raise MeshError(
+            f"it cannot be unpacked as {packing} ({' '.join(str(error).split())[:120]}): it is "
+            "truncated, damaged, locked or of another kind; pack it again"
+        ) from error
+    if source.data.startswith(_MAGIC):
+        raise MeshError("it holds an archive in an archive: unpack the outer one")
+    return source
 
 
 def kind_of(name: str) -> str:
@@ -148,62 +172,22 @@ def require_beside(name: str) -> None:
         )
 
 
-def plain_source(path: Path, limits: ReadingLimits) -> Source:
-    """Read a mesh file that is not packed."""
-    kind = kind_of(path.name)
-    with open_regular(path, limits) as file:
-        data = gathered(pieces_of(file), limits)
-    return Source(kind=kind, data=data, beside=Folder(path.parent, limits, taken=len(data)).read)
+def _folder(folder: Path, limits: ReadingLimits, *, taken: int) -> Callable[[str], bytes]:
+    """Return a reader of the files beside a mesh file, whose sizes count with it."""
 
-
-class Folder:
-    """The files beside a mesh file, whose sizes count with it."""
-
-    def __init__(self, folder: Path, limits: ReadingLimits, *, taken: int) -> None:
-        self._folder, self._limits, self._taken = folder, limits, taken
-
-    def read(self, name: str) -> bytes:
-        """Return the content of a file beside the mesh file."""
+    def read(name: str) -> bytes:
+        nonlocal taken
         require_beside(name)
         try:
-            with open_regular(self._folder / name, self._limits) as file:
-                data = gathered(pieces_of(file), self._limits)
+            with open_regular(folder / name, limits) as file:
+                data = gathered(pieces_of(file), limits)
         except MeshError as error:
             raise MeshError(f"{name[:80]!r}, which it names, fails: {error}") from error
-        self._taken += len(data)
-        require_size(self._taken, self._limits)
+        taken += len(data)
+        require_size(taken, limits)
         return data
 
-
-_MAGIC = (b"\x1f\x8b\x08", b"BZh", b"\xfd7zXZ\0", b"PK\3\4", b"7z\xbc\xaf", b"Rar!")
-_MOST_MEMBERS = 1000
-# The end of a zip file: a record of 22 bytes with a comment of up to 64 KiB after it.
-_END = 22 + 2**16
-_LARGEST_DIRECTORY = 2**20
-_UNPACKING = 128 * 2**20
-_DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError)
-
-
-def open_source(path: Path, limits: ReadingLimits) -> Source:
-    """Read a mesh file, packed or not; MeshError when it is damaged or beyond its limits."""
-    packing = path.suffix[1:].lower()
-    if packing not in PACKINGS:
-        return plain_source(path, limits)
-    unpack = _zipped if packing == "zip" else _packed
-    try:
-        with open_regular(path, limits) as file:
-            source = unpack(path, file, limits)
-    # zipfile says of a compression it does not know that it is not implemented.
-    except (*_DAMAGED, zipfile.BadZipFile, NotImplementedError) as error:
-        if isinstance(error, MeshError):
-            raise
-        raise MeshError(
-            f"it cannot be unpacked as {packing} ({' '.join(str(error).split())[:120]}): it is "
-            "truncated, damaged, locked or of another kind; pack it again"
-        ) from error
-    if source.data.startswith(_MAGIC):
-        raise MeshError("it holds an archive in an archive: unpack the outer one")
-    return source
+    return read
 
 
 def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
@@ -213,7 +197,7 @@ def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     data = gathered(chunks, limits, packed=file.tell)
     if not data:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
-    return Source(kind=kind, data=data, beside=Folder(path.parent, limits, taken=len(data)).read)
+    return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))
 
 
 def _gunzipped(file: IO[bytes]) -> Iterator[bytes]:
@@ -242,14 +226,10 @@ def _streams(
     return unpacked
 
 
-def _xz_stream() -> lzma.LZMADecompressor:
-    return lzma.LZMADecompressor(memlimit=_UNPACKING)
-
-
 _UNPACKED: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
     "gz": _gunzipped,
     "bz2": _streams(bz2.BZ2Decompressor),
-    "xz": _streams(_xz_stream),
+    "xz": _streams(partial(lzma.LZMADecompressor, memlimit=_UNPACKING)),
 }
 
 

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, also where a process is killed at it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import secrets
 import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -72,10 +72,16 @@ def sweep(folder: Path) -> int:
     """Remove and count the hidden files of processes that were killed while writing."""
     # A process of this computer is known to be gone; one of another computer, after a day.
     swept = 0
-    for path in _left_behind(folder):
-        with suppress(OSError):
-            path.unlink()
-            swept += 1
+    with suppress(OSError):
+        for path in list(folder.iterdir()):
+            part = _PART.fullmatch(path.name)
+            with suppress(OSError):
+                if part and (
+                    (part[1] == _host() and _is_gone(int(part[2])))
+                    or time.time() - path.stat().st_mtime > _DAY
+                ):
+                    path.unlink()
+                    swept += 1
     return swept
 
 
@@ -121,19 +127,6 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _left_behind(folder: Path) -> Iterator[Path]:
-    try:
-        parts = [(path, _PART.fullmatch(path.name)) for path in folder.iterdir()]
-    except OSError:
-        return
-    for path, part in parts:
-        if part is None:
-            continue
-        host, process = part.groups()
-        if (host == _host() and _is_gone(int(process))) or _age(path) > _DAY:
-            yield path
-
-
 def _host() -> str:
     return f"{zlib.crc32(platform.node().encode()):08x}"
 
@@ -149,11 +142,3 @@ def _is_gone(process: int) -> bool:
     except (OSError, OverflowError):
         return False
     return False
-
-
-def _age(path: Path) -> float:
-    """Return the time since the last write, s; 0 when the file has gone meanwhile."""
-    try:
-        return time.time() - path.stat().st_mtime
-    except OSError:
-        return 0.0

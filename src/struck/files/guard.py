@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any, NoReturn, Self, TypeVar, cast
+from typing import IO, NoReturn, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,211 +24,7 @@ from numpy.typing import NDArray
 from struck.errors import MeshError, MissingDependencyError
 from struck.files.archives import FORMATS, OUT_OF_MEMORY, Part, ReadingLimits
 from struck.files.mesh_formats import ElementBlocks
-from struck.model.arrays import AnyArray
-
-# What a mesh file holds, before any judgement of it as a body.
-
-# Squares of lengths, and their sums, must stay within the range of double precision.
-_FARTHEST = 1e150
-# Below this height over its longest side a triangle is a line but for rounding.
-_THINNEST_FACE = 1e-12
-_AT_ONCE = 2**16
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Contents:
-    """The parts of a mesh file, checked: finite vertices, valid indices, at least one area."""
-
-    kind: str  # one of `FORMATS`, of what was packed as well
-    parts: list[Part]  # in the file's own order and numbers
-
-    def __post_init__(self) -> None:
-        for part in self.parts:
-            _require_sound(part)
-        faces = sum(len(part.faces) for part in self.parts)
-        if not faces:
-            raise MeshError(
-                f"no triangles can be read from it as {self.kind.upper()}: it is empty, truncated "
-                "or another format; export the surface again"
-            )
-        if all(lines.all() for lines in _lines(self.parts)):
-            longest = max(float(np.ptp(part.points, axis=0).max()) for part in self.parts)
-            raise MeshError(
-                f"none of its {faces} faces has an area, and its longest edge is {longest:.3g}: "
-                "export the surface again"
-            )
-
-    @cached_property
-    def degenerate_faces(self) -> int:
-        """How many faces have no area, but for rounding."""
-        return sum(int(np.count_nonzero(lines)) for lines in _lines(self.parts))
-
-    @cached_property
-    def duplicate_faces(self) -> int:
-        """How many faces have the corners of one before them, either way round."""
-        points = np.concatenate([part.points[part.faces] for part in self.parts]).reshape(-1, 3)
-        places = np.unique(points + 0.0, axis=0, return_inverse=True)[1]
-        corners = np.sort(places.reshape(-1, 3), axis=1)
-        return len(corners) - len(np.unique(corners, axis=0))
-
-
-def _require_sound(part: Part) -> None:
-    wrong = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
-    if wrong:
-        raise MeshError(
-            f"{wrong} of {len(part.points)} vertices are not finite: export the mesh again"
-        )
-    if not len(part.faces):
-        return
-    lowest, highest = part.faces.min(), part.faces.max()
-    if lowest < 0 or highest >= len(part.points):
-        raise MeshError(
-            f"faces name vertices {lowest} to {highest} of {len(part.points)}, counted from 0: it "
-            "is truncated or damaged; export it again"
-        )
-    farthest = np.abs(part.points).max()
-    if farthest > _FARTHEST:
-        raise MeshError(
-            f"a vertex is {farthest:.3g} from the origin, and {_FARTHEST:g} can be computed with: "
-            "export it again"
-        )
-
-
-def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
-    """Yield which faces are lines or points, at any scale, 65,536 faces at a time."""
-    for part in parts:
-        for start in range(0, len(part.faces), _AT_ONCE):
-            corners = part.points[part.faces[start : start + _AT_ONCE]]
-            edges = corners - np.roll(corners, 1, axis=1)
-            longest = np.abs(edges).max(axis=(1, 2))
-            edges /= np.where(longest > 0, longest, 1.0)[:, None, None]
-            doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-            yield doubled <= _THINNEST_FACE
-
-
-# Messages between two processes: a header in JSON, then raw little-endian arrays.
-#
-# Nothing in a message can run: the receiver checks its lengths, types and shapes before it takes
-# it.
-
-LONGEST_HEADER = 16 * 2**20
-_TYPES = {"f": "<f8", "i": "<i8"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frame:
-    """One message: `content` is plain JSON, `arrays` are two-dimensional."""
-
-    content: dict[str, Any]
-    arrays: list[AnyArray] = field(default_factory=list)
-
-
-def write_frame(
-    stream: IO[bytes], content: dict[str, Any], arrays: Sequence[AnyArray] = ()
-) -> None:
-    """Send JSON content and arrays (N, D) of real or integer numbers as one message."""
-    shapes = [[_TYPES[array.dtype.kind], *array.shape] for array in arrays]
-    header = json.dumps({"content": content, "arrays": shapes}).encode()
-    if len(header) > LONGEST_HEADER:
-        raise ValueError(f"the header has {len(header)} bytes, and {LONGEST_HEADER} are taken")
-    _send(stream, len(header).to_bytes(8, "little") + header)
-    for array in arrays:
-        plain = np.ascontiguousarray(array, dtype=_TYPES[array.dtype.kind])
-        _send(stream, plain.reshape(-1).view(np.uint8).data)
-    stream.flush()
-
-
-def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
-    """Receive one message with at most `largest` bytes of arrays; ValueError if malformed."""
-    length = int.from_bytes(_received(stream, 8), "little")
-    if length > LONGEST_HEADER:
-        raise ValueError(f"the header has {length} bytes, and {LONGEST_HEADER} are taken")
-    try:
-        header = json.loads(_received(stream, length).tobytes())
-    except RecursionError as error:
-        raise ValueError("the header is nested too deep") from error
-    if not _is_header(header):
-        raise ValueError("the header is no header")
-    content, shapes = header["content"], header["arrays"]
-    if sum(8 * math.prod(shape[1:]) for shape in shapes) > largest:
-        raise ValueError(f"the arrays take up more than {largest} bytes")
-    return Frame(content=content, arrays=[_array(stream, *shape) for shape in shapes])
-
-
-def _is_header(header: object) -> bool:
-    return (
-        isinstance(header, dict)
-        and header.keys() == {"content", "arrays"}
-        and isinstance(header["content"], dict)
-        and isinstance(header["arrays"], list)
-        and all(_is_shape(shape) for shape in header["arrays"])
-    )
-
-
-def _is_shape(shape: object) -> bool:
-    return (
-        isinstance(shape, list)
-        and len(shape) == 3
-        and shape[0] in _TYPES.values()
-        and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
-    )
-
-
-def _array(stream: IO[bytes], kind: str, rows: int, columns: int) -> AnyArray:
-    data = _received(stream, 8 * rows * columns)
-    return data.view(kind).reshape(rows, columns)
-
-
-def _send(stream: IO[bytes], data: bytes | memoryview) -> None:
-    rest = memoryview(data)
-    while rest:
-        rest = rest[stream.write(rest) or 0 :]
-
-
-def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
-    data = np.empty(count, dtype=np.uint8)
-    rest = data.data
-    while rest:
-        # The type of binary streams does not tell of readinto, though all of them have it.
-        taken = stream.readinto(rest)  # type: ignore[attr-defined]
-        if not taken:
-            raise EOFError("the sender has gone")
-        rest = rest[taken:]
-    return data
-
-
-# What the process that reads files may answer, and nothing else.
-
-
-def surface_of(frame: Frame) -> tuple[str, list[Part]]:
-    """Return the format and the parts of a surface mesh that a message holds."""
-    names = _texts(frame, "names")
-    shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
-    if shapes != [("f", 3), ("i", 3)] * len(names):
-        raise ValueError("its arrays are no surfaces")
-    pairs = zip(names, frame.arrays[::2], frame.arrays[1::2], strict=True)
-    parts = [Part(name=name, points=points, faces=faces) for name, points, faces in pairs]
-    kind = str(frame.content["kind"])
-    if kind not in FORMATS:
-        raise ValueError("its format is none")
-    return kind, parts
-
-
-def blocks_of(frame: Frame) -> ElementBlocks:
-    """Return the nodes and elements of a volume mesh that a message holds."""
-    kinds = _texts(frame, "kinds")
-    if [array.dtype.kind for array in frame.arrays] != ["f", *"i" * len(kinds)]:
-        raise ValueError("its arrays are no elements")
-    nodes, *cells = frame.arrays
-    return ElementBlocks(nodes=nodes, cells=list(zip(kinds, cells, strict=True)))
-
-
-def _texts(frame: Frame, name: str) -> list[str]:
-    texts = frame.content[name]
-    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-        raise TypeError(f"its {name} are no texts")
-    return texts
-
+from struck.files.worker import Frame, read_frame, write_frame
 
 Answer = TypeVar("Answer")
 
@@ -243,8 +37,13 @@ package.__path__ = [{str(Path(__file__).resolve().parents[1])!r}]
 """
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_LONGEST_START = 60.0
+_LONGEST_START = 60.0  # s
 _LONGEST_MESSAGE = 500
+# Squares of lengths, and their sums, must stay within the range of double precision.
+_FARTHEST = 1e150
+# Below this height over its longest side a triangle is a line but for rounding.
+_THINNEST_FACE = 1e-12
+_AT_ONCE = 2**16
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
@@ -312,14 +111,14 @@ class Guard:
     def _frame(self, question: dict[str, str]) -> Frame:
         process = self._running()
         questions, answers = _pipes(process)
-        with _Deadline(process, self.limits.seconds) as deadline:
+        with _deadline(process, self.limits.seconds) as passed:
             try:
                 write_frame(questions, question)
                 return read_frame(answers, largest=self.limits.answer)
             except ValueError as error:
                 self._refuse_nonsense(str(error))
             except (EOFError, OSError):
-                self._explain(process, deadline)
+                self._explain(process, timed_out=passed.is_set())
             except BaseException:
                 self.close()  # an answer to this question must not be taken for the next
                 raise
@@ -347,7 +146,7 @@ class Guard:
                 "free some memory or processes"
             ) from error
         self._ending = weakref.finalize(self, _end, process)
-        with _Deadline(process, _LONGEST_START):
+        with _deadline(process, _LONGEST_START):
             try:
                 read_frame(_pipes(process)[1], largest=0)
             except (ValueError, EOFError, OSError) as error:
@@ -358,14 +157,14 @@ class Guard:
                 ) from error
         return process
 
-    def _explain(self, process: subprocess.Popen[bytes], deadline: _Deadline) -> NoReturn:
+    def _explain(self, process: subprocess.Popen[bytes], *, timed_out: bool) -> NoReturn:
         """Raise a MeshError that says why the reading process ended."""
-        if not deadline.passed:
+        if not timed_out:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(1)
         code = process.returncode
         self.close()
-        if deadline.passed:
+        if timed_out:
             raise MeshError(
                 f"reading it took longer than {self.limits.seconds:g} s: simplify the surface "
                 "(decimate it), or export it in a binary format"
@@ -398,25 +197,22 @@ class Guard:
         self._process = self._ending = None
 
 
-class _Deadline:
-    """A timer that kills a process after some seconds."""
+@contextlib.contextmanager
+def _deadline(process: subprocess.Popen[bytes], seconds: float) -> Iterator[threading.Event]:
+    """Kill a process after some seconds, and set the event that it yields."""
+    passed = threading.Event()
 
-    def __init__(self, process: subprocess.Popen[bytes], seconds: float) -> None:
-        self.passed = False
-        self._process = process
-        self._timer = threading.Timer(seconds, self._pass)
-        self._timer.daemon = True
+    def kill() -> None:
+        passed.set()
+        process.kill()
 
-    def _pass(self) -> None:
-        self.passed = True
-        self._process.kill()
-
-    def __enter__(self) -> Self:
-        self._timer.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._timer.cancel()
+    timer = threading.Timer(seconds, kill)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield passed
+    finally:
+        timer.cancel()
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -444,6 +240,94 @@ def _printable(text: str) -> str:
     """Return text as one line without control characters."""
     line = " ".join(text.split())[:_LONGEST_MESSAGE]
     return "".join(letter if letter.isprintable() else "?" for letter in line)
+
+
+def surface_of(frame: Frame) -> tuple[str, list[Part]]:
+    """Return the format and the parts of a surface mesh that a message holds."""
+    names = _texts(frame, "names")
+    shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
+    if shapes != [("f", 3), ("i", 3)] * len(names):
+        raise ValueError("its arrays are no surfaces")
+    pairs = zip(names, frame.arrays[::2], frame.arrays[1::2], strict=True)
+    parts = [Part(name=name, points=points, faces=faces) for name, points, faces in pairs]
+    kind = str(frame.content["kind"])
+    if kind not in FORMATS:
+        raise ValueError("its format is none")
+    return kind, parts
+
+
+def blocks_of(frame: Frame) -> ElementBlocks:
+    """Return the nodes and elements of a volume mesh that a message holds."""
+    kinds = _texts(frame, "kinds")
+    if [array.dtype.kind for array in frame.arrays] != ["f", *"i" * len(kinds)]:
+        raise ValueError("its arrays are no elements")
+    nodes, *cells = frame.arrays
+    return ElementBlocks(nodes=nodes, cells=list(zip(kinds, cells, strict=True)))
+
+
+def _texts(frame: Frame, name: str) -> list[str]:
+    texts = frame.content[name]
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise TypeError(f"its {name} are no texts")
+    return texts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contents:
+    """The parts of a mesh file, checked: finite vertices, valid indices, at least one area."""
+
+    kind: str  # one of `FORMATS`, of what was packed as well
+    parts: list[Part]  # in the file's own order and numbers
+
+    def __post_init__(self) -> None:
+        for part in self.parts:
+            _require_sound(part)
+        faces = sum(len(part.faces) for part in self.parts)
+        if not faces:
+            raise MeshError(
+                f"no triangles can be read from it as {self.kind.upper()}: it is empty, truncated "
+                "or another format; export the surface again"
+            )
+        if all(lines.all() for lines in _lines(self.parts)):
+            longest = max(float(np.ptp(part.points, axis=0).max()) for part in self.parts)
+            raise MeshError(
+                f"none of its {faces} faces has an area, and its longest edge is {longest:.3g}: "
+                "export the surface again"
+            )
+
+
+def _require_sound(part: Part) -> None:
+    wrong = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
+    if wrong:
+        raise MeshError(
+            f"{wrong} of {len(part.points)} vertices are not finite: export the mesh again"
+        )
+    if not len(part.faces):
+        return
+    lowest, highest = part.faces.min(), part.faces.max()
+    if lowest < 0 or highest >= len(part.points):
+        raise MeshError(
+            f"faces name vertices {lowest} to {highest} of {len(part.points)}, counted from 0: it "
+            "is truncated or damaged; export it again"
+        )
+    farthest = np.abs(part.points).max()
+    if farthest > _FARTHEST:
+        raise MeshError(
+            f"a vertex is {farthest:.3g} from the origin, and {_FARTHEST:g} can be computed with: "
+            "export it again"
+        )
+
+
+def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
+    """Yield which faces are lines or points, at any scale, 65,536 faces at a time."""
+    for part in parts:
+        for start in range(0, len(part.faces), _AT_ONCE):
+            corners = part.points[part.faces[start : start + _AT_ONCE]]
+            edges = corners - np.roll(corners, 1, axis=1)
+            longest = np.abs(edges).max(axis=(1, 2))
+            edges /= np.where(longest > 0, longest, 1.0)[:, None, None]
+            doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+            yield doubled <= _THINNEST_FACE
 
 
 def _forget_all() -> None:

@@ -323,7 +323,12 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> list[Part]:
     # trimesh walks a scene from its end.
     nodes = {node.get("name", str(i)): i for i, node in enumerate(header.get("nodes", []))}
     parts.sort(key=lambda part: nodes.get(part.name, len(nodes)))
-    _require_all(sum(len(part.faces) for part in parts), announced)
+    count = sum(len(part.faces) for part in parts)
+    if count < announced:
+        raise MeshError(
+            f"it announces {announced} faces and only {count} could be read: it is truncated or "
+            "damaged; export it again"
+        )
     return parts
 
 
@@ -381,15 +386,6 @@ def _announced_by_ply(data: bytes) -> list[int]:
     found = re.findall(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\d{1,30})\b", header, re.MULTILINE)
     counts = {name: int(count) for name, count in found}
     return [*counts.values(), counts.get(b"face", 0)]
-
-
-def _require_all(count: int, announced: int) -> None:
-    """Refuse files that announce more triangles than were read."""
-    if count < announced:
-        raise MeshError(
-            f"it announces {announced} faces and only {count} could be read: it is truncated or "
-            "damaged; export it again"
-        )
 
 
 def _one_line(error: Exception) -> str:
