@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck import Mesh
-from struck.files.surfaces import load_body
+from struck.files.meshes import load_body
 from struck.report.gallery import bird
 from struck.solids.filling import filling
 from struck.solids.filling.stuffing import stuffed

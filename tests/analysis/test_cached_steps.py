@@ -21,7 +21,7 @@ from struck.errors import CacheWarning, FileFormatError, MeshError
 from struck.files import model_file
 from struck.files.cache import Cache
 from struck.files.container import from_bytes, to_bytes
-from struck.files.surfaces import load_mesh
+from struck.files.meshes import load_mesh
 from struck.model.damping import InternalFriction
 from struck.model.material import Material
 from struck.model.mesh import Mesh

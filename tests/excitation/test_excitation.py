@@ -12,10 +12,11 @@ from struck.excitation.excitation import Excitation
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.hertz import Striker
 from struck.excitation.pluck import Pluck
-from struck.excitation.pulses import LEAD, transform
+from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.files.wav import Recording, encode
 from tests.excitation.bodies import SIZE, plate
+from tests.excitation.pulse_laws import transform
 
 PLATE = plate(20)
 RATE = 48000.0

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 import struck
-from struck.files.surfaces import load_body
+from struck.files.meshes import load_body
 
 MESHES = Path(__file__).parents[3] / "shared/data/meshes"
 SPOT, BUNNY = MESHES / "spot.obj", MESHES / "stanford_bunny.obj"

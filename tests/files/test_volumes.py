@@ -15,7 +15,7 @@ from struck.errors import MeshError, MissingDependencyError, OptionError
 from struck.files.archives import ReadingLimits
 from struck.files.guard import Guard
 from struck.files.mesh_formats import read_blocks
-from struck.files.volumes import load_volume
+from struck.files.meshes import load_volume
 
 KINDS = {
     "tetra": "tet4",

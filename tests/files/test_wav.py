@@ -53,6 +53,17 @@ def test_we_read_what_libsndfile_writes(encoding: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["int16", "int24"])
+def test_full_scale_does_not_wrap_round(encoding: str) -> None:
+    """Integers reach from -1 to one step below +1: +1.0 would come back as -1.0."""
+    just = np.array([[-1.0, 1 - STEPS[encoding]]], dtype=np.float32)
+    read = wav.decode(wav.encode(wav.Recording(samples=just, sample_rate=8000), encoding))
+    np.testing.assert_array_equal(read.samples, just)
+    full = wav.Recording(samples=np.ones((1, 1), dtype=np.float32), sample_rate=8000)
+    with pytest.raises(OptionError, match=f"peak is 1 times full scale, which {encoding} would"):
+        wav.encode(full, encoding)
+
+
+@pytest.mark.parametrize("encoding", ["int16", "int24"])
 def test_the_standard_library_reads_integers(encoding: str) -> None:
     written = recording(length=7)
     with wave.open(io.BytesIO(wav.encode(written, encoding))) as file:

@@ -230,7 +230,7 @@ def _load(
 ) -> Repair | VolumeMesh | Solid:
     """Return the body itself, from its file where it is a path."""
     if isinstance(body, str | os.PathLike):
-        from struck.files.volumes import SUFFIXES, load_volume
+        from struck.files.meshes import SUFFIXES, load_volume
 
         if Path(body).suffix.lower() in SUFFIXES:
             file.refuse("elements of another program take units= only", "units")
@@ -255,7 +255,7 @@ def _load(
 def _from_file(
     path: str | os.PathLike[str], file: FileOptions, *, wall: float | None, repair: bool
 ) -> Repair:
-    from struck.files.surfaces import load_body, load_mesh
+    from struck.files.meshes import load_body, load_mesh
 
     options = {option.name: getattr(file, option.name) for option in fields(file)}
     if repair:

@@ -256,19 +256,13 @@ def _rungs(begin: float, end: float) -> dict[int, list[float]]:
     """Return the tabulated loads about two loads, and their weights in each."""
     rungs: dict[int, list[float]] = {}
     for which, load in enumerate((begin, end)):
-        for number, weight in _between(load):
-            rungs.setdefault(number, [0.0, 0.0])[which] += weight
+        if load > 0:
+            held, number = max(load, LIGHTEST), rung_at(load)
+            low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
+            share = (held - low) / (high - low)
+            for rung_number, weight in ((number, 1 - share), (number + 1, share)):
+                rungs.setdefault(rung_number, [0.0, 0.0])[which] += weight * load / held
     return rungs
-
-
-def _between(load: float) -> list[tuple[int, float]]:
-    if load <= 0:
-        return []
-    held = max(load, LIGHTEST)
-    number = rung_at(load)
-    low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
-    share = (held - low) / (high - low)
-    return [(number, (1 - share) * load / held), (number + 1, share * load / held)]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,29 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.excitation.excitation import require_known, table_of
+from struck.model.material import Material
 
 # 2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)
 CONTACT_CONSTANT = 4 * math.sqrt(math.pi) / 5 * math.gamma(0.4) / math.gamma(0.9) * (15 / 16) ** 0.4
-
-
-class Elastic(Protocol):
-    """What a striker and a material have in common."""
-
-    @property
-    def youngs_modulus(self) -> float:
-        """Pa."""
-        ...
-
-    @property
-    def poisson_ratio(self) -> float:
-        """Above -1 and at most 0.5."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +69,7 @@ def strikers() -> Mapping[str, Mapping[str, Any]]:
     return table_of("strikers")
 
 
-def contact_modulus(*solids: Elastic) -> float:
+def contact_modulus(*solids: Striker | Material) -> float:
     """Return E* of solids in contact, Pa: 1/E* = sum of (1 - nu^2)/E (Johnson 1985, 4.2)."""
     return 1 / sum((1 - solid.poisson_ratio**2) / solid.youngs_modulus for solid in solids)
 

@@ -229,17 +229,14 @@ class Pluck:
         numbers = np.arange(first, int(np.ceil(release)) + LEAD, dtype=np.float64)
         risen = np.clip((numbers / sample_rate - self.time) / self.rise, 0, 1)
         load = self.force * np.sin(np.pi / 2 * risen) ** 2
-        return Samples(first=first, force=load * (1 - _step(numbers - release)))
-
-
-def _step(positions: Array) -> Array:
-    """Return a band-limited step from 0 to 1, over positions in samples."""
-    table = _step_table()
-    return np.interp(positions, np.linspace(-LEAD, LEAD, len(table)), table)
+        table = _step()
+        risen = np.interp(numbers - release, np.linspace(-LEAD, LEAD, len(table)), table)
+        return Samples(first=first, force=load * (1 - risen))
 
 
 @cache
-def _step_table() -> Array:
+def _step() -> Array:
+    """Return a band-limited step from 0 to 1, from `LEAD` samples before it to as many after."""
     pulse = low_pass(np.linspace(-LEAD, LEAD, 2 * LEAD * _FINE + 1))
     rising = np.concatenate([[0.0], np.cumsum(pulse[1:] + pulse[:-1])])
     return rising / rising[-1]

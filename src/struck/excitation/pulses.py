@@ -47,28 +47,12 @@ def require_shape(shape: str) -> None:
         raise OptionError(f"shape is {shape!r}: give one of {', '.join(_SPECTRA)}")
 
 
-def force(shape: str, times: Array, duration: float) -> Array:
-    """Return a pulse of unit area at `times` since its onset, 1/s."""
-    require_shape(shape)
-    phase = np.asarray(times, np.float64) / duration
-    inside = (phase >= 0) & (phase <= 1)
-    return np.where(inside, _FORCES[shape](np.clip(phase, 0, 1)), 0.0) / duration
-
-
-def transform(shape: str, frequencies: Array, duration: float) -> Complex:
-    """Return the Fourier transform of a pulse of unit area that begins at time 0."""
-    require_shape(shape)
-    cycles = np.asarray(frequencies, np.float64) * duration
-    delay: Complex = np.exp(-1j * np.pi * cycles)
-    return _SPECTRA[shape](np.abs(cycles)) * delay
-
-
 def sampled(
     shape: str, *, impulse: float, onset: float, duration: float, sample_rate: float
 ) -> Samples:
     """Return the band-limited samples of a pulse of area `impulse`, N s, at any onset, s."""
-    # True to `transform` within 0.1 dB to a third of the rate; what folds below that lies at least
-    # 60 dB under the impulse.
+    # True to the analytic spectrum within 0.1 dB to a third of the rate; what folds below that lies
+    # at least 60 dB under the impulse.
     require_shape(shape)
     length = duration * sample_rate
     first = int(np.floor(onset * sample_rate)) - LEAD
@@ -76,7 +60,10 @@ def sampled(
     count = int(np.ceil(begin + length)) + LEAD
     size = max(64, 1 << (count - 1).bit_length())
     bins = np.arange(size, dtype=np.float64)
-    strengths = _tabulated(shape, bins * (length / size)) * low_pass_spectrum(size)
+    table = _table(shape)
+    cycles = np.arange(len(table)) * _STEP
+    strengths = np.interp(bins * (length / size), cycles, table, right=0.0)
+    strengths *= low_pass_spectrum(size)
     delay: Complex = np.exp((-2j * np.pi / size * (begin + length / 2)) * bins)
     values = np.fft.irfft(_folded(strengths * delay), size)[:count]
     return Samples(first=first, force=values * (impulse * sample_rate))
@@ -107,19 +94,9 @@ def _folded(spectrum: Complex) -> Complex:
     return kept
 
 
-def _tabulated(shape: str, cycles: Array) -> Array:
-    table = _table(shape)
-    return np.interp(cycles, np.arange(len(table)) * _STEP, table, right=0.0)
-
-
 @cache
 def _table(shape: str) -> Array:
     return _SPECTRA[shape](np.arange(0, _TABLE_END + _STEP, _STEP))
-
-
-def _sine_force(power: float) -> Callable[[Array], Array]:
-    area = gamma((power + 1) / 2) / (np.sqrt(np.pi) * gamma(power / 2 + 1))
-    return lambda phase: np.sin(np.pi * phase) ** power / area
 
 
 def _sine_spectrum(power: float) -> Callable[[Array], Array]:
@@ -141,12 +118,6 @@ def _sine_spectrum(power: float) -> Callable[[Array], Array]:
     return spectrum
 
 
-def _gaussian_force(phase: Array) -> Array:
-    spread = _GAUSSIAN_WIDTHS * (phase - 0.5)
-    area = np.sqrt(2 * np.pi) / _GAUSSIAN_WIDTHS * erf(_EDGE)
-    return np.exp(-0.5 * spread**2) / area
-
-
 def _gaussian_spectrum(cycles: Array) -> Array:
     """Return exp(-y^2) Re erf(x + i y) / erf(x), written with w(z) so that nothing overflows."""
     rise = np.sqrt(2) * np.pi * cycles / _GAUSSIAN_WIDTHS
@@ -154,10 +125,6 @@ def _gaussian_spectrum(cycles: Array) -> Array:
     return (np.exp(-(rise**2)) - cut.real) / erf(_EDGE)
 
 
-_FORCES = MappingProxyType(
-    {"half-sine": _sine_force(1.0), "hertz": _sine_force(1.5), "gaussian": _gaussian_force}
-)
 _SPECTRA = MappingProxyType(
     {"half-sine": _sine_spectrum(1.0), "hertz": _sine_spectrum(1.5), "gaussian": _gaussian_spectrum}
 )
-SHAPES = tuple(_SPECTRA)

@@ -290,15 +290,10 @@ def _together(surface: Roughness, roller: Roughness, radius: float, flat: float)
     turns = math.ceil(_FEWEST_TURNS_LENGTH / around)
     points = min(math.ceil(around / finest), _MOST_POINTS // turns)
     heights = surface.over(turns * around, turns * points)
-    worn = roller.over(around, points) - _worn(radius, flat, points)
+    worn = roller.over(around, points)
+    chord = math.sqrt(8 * radius * flat)
+    if chord:
+        from_middle = (np.arange(points) / points - 0.5) * (around / chord)
+        inside = np.abs(from_middle) < 0.5
+        worn -= np.where(inside, flat * np.cos(np.pi * from_middle) ** 2, 0.0)
     return Roughness(heights=heights + np.tile(worn, turns), pitch=around / points)
-
-
-def _worn(radius: float, flat: float, points: int) -> Array:
-    """Return the depth of a flat spot around the roller, m."""
-    length = math.sqrt(8 * radius * flat)
-    if not length:
-        return np.zeros(points)
-    from_middle = (np.arange(points) / points - 0.5) * (2 * math.pi * radius / length)
-    inside = np.abs(from_middle) < 0.5
-    return np.where(inside, flat * np.cos(np.pi * from_middle) ** 2, 0.0)

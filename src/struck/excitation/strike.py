@@ -145,10 +145,16 @@ class Strike:
         striker = Striker.named(self.striker or _DEFAULT_STRIKER)
         mass = _mass_in_contact(striker, model, contact)
         gain = mass * (1 + striker.restitution)
-        speed = self.impulse / gain if self.impulse is not None else self._approach(striker)
+        speed = self.speed or _DEFAULT_SPEED
+        if self.impulse is not None:
+            speed = self.impulse / gain
+        elif self.energy is not None:
+            speed = float(np.sqrt(2 * self.energy / striker.mass))
         duration = self.duration
         if duration is None:
-            duration = _touch(striker, model, mass=mass, speed=speed)
+            solids = (striker,) if model.material is None else (striker, model.material)
+            modulus = contact_modulus(*solids)
+            duration = contact_time(mass=mass, radius=striker.radius, modulus=modulus, speed=speed)
         return Blow(impulse=gain * speed, duration=duration)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
@@ -177,11 +183,6 @@ class Strike:
             noise = self._noise(blow, sample_rate)
             pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
         return Burst.at(contact, pulse, model, patch=self.patch, start=start)
-
-    def _approach(self, striker: Striker) -> float:
-        if self.energy is not None:
-            return float(np.sqrt(2 * self.energy / striker.mass))
-        return self.speed or _DEFAULT_SPEED
 
     def _noise(self, blow: Blow, sample_rate: float) -> np.ndarray:
         length = max(blow.duration, _SHORTEST_TRANSIENT) * sample_rate
@@ -212,9 +213,3 @@ def _mass_in_contact(striker: Striker, model: ModalModel, contact: Contact) -> f
         direction=contact.direction,
     )
     return joint_mass(striker.mass, body)
-
-
-def _touch(striker: Striker, model: ModalModel, *, mass: float, speed: float) -> float:
-    solids = (striker,) if model.material is None else (striker, model.material)
-    modulus = contact_modulus(*solids)
-    return contact_time(mass=mass, radius=striker.radius, modulus=modulus, speed=speed)

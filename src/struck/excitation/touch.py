@@ -59,7 +59,8 @@ class Touching:
         self._interval = sample_rate / USUAL
         self._load, self._speed, self._pressed, self._moving = Ramp(), Ramp(), Ramp(), Ramp()
         self._drive = Blend()
-        self._window = _window(sample_rate)
+        hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
+        self._window: Array = hann / hann.sum()
         self._before: Array = np.zeros(len(self._window) - 1)
         self._fade = max(1, round(FADE * sample_rate))
         self._reader = Reader(self._rubbed, sample_rate, offset=0.0, speed=0.0, load=0.0)
@@ -154,7 +155,9 @@ class Touching:
         self.now += length
         if self._heard is None or self._rests(length, pressed):
             return None
-        force = self._smooth(loads * pressed)
+        longer = np.concatenate([self._before, loads * pressed])
+        self._before = longer[length:]
+        force = np.convolve(longer, self._window, "valid")
         force[first:] += self._noise(loads[first:], speeds[first:]) * moving[first:]
         return Push(force=force, drive=self._drive.now)
 
@@ -198,11 +201,6 @@ class Touching:
             return False
         self._skipped += length
         return True
-
-    def _smooth(self, loads: Array) -> Array:
-        longer = np.concatenate([self._before, loads])
-        self._before = longer[len(loads) :]
-        return np.convolve(longer, self._window, "valid")
 
     def _noise(self, loads: Array, speeds: Array) -> Array:
         """Return the force of the roughness under these loads, N."""
@@ -412,9 +410,3 @@ def _rows(name: str, values: ArrayLike, count: int) -> Array:
         raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows (x, y, z)")
     rows.setflags(write=False)
     return rows
-
-
-def _window(sample_rate: float) -> Array:
-    """Return a Hann window with a sum of 1."""
-    window = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
-    return window / window.sum()

@@ -200,11 +200,6 @@ def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))
 
 
-def _gunzipped(file: IO[bytes]) -> Iterator[bytes]:
-    with gzip.GzipFile(fileobj=file, mode="rb") as unpacked:
-        yield from pieces_of(unpacked)
-
-
 def _streams(
     make: Callable[[], bz2.BZ2Decompressor | lzma.LZMADecompressor],
 ) -> Callable[[IO[bytes]], Iterator[bytes]]:
@@ -227,7 +222,7 @@ def _streams(
 
 
 _UNPACKED: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
-    "gz": _gunzipped,
+    "gz": lambda file: pieces_of(gzip.GzipFile(fileobj=file, mode="rb")),
     "bz2": _streams(bz2.BZ2Decompressor),
     "xz": _streams(partial(lzma.LZMADecompressor, memlimit=_UNPACKING)),
 }

@@ -26,7 +26,15 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     # followed.
     target = Path(os.path.realpath(path))
     try:
-        _require_place(target, path)
+        if target.is_dir():
+            raise FileFormatError(f"{path} is a folder: add the name of a file in it")
+        if target.exists() and not target.is_file():
+            raise FileFormatError(f"{path} is not an ordinary file: give another name")
+        if not target.parent.is_dir():
+            raise FileFormatError(
+                f"{path} cannot be written: the folder {target.parent} does not exist; make it "
+                "first"
+            )
         sweep(target.parent)
         _replace(target, blocks)
     except PermissionError as error:
@@ -83,17 +91,6 @@ def sweep(folder: Path) -> int:
                     path.unlink()
                     swept += 1
     return swept
-
-
-def _require_place(target: Path, path: str | os.PathLike[str]) -> None:
-    if target.is_dir():
-        raise FileFormatError(f"{path} is a folder: add the name of a file in it")
-    if target.exists() and not target.is_file():
-        raise FileFormatError(f"{path} is not an ordinary file: give another name")
-    if not target.parent.is_dir():
-        raise FileFormatError(
-            f"{path} cannot be written: the folder {target.parent} does not exist; make it first"
-        )
 
 
 def _replace(target: Path, blocks: Iterable[bytes]) -> None:

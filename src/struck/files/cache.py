@@ -100,11 +100,14 @@ class Cache:
 
     def entries(self) -> list[CacheEntry]:
         """Return all entries, the least recently used first."""
-        try:
-            with os.scandir(self.folder) as listed:
-                found = [entry for each in listed if (entry := _entry(each))]
-        except OSError:
-            return []
+        found: list[CacheEntry] = []
+        with suppress(OSError), os.scandir(self.folder) as listed:
+            for each in (each for each in listed if _KEY.fullmatch(each.name)):
+                with suppress(OSError):
+                    status = each.stat(follow_symlinks=False)
+                    if stat.S_ISREG(status.st_mode):
+                        path, size, used = Path(each.path), status.st_size, status.st_mtime_ns
+                        found.append(CacheEntry(path=path, size=size, used=used))
         return sorted(found, key=lambda entry: entry.used)
 
     def clear(self) -> int:
@@ -158,17 +161,6 @@ def user_folder(system: str, environment: Mapping[str, str]) -> Path | None:
     if system == "win32":
         return home / "AppData" / "Local" / "struck" / "Cache"
     return home / ("Library/Caches" if system == "darwin" else ".cache") / "struck"
-
-
-def _entry(listed: os.DirEntry[str]) -> CacheEntry | None:
-    """Return what stands in a folder as an entry; None for what is none."""
-    try:
-        status = listed.stat(follow_symlinks=False)
-    except OSError:
-        return None
-    if not (_KEY.fullmatch(listed.name) and stat.S_ISREG(status.st_mode)):
-        return None
-    return CacheEntry(path=Path(listed.path), size=status.st_size, used=status.st_mtime_ns)
 
 
 def _content(path: Path, most: int) -> bytes:

@@ -85,7 +85,13 @@ def unpack(data: bytes, *, kind: str, newest: int) -> tuple[dict[str, str], dict
         raise FileFormatError(
             f"its format is {metadata.get('format')!r} and not {kind!r}: give a .{kind} file"
         )
-    _require_version(metadata.get("version", ""), newest)
+    version = metadata.get("version", "")
+    if not re.fullmatch(r"[1-9][0-9]{0,5}", version):
+        raise FileFormatError(f"its version is {version!r}, no number, it is damaged: {_AGAIN}")
+    if int(version) > newest:
+        raise FileFormatError(
+            f"its version is {version}, and this struck reads up to {newest}: update struck"
+        )
     _require_seal(data, end)
     try:
         return metadata, load(data)
@@ -112,15 +118,6 @@ def _read_header(data: bytes) -> tuple[int, dict[str, str]]:
     if not isinstance(metadata, dict) or not all(isinstance(v, str) for v in metadata.values()):
         raise FileFormatError(f"its header holds no text, it is damaged: {_AGAIN}")
     return 8 + length, metadata
-
-
-def _require_version(version: str, newest: int) -> None:
-    if not re.fullmatch(r"[1-9][0-9]{0,5}", version):
-        raise FileFormatError(f"its version is {version!r}, no number, it is damaged: {_AGAIN}")
-    if int(version) > newest:
-        raise FileFormatError(
-            f"its version is {version}, and this struck reads up to {newest}: update struck"
-        )
 
 
 def _require_seal(data: bytes, header_end: int) -> None:

@@ -260,10 +260,6 @@ def _axis(text: Mapping[str, Any]) -> GridAxis:
     return GridAxis(nodes=nodes, period=period)
 
 
-def _keep_point(point: SinglePoint) -> tuple[dict[str, Any], Arrays]:
-    return {"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)}, {}
-
-
 def _make_point(text: Text, tensors: Tensors, _: Mesh | None) -> SinglePoint:
     return SinglePoint(
         outputs=from_pairs(tensors["field_outputs"]),
@@ -334,7 +330,10 @@ KINDS: dict[str, Kind] = {
     "SinglePoint": Kind(
         made=SinglePoint,
         layout={"field_outputs": Tensor("float64", ("M", 2), "outputs")},
-        keep=_keep_point,
+        keep=lambda point: (
+            {"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)},
+            {},
+        ),
         make=_make_point,
     ),
 }

@@ -130,6 +130,8 @@ class Guard:
         return self._process
 
     def _started(self) -> subprocess.Popen[bytes]:
+        # Modules are found as by the program, and not where it was started.
+        modules = os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
         try:
             process = subprocess.Popen(  # noqa: S603 - our own module, in this interpreter
                 self._command,
@@ -137,7 +139,7 @@ class Guard:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 bufsize=0,
-                env={**os.environ, **_ONE_THREAD, "PYTHONPATH": _search_path()},
+                env={**os.environ, **_ONE_THREAD, "PYTHONPATH": modules},
                 creationflags=_NO_WINDOW,
             )
         except OSError as error:
@@ -192,7 +194,8 @@ class Guard:
             self._ending.detach()
         if self._process:
             self._process.returncode = 0  # not ours to wait for
-            _close_pipes(self._process)
+            for pipe in _pipes(self._process):
+                pipe.close()
         self._lock = threading.RLock()
         self._process = self._ending = None
 
@@ -217,18 +220,9 @@ def _deadline(process: subprocess.Popen[bytes], seconds: float) -> Iterator[thre
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     process.kill()
-    _close_pipes(process)
-    process.wait()
-
-
-def _close_pipes(process: subprocess.Popen[bytes]) -> None:
     for pipe in _pipes(process):
         pipe.close()
-
-
-def _search_path() -> str:
-    """Return the program's module path, without the folder it was started in."""
-    return os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
+    process.wait()
 
 
 def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:

@@ -99,17 +99,13 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
         raise MissingDependencyError(
             'volume meshes are read by meshio: pip install "struck[volumes]"'
         ) from error
-    _complete_meshio()
-    return getattr(meshio, READERS[path.suffix.lower()]).read
-
-
-def _complete_meshio() -> None:
-    """Register two elements as solid: meshio 5.3 knows their nodes and yet fails on them."""
+    # meshio 5.3 knows the nodes of these two elements and yet fails on them.
     with contextlib.suppress(ImportError):
         from meshio._mesh import topological_dimension
 
         topological_dimension.setdefault("wedge15", 3)
         topological_dimension.setdefault("pyramid13", 3)
+    return getattr(meshio, READERS[path.suffix.lower()]).read
 
 
 # Headers of glTF: what must be true of them before a reader may be trusted with them.
@@ -353,8 +349,10 @@ def _placed(scene: Scene) -> Iterator[Part]:
 def _announced(source: Source) -> int:
     """Return how many faces a file says it has, which cannot be more than its bytes."""
     data, counts = source.data, [0]
-    if source.kind == "stl":
-        counts = _announced_by_stl(data)
+    # A binary STL must be as long as it says to be read at all.
+    if source.kind == "stl" and data.lstrip()[:5].lower() == b"solid":
+        facets = len(re.findall(rb"^[ \t]*facet\s", data, re.IGNORECASE | re.MULTILINE))
+        counts = [facets if b"endfacet" in data.lower() else 0]
     if source.kind == "ply":
         counts = _announced_by_ply(data)
     if source.kind == "off":
@@ -366,13 +364,6 @@ def _announced(source: Source) -> int:
             "or damaged; export it again"
         )
     return counts[-1]
-
-
-def _announced_by_stl(data: bytes) -> list[int]:
-    """Return the facets of a text; a binary file must be as long as it says to be read at all."""
-    if data.lstrip()[:5].lower() != b"solid" or b"endfacet" not in data.lower():
-        return [0]
-    return [len(re.findall(rb"^[ \t]*facet\s", data, re.IGNORECASE | re.MULTILINE))]
 
 
 def _announced_by_ply(data: bytes) -> list[int]:

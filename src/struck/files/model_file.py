@@ -229,7 +229,13 @@ def export(
             listeners=listeners,
             **told,
         )
-    _tell_losses(model, path)
+    lost = left_out(model)
+    if lost:
+        warnings.warn(
+            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
+            LossWarning,
+            stacklevel=2,
+        )
     return beyond
 
 
@@ -241,16 +247,6 @@ def left_out(model: ModalModel) -> tuple[str, ...]:
         "its material": model.material,
     }
     return tuple(name for name, part in parts.items() if part is not None)
-
-
-def _tell_losses(model: ModalModel, path: str | os.PathLike[str]) -> None:
-    lost = left_out(model)
-    if lost:
-        warnings.warn(
-            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
-            LossWarning,
-            stacklevel=3,
-        )
 
 
 def _ringing(model: ModalModel) -> float:
@@ -297,19 +293,18 @@ def _surface(model: ModalModel) -> Mesh | None:
     gains, geometry = model.gains, model.geometry
     if not isinstance(gains, ShapeGains):
         return geometry
-    if geometry is not None and not _same(geometry, gains.surface):
+    if geometry is not None and not (
+        geometry is gains.surface
+        or (
+            geometry.up == gains.surface.up
+            and np.array_equal(geometry.points, gains.surface.points)
+            and np.array_equal(geometry.faces, gains.surface.faces)
+        )
+    ):
         raise FileFormatError(
             "its geometry is not the surface of its gains, and one surface is kept: make them one"
         )
     return gains.surface
-
-
-def _same(left: Mesh, right: Mesh) -> bool:
-    return left is right or (
-        left.up == right.up
-        and np.array_equal(left.points, right.points)
-        and np.array_equal(left.faces, right.faces)
-    )
 
 
 def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[str, Any]:

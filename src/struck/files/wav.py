@@ -39,11 +39,11 @@ def encode(recording: Recording, encoding: str = "float32") -> bytes:
         raise OptionError(
             f"the samples take {size / 2**30:.1f} GiB, but a WAV file holds 4: save it in parts"
         )
-    data = _pack(recording.samples.T, encoding)
+    data, comment = _pack(recording.samples.T, encoding), recording.comment.encode("utf-8")
     chunks = (
         _format_chunk(channels, recording.sample_rate, encoding)
         + (_chunk(b"fact", struct.pack("<I", length)) if encoding == "float32" else b"")
-        + _comment_chunk(recording.comment)
+        + (_chunk(b"LIST", b"INFO" + _chunk(b"ICMT", comment + b"\0")) if comment else b"")
         + _chunk(b"data", data)
     )
     return b"RIFF" + struct.pack("<I", len(chunks) + 4) + b"WAVE" + chunks
@@ -79,12 +79,6 @@ def _format_chunk(channels: int, sample_rate: int, encoding: str) -> bytes:
     tag = _FLOAT if encoding == "float32" else _INTEGER
     fields = struct.pack("<HHIIHH", tag, channels, sample_rate, sample_rate * frame, frame, bits)
     return _chunk(b"fmt ", fields + (b"\0\0" if tag == _FLOAT else b""))
-
-
-def _comment_chunk(comment: str) -> bytes:
-    if not comment:
-        return b""
-    return _chunk(b"LIST", b"INFO" + _chunk(b"ICMT", comment.encode("utf-8") + b"\0"))
 
 
 def _pack(frames: NDArray[np.float32], encoding: str) -> bytes:
@@ -145,17 +139,13 @@ def _unpack(content: bytes, encoding: str, channels: int, name: str) -> NDArray[
     if encoding == "float32":
         values = np.frombuffer(content, "<f4").astype(np.float32)
     else:
-        values = _integers(np.frombuffer(content, np.uint8).reshape(-1, width))
+        pieces = np.frombuffer(content, np.uint8).reshape(-1, width)
+        wide = np.zeros((len(pieces), 4), np.uint8)
+        wide[:, 4 - width :] = pieces
+        values = (wide.view("<i4").ravel() / 2**31).astype(np.float32)
     if not np.isfinite(values).all():
         raise FileFormatError(f"{name} holds samples that are not finite: export it again")
     return np.ascontiguousarray(values.reshape(-1, channels).T)
-
-
-def _integers(pieces: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return little-endian integers of 2 or 3 bytes (n, width) as fractions of full scale."""
-    wide = np.zeros((len(pieces), 4), np.uint8)
-    wide[:, 4 - pieces.shape[1] :] = pieces
-    return (wide.view("<i4").ravel() / 2**31).astype(np.float32)
 
 
 def _read_comment(content: bytes) -> str:

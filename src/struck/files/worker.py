@@ -37,7 +37,9 @@ def main() -> None:
     """Answer one question after the other, until nobody asks."""
     limits = ReadingLimits(**json.loads(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
-    answers = _private_output()
+    # Standard output is for answers: readers print to nowhere.
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     _confine(limits.memory)
     with contextlib.suppress(EOFError, OSError):
         write_frame(answers, {"ready": True})
@@ -50,13 +52,6 @@ def main() -> None:
             except MemoryError:
                 os._exit(OUT_OF_MEMORY)
             faulthandler.cancel_dump_traceback_later()
-
-
-def _private_output() -> IO[bytes]:
-    """Keep standard output for answers, and let readers print to nowhere."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    return answers
 
 
 def _confine(memory: int) -> None:

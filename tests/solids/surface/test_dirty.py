@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.files.surfaces import load_body
+from struck.files.meshes import load_body
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes

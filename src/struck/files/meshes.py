@@ -1,8 +1,12 @@
-"""Mesh files: OBJ, STL, PLY, OFF, GLB and glTF to one closed surface in metres."""
+"""Mesh files: surfaces (OBJ, STL, PLY, OFF, GLB, glTF) and volumes (vtk, vtu, msh, inp) in metres.
+
+A surface becomes one closed body; the elements of a volume are taken as they are.
+"""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,16 +15,30 @@ import numpy as np
 
 from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.archives import Part
-from struck.files.guard import read_contents
+from struck.files.guard import read_contents, read_volume
+from struck.files.mesh_formats import READERS, ElementBlocks
+from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import bodies, submesh
+from struck.solids.fem.elements import ELEMENTS
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.surface.welding import lines, sewn
+from struck.solids.volume_mesh import VolumeMesh
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
 _LISTED = 12
+SUFFIXES = frozenset(READERS)  # of volume mesh files
+_ELEMENTS = {
+    "tetra": "tet4",
+    "tetra10": "tet10",
+    "hexahedron": "hex8",
+    "hexahedron20": "hex20",
+    "wedge": "wedge6",
+    "wedge15": "wedge15",
+}
+_NOT_SOLID = ("vertex", "line", "triangle", "quad", "polygon")
 # Cubes of lengths must stay within the range of double precision.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 # What is left out of a body may set its scale: this far off, it is repaired at the right one.
@@ -86,6 +104,16 @@ def load_body(
             # What was left out had set the scale.
             result = repaired(surface.scaled(size / result.mesh.extent), wall=wall)
     return result if size is None else result.scaled(size / result.mesh.extent)
+
+
+def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
+    """Load a mesh of tetrahedra, hexahedra or wedges of one kind that another program made."""
+    path = Path(path)
+    _require_options(units, None, None)
+    with _named(path):
+        mesh = _one_kind(read_volume(path), UNITS[units or "m"])
+        _require_upright(mesh)
+    return mesh
 
 
 @contextmanager
@@ -237,3 +265,59 @@ def _listed(names: list[str]) -> str:
     shown = ", ".join(repr(name) for name in names[:_LISTED])
     more = len(names) - _LISTED
     return f"{shown} ... and {more} more" if more > 0 else shown
+
+
+def _one_kind(found: ElementBlocks, metre: float) -> VolumeMesh:
+    """Return the volume elements of a file, which must be of one kind."""
+    counts: Counter[str] = Counter()
+    for kind, cells in found.cells:
+        counts[kind] += len(cells)
+    solid = [kind for kind in +counts if not kind.startswith(_NOT_SOLID)]
+    inventory = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
+    if not solid:
+        raise MeshError(
+            f"it holds no volume elements ({inventory}): export the volume mesh, or load a surface "
+            "as obj, stl or ply"
+        )
+    if len(solid) > 1 or solid[0] not in _ELEMENTS:
+        raise MeshError(
+            f"its elements are {inventory}, and one kind of volume element is taken, of "
+            f"{', '.join(_ELEMENTS)}: mesh it with one kind alone"
+        )
+    elements = np.concatenate([cells for kind, cells in found.cells if kind == solid[0]])
+    return _compact(found.nodes * metre, elements, _ELEMENTS[solid[0]])
+
+
+def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
+    """Leave out nodes without elements: they would move for nothing."""
+    count = elements.shape[1]
+    if count != len(ELEMENTS[kind].nodes):
+        raise MeshError(f"its {kind} elements have {count} nodes each: export the mesh again")
+    if elements.min() < 0 or elements.max() >= len(nodes):
+        raise MeshError(
+            f"elements name nodes {elements.min()} to {elements.max()} of {len(nodes)}: export the "
+            "mesh again"
+        )
+    used, renumbered = np.unique(elements, return_inverse=True)
+    if nodes.shape[1] != 3 or not np.isfinite(nodes[used]).all():
+        raise MeshError("its nodes are not finite numbers x, y and z: export the mesh again")
+    farthest = np.abs(nodes[used]).max()
+    if farthest > _LARGEST:
+        raise MeshError(
+            f"a node is {farthest:.3g} m from the origin, and volumes can be computed within "
+            f"{_LARGEST:g} m alone: export the mesh again"
+        )
+    return VolumeMesh(nodes=nodes[used], elements=renumbered.reshape(elements.shape), kind=kind)
+
+
+def _require_upright(mesh: VolumeMesh) -> None:
+    """Refuse elements that are turned inside out, or have no volume, at one of their corners."""
+    element = ELEMENTS[mesh.kind]
+    corners = element.gradients(element.corners)
+    jacobians = np.einsum("eni,cnj->ecij", mesh.nodes[mesh.elements], corners)
+    inverted = np.count_nonzero((np.linalg.det(jacobians) <= 0).any(axis=1))
+    if inverted:
+        raise MeshError(
+            f"{inverted} of its {len(mesh.elements)} {mesh.kind} elements are inverted or without "
+            "volume at a corner: smooth the mesh, or put their nodes in the format's own order"
+        )
