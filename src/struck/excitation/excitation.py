@@ -215,7 +215,11 @@ def drive_at(
             "no surface: leave patch= out"
         )
     places, weights = _disc()
-    offsets = places @ np.stack(_tangents(normal)) * radius
+    axis = np.zeros(3)
+    axis[np.argmin(np.abs(normal))] = 1.0
+    first: Array = np.cross(normal, axis)
+    first /= np.linalg.norm(first)
+    offsets = places @ np.stack([first, np.cross(normal, first)]) * radius
     return weights @ _rank_one(model, point + offsets, direction)
 
 
@@ -246,21 +250,13 @@ def _disc() -> tuple[Array, Array]:
     return points, np.repeat(weights / 2 / _SPOKES, _SPOKES)
 
 
-def _tangents(normal: Array) -> tuple[Array, Array]:
-    axis = np.zeros(3)
-    axis[np.argmin(np.abs(normal))] = 1.0
-    first = np.cross(normal, axis)
-    first /= np.linalg.norm(first)
-    return first, np.cross(normal, first)
-
-
-def require_course(name: str, course: Course) -> None:
-    """Raise an OptionError unless all numbers of a control curve are finite and at least 0."""
+def frozen(name: str, course: Course) -> Course:
+    """Return a control curve that nobody can change afterwards, all of it finite and at least 0."""
     if callable(course):
-        return
+        return course
     if not isinstance(course, tuple):
         _require(name, course)
-        return
+        return course
     times, values = _table(name, course)
     if times.ndim != 1 or times.shape != values.shape or not len(times):
         raise OptionError(f"{name} has times {times.shape} and values {values.shape}: as many each")
@@ -268,14 +264,6 @@ def require_course(name: str, course: Course) -> None:
         raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
     for value in values:
         _require(name, float(value))
-
-
-def frozen(name: str, course: Course) -> Course:
-    """Return a checked control curve that nobody can change afterwards."""
-    require_course(name, course)
-    if not isinstance(course, tuple):
-        return course
-    times, values = _table(name, course)
     return tuple(times.tolist()), tuple(values.tolist())
 
 
@@ -314,9 +302,14 @@ def freeze_place(excitation: _Placed, *names: str) -> None:
     if at is not None and not isinstance(at, str):
         object.__setattr__(excitation, "at", coordinates("at", at))
     for name in names:
-        if getattr(excitation, name) is not None:
-            vector = unit_vector(name, getattr(excitation, name))
-            object.__setattr__(excitation, name, vector)
+        given = getattr(excitation, name)
+        if given is not None:
+            wanted = "a vector (x, y, z) with a length"
+            vector = _finite(name, given, wanted)
+            length = float(np.linalg.norm(vector))
+            if len(vector) != 3 or not length:
+                raise OptionError(f"{name} is {given!r}: give {wanted}")
+            object.__setattr__(excitation, name, tuple(part / length for part in vector))
 
 
 def require_positive(**numbers: float | None) -> None:
@@ -343,16 +336,6 @@ def require_finite(**numbers: float) -> None:
 def coordinates(name: str, values: object) -> tuple[float, ...]:
     """Return one to three finite numbers as a tuple, or raise an OptionError."""
     return _finite(name, values, "one to three finite coordinates in m, or the name of a place")
-
-
-def unit_vector(name: str, values: object) -> tuple[float, ...]:
-    """Return a vector of three numbers, made one long, or raise an OptionError."""
-    wanted = "a vector (x, y, z) with a length"
-    vector = _finite(name, values, wanted)
-    length = float(np.linalg.norm(vector))
-    if len(vector) != 3 or not length:
-        raise OptionError(f"{name} is {values!r}: give {wanted}")
-    return tuple(part / length for part in vector)
 
 
 def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:

@@ -99,7 +99,15 @@ def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Ar
     if isinstance(force, str | Path):
         if sample_rate is not None:
             raise OptionError(f"sample_rate is {sample_rate}: leave it out, {force} has its own")
-        return _read(Path(force))
+        path = Path(force)
+        try:
+            recording = decode(path.read_bytes(), path.name)
+        except OSError as error:
+            raise FileFormatError(f"{path} cannot be read: {error.strerror}") from error
+        channels = len(recording.samples)
+        if channels != 1:
+            raise FileFormatError(f"{path.name} has {channels} channels: a force has one; keep one")
+        return recording.samples[0].astype(np.float64), float(recording.sample_rate)
     if sample_rate is None:
         raise OptionError("sample_rate is missing: say how many forces a second the array holds")
     samples = np.array(force, dtype=np.float64)
@@ -109,17 +117,6 @@ def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Ar
     if wrong:
         raise OptionError(f"{wrong} of {len(samples)} forces are not finite: mend the gaps first")
     return samples, float(sample_rate)
-
-
-def _read(path: Path) -> tuple[Array, float]:
-    try:
-        recording = decode(path.read_bytes(), path.name)
-    except OSError as error:
-        raise FileFormatError(f"{path} cannot be read: {error.strerror}") from error
-    channels = len(recording.samples)
-    if channels != 1:
-        raise FileFormatError(f"{path.name} has {channels} channels: a force has one; keep one")
-    return recording.samples[0].astype(np.float64), float(recording.sample_rate)
 
 
 def _resampled(samples: Array, own: float, wanted: float) -> tuple[int, Array]:

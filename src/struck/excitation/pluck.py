@@ -1,4 +1,4 @@
-"""A pluck: a load put on softly and let go."""
+"""Plucks: a load, or any form, put on softly and let go; amplitudes as 1998, section 2 and 3."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 
-# Means over the plan of a flat body: where it is looked at from above.
+Field = Callable[[Array], Array]
 
+_FINE = 256  # points a sample of the band-limited step
 # Radon's rule of 7 points on a triangle, exact to degree 5 (Zienkiewicz 2013, table 3.4).
 _ROOT = np.sqrt(15)
 _NEAR, _FAR = (6 - _ROOT) / 21, (6 + _ROOT) / 21
@@ -44,11 +45,6 @@ def plan_rule(surface: Mesh) -> tuple[Array, Array]:
     points = np.einsum("qc,fcd->fqd", _CORNER, surface.points[surface.faces[top]])
     weights = np.multiply.outer(shadows[top] / shadows[top].sum(), _WEIGHTS)
     return points.reshape(-1, 3), weights.ravel()
-
-
-# Amplitudes of a struck or displaced body as 1998 tells them, section 2 and 3.
-
-Field = Callable[[Array], Array]
 
 
 def impact_amplitudes(
@@ -161,9 +157,6 @@ def _along_push(model: ModalModel, at: Place) -> Array:
     return shapes
 
 
-_FINE = 256
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pluck:
     """A body pulled aside and let go.
@@ -240,9 +233,6 @@ def _step() -> Array:
     pulse = low_pass(np.linspace(-LEAD, LEAD, 2 * LEAD * _FINE + 1))
     rising = np.concatenate([[0.0], np.cumsum(pulse[1:] + pulse[:-1])])
     return rising / rising[-1]
-
-
-# A body brought into a form and let go.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

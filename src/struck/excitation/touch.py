@@ -327,8 +327,10 @@ class Replay:
 
     def _say(self, number: int) -> None:
         log = self._log
-        if self._contact is None or not _stays(log, number):
-            self._contact = self._model.contact(*log.place(number))
+        (point, way), (before, way_before) = log.place(number), log.place(number - 1)
+        turned = way is not None and way_before is not None and not np.array_equal(way, way_before)
+        if self._contact is None or turned or not np.array_equal(point, before):
+            self._contact = self._model.contact(point, way)
         self._touching.update(
             self._contact,
             float(np.asarray(log.forces)[number]),
@@ -383,13 +385,6 @@ class Blend:
         share = min(count / self._left, 1.0)
         self._left = max(0, self._left - count)
         self.now = self.now + share * (self._target - self.now) if self._left else self._target
-
-
-def _stays(log: TouchLog, number: int) -> bool:
-    (point, way), (before, way_before) = log.place(number), log.place(number - 1)
-    return np.array_equal(point, before) and (
-        way is None or way_before is None or np.array_equal(way, way_before)
-    )
 
 
 def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:

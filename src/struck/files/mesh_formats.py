@@ -27,10 +27,15 @@ if TYPE_CHECKING:
     import meshio
     from trimesh import Scene
 
-
-# Volume mesh files to raw blocks of elements; read by meshio, in a process of its own.
-
 READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
+_FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
+_GLTF = {"skip_materials": True, "merge_primitives": True}
+_OPTIONS = {"stl": {}, "ply": {"skip_materials": True}, "off": {}, "glb": _GLTF, "gltf": _GLTF}
+_LONGEST_HEADER = 2**16
+_MOST_LETTERS = 10**6
+# Required extensions that leave vertices and faces as the core specification has them.
+_HARMLESS = re.compile(r"KHR_(materials|texture|lights)_\w+|EXT_texture_\w+")
+_TRIANGLE_FAN = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,211 +44,6 @@ class ElementBlocks:
 
     nodes: NDArray[np.float64]  # (N, D), in the file's own unit
     cells: list[tuple[str, NDArray[np.int64]]]  # meshio's kind, (E, K); K is 0 where it varies
-
-
-def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
-    """Read a volume mesh with meshio, which prints and exits where others raise."""
-    reader = _reader(path)
-    with open_regular(path, limits) as file:
-        if path.suffix.lower() == ".inp":
-            _require_one_node_block(file.read())
-    printed = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            found = reader(str(path))
-        nodes = np.asarray(found.points, dtype=np.float64)
-        return ElementBlocks(
-            nodes=nodes.reshape(len(nodes), -1),
-            cells=[(block.type, _cells(block)) for block in found.cells],
-        )
-    except MemoryError:
-        raise
-    except (Exception, SystemExit) as error:
-        reason = " ".join(f"{type(error).__name__}: {error} {printed.getvalue()}".split())[:160]
-        raise MeshError(
-            f"it cannot be read as {path.suffix[1:]} ({reason}): it is truncated, damaged or "
-            "another format; export it again"
-        ) from error
-
-
-def _cells(block: meshio.CellBlock) -> NDArray[np.int64]:
-    cells = np.asarray(block.data)
-    if cells.ndim != 2 or cells.dtype.kind not in "iu":
-        return np.empty((len(block.data), 0), dtype=np.int64)
-    return cells.astype(np.int64)
-
-
-def _require_one_node_block(data: bytes) -> None:
-    """Refuse Abaqus files of several parts: meshio keeps the nodes of the last alone."""
-    blocks = len(re.findall(rb"^\*NODE[ \t\r]*(?:,|$)", data, re.IGNORECASE | re.MULTILINE))
-    if blocks > 1:
-        raise MeshError(
-            f"it holds {blocks} blocks of nodes (*NODE), and one is read: write one part, with all "
-            "nodes in one block"
-        )
-    if re.search(rb"^\*INCLUDE\b", data, re.IGNORECASE | re.MULTILINE):
-        raise MeshError(
-            "it includes other files (*INCLUDE), which are not read: put all into one file"
-        )
-
-
-def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
-    if path.suffix.lower() not in READERS:
-        raise MeshError(
-            f"its extension {path.suffix!r} names no volume mesh read here: use one of "
-            f"{', '.join(name[1:] for name in READERS)}"
-        )
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingDependencyError(
-            'volume meshes are read by meshio: pip install "struck[volumes]"'
-        ) from error
-    # meshio 5.3 knows the nodes of these two elements and yet fails on them.
-    with contextlib.suppress(ImportError):
-        from meshio._mesh import topological_dimension
-
-        topological_dimension.setdefault("wedge15", 3)
-        topological_dimension.setdefault("pyramid13", 3)
-    return getattr(meshio, READERS[path.suffix.lower()]).read
-
-
-# Headers of glTF: what must be true of them before a reader may be trusted with them.
-
-# Required extensions that leave vertices and faces as the core specification has them.
-_HARMLESS = re.compile(r"KHR_(materials|texture|lights)_\w+|EXT_texture_\w+")
-_TRIANGLE_FAN = 6
-
-
-def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
-    """Return the JSON header of a glTF or GLB file, and {} for other formats."""
-    if kind == "gltf":
-        return json.loads(data)
-    if kind == "glb":
-        length = int.from_bytes(data[12:16], "little")
-        return json.loads(data[20 : 20 + length])
-    return {}
-
-
-def require_core_gltf(header: dict[str, Any]) -> None:
-    """Refuse glTF that trimesh would misread: compressed vertices and triangle fans."""
-    strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
-    primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
-    used = [part.get("attributes", {}).get("POSITION") for part in primitives]
-    used += [part.get("indices") for part in primitives]
-    accessors = [header["accessors"][number] for number in used if number is not None]
-    if any(
-        "sparse" in one or one.get("normalized") or "bufferView" not in one for one in accessors
-    ):
-        strange.append("sparse, normalised or empty accessors")
-    if any(part.get("mode") == _TRIANGLE_FAN for part in primitives):
-        strange.append("triangle fans")
-    if strange:
-        raise MeshError(
-            f"it uses {' and '.join(strange)}, not read here: export it again as plain "
-            "triangles without compression"
-        )
-
-
-class Buffers:
-    """Buffers outside a glTF file, in the form in which trimesh asks for them."""
-
-    def __init__(self, read: Callable[[str], bytes]) -> None:
-        self._read = read
-
-    def get(self, name: str) -> bytes:
-        """Return the content of a buffer by its relative address."""
-        return self._read(unquote(name))
-
-    __getitem__ = get
-
-
-# Wavefront OBJ text: vertices, polygons, objects and groups.
-#
-# Read here, not by trimesh: that takes relative indices from the end of the file, not from where
-# they stand, takes index 0 as 1, and drops lines it cannot read.
-
-
-def parse_obj(data: bytes) -> Iterator[Part]:
-    """Read the objects of an OBJ file, or its groups where it has at most one object."""
-    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    reader = _Reader()
-    for number, line in enumerate(text.split("\n"), start=1):
-        words = line.split("#", 1)[0].split()
-        try:
-            reader.take(words)
-        except (ValueError, IndexError) as error:
-            shown = line.strip()[:40]
-            raise MeshError(f"line {number} ({shown!r}) cannot be read: {error}") from error
-    return reader.parts()
-
-
-class _Reader:
-    """Vertices and triangles of the OBJ lines read so far."""
-
-    def __init__(self) -> None:
-        self._points: list[tuple[float, ...]] = []
-        self._faces: list[tuple[int, ...]] = []
-        self._objects: list[str] = []
-        self._groups: list[str] = []
-        self._object = "default"
-        self._group = "default"
-
-    def take(self, words: list[str]) -> None:
-        """Take in the words of one line."""
-        keyword = words[0] if words else ""
-        if keyword == "v":
-            x, y, z = words[1:4]
-            self._points.append((float(x), float(y), float(z)))
-        elif keyword == "f":
-            self._take_polygon([self._index(word) for word in words[1:]])
-        elif keyword == "o":
-            self._object = " ".join(words[1:]) or "default"
-        elif keyword == "g":
-            self._group = " ".join(words[1:]) or "default"
-
-    def _index(self, word: str) -> int:
-        number = int(word.partition("/")[0])
-        if number == 0 or -number > len(self._points):
-            raise ValueError(f"there is no vertex {number} among the {len(self._points)} so far")
-        return number - 1 if number > 0 else len(self._points) + number
-
-    def _take_polygon(self, corners: list[int]) -> None:
-        if len(corners) < 3:
-            raise ValueError(f"a face needs 3 vertices and has {len(corners)}")
-        fan = [(corners[0], *pair) for pair in pairwise(corners[1:])]
-        self._faces += fan
-        self._objects += [self._object] * len(fan)
-        self._groups += [self._group] * len(fan)
-
-    def parts(self) -> Iterator[Part]:
-        """Return the triangles by object, or else by group."""
-        points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
-        faces = np.array(self._faces, dtype=object).reshape(-1, 3)
-        if len(faces) and faces.max() >= len(points):
-            raise MeshError(
-                f"a face names vertex {faces.max() + 1} of {len(points)}: the file is truncated, "
-                "or was edited by hand"
-            )
-        names = self._objects if len(set(self._objects)) > 1 else self._groups
-        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-        labels = np.array([numbers[name] for name in names], dtype=np.int64)
-        indices = faces.astype(np.int64)[np.argsort(labels, kind="stable")]
-        starts = np.cumsum(np.bincount(labels))[:-1] if names else []
-        together = zip(numbers, np.split(indices, starts), strict=bool(names))
-        return (_part(name, points, each) for name, each in together)
-
-
-def _part(name: str, points: NDArray[np.float64], faces: NDArray[np.int64]) -> Part:
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return Part(name=name, points=points[used], faces=renumbered.reshape(-1, 3))
-
-
-_FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
-_GLTF = {"skip_materials": True, "merge_primitives": True}
-_OPTIONS = {"stl": {}, "ply": {"skip_materials": True}, "off": {}, "glb": _GLTF, "gltf": _GLTF}
-_LONGEST_HEADER = 2**16
-_MOST_LETTERS = 10**6
 
 
 def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
@@ -381,3 +181,194 @@ def _announced_by_ply(data: bytes) -> list[int]:
 
 def _one_line(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:120]
+
+
+# Wavefront OBJ text: vertices, polygons, objects and groups.
+#
+# Read here, not by trimesh: that takes relative indices from the end of the file, not from where
+# they stand, takes index 0 as 1, and drops lines it cannot read.
+
+
+def parse_obj(data: bytes) -> Iterator[Part]:
+    """Read the objects of an OBJ file, or its groups where it has at most one object."""
+    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    reader = _Reader()
+    for number, line in enumerate(text.split("\n"), start=1):
+        words = line.split("#", 1)[0].split()
+        try:
+            reader.take(words)
+        except (ValueError, IndexError) as error:
+            shown = line.strip()[:40]
+            raise MeshError(f"line {number} ({shown!r}) cannot be read: {error}") from error
+    return reader.parts()
+
+
+class _Reader:
+    """Vertices and triangles of the OBJ lines read so far."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, ...]] = []
+        self._faces: list[tuple[int, ...]] = []
+        self._objects: list[str] = []
+        self._groups: list[str] = []
+        self._object = "default"
+        self._group = "default"
+
+    def take(self, words: list[str]) -> None:
+        """Take in the words of one line."""
+        keyword = words[0] if words else ""
+        if keyword == "v":
+            x, y, z = words[1:4]
+            self._points.append((float(x), float(y), float(z)))
+        elif keyword == "f":
+            self._take_polygon([self._index(word) for word in words[1:]])
+        elif keyword == "o":
+            self._object = " ".join(words[1:]) or "default"
+        elif keyword == "g":
+            self._group = " ".join(words[1:]) or "default"
+
+    def _index(self, word: str) -> int:
+        number = int(word.partition("/")[0])
+        if number == 0 or -number > len(self._points):
+            raise ValueError(f"there is no vertex {number} among the {len(self._points)} so far")
+        return number - 1 if number > 0 else len(self._points) + number
+
+    def _take_polygon(self, corners: list[int]) -> None:
+        if len(corners) < 3:
+            raise ValueError(f"a face needs 3 vertices and has {len(corners)}")
+        fan = [(corners[0], *pair) for pair in pairwise(corners[1:])]
+        self._faces += fan
+        self._objects += [self._object] * len(fan)
+        self._groups += [self._group] * len(fan)
+
+    def parts(self) -> Iterator[Part]:
+        """Return the triangles by object, or else by group."""
+        points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(self._faces, dtype=object).reshape(-1, 3)
+        if len(faces) and faces.max() >= len(points):
+            raise MeshError(
+                f"a face names vertex {faces.max() + 1} of {len(points)}: the file is truncated, "
+                "or was edited by hand"
+            )
+        names = self._objects if len(set(self._objects)) > 1 else self._groups
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        labels = np.array([numbers[name] for name in names], dtype=np.int64)
+        indices = faces.astype(np.int64)[np.argsort(labels, kind="stable")]
+        starts = np.cumsum(np.bincount(labels))[:-1] if names else []
+        together = zip(numbers, np.split(indices, starts), strict=bool(names))
+        return (_part(name, points, each) for name, each in together)
+
+
+def _part(name: str, points: NDArray[np.float64], faces: NDArray[np.int64]) -> Part:
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Part(name=name, points=points[used], faces=renumbered.reshape(-1, 3))
+
+
+def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
+    """Return the JSON header of a glTF or GLB file, and {} for other formats."""
+    if kind == "gltf":
+        return json.loads(data)
+    if kind == "glb":
+        length = int.from_bytes(data[12:16], "little")
+        return json.loads(data[20 : 20 + length])
+    return {}
+
+
+def require_core_gltf(header: dict[str, Any]) -> None:
+    """Refuse glTF that trimesh would misread: compressed vertices and triangle fans."""
+    strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
+    primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
+    used = [part.get("attributes", {}).get("POSITION") for part in primitives]
+    used += [part.get("indices") for part in primitives]
+    accessors = [header["accessors"][number] for number in used if number is not None]
+    if any(
+        "sparse" in one or one.get("normalized") or "bufferView" not in one for one in accessors
+    ):
+        strange.append("sparse, normalised or empty accessors")
+    if any(part.get("mode") == _TRIANGLE_FAN for part in primitives):
+        strange.append("triangle fans")
+    if strange:
+        raise MeshError(
+            f"it uses {' and '.join(strange)}, not read here: export it again as plain "
+            "triangles without compression"
+        )
+
+
+class Buffers:
+    """Buffers outside a glTF file, in the form in which trimesh asks for them."""
+
+    def __init__(self, read: Callable[[str], bytes]) -> None:
+        self._read = read
+
+    def get(self, name: str) -> bytes:
+        """Return the content of a buffer by its relative address."""
+        return self._read(unquote(name))
+
+    __getitem__ = get
+
+
+def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
+    """Read a volume mesh with meshio, which prints and exits where others raise."""
+    reader = _reader(path)
+    with open_regular(path, limits) as file:
+        if path.suffix.lower() == ".inp":
+            _require_one_node_block(file.read())
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            found = reader(str(path))
+        nodes = np.asarray(found.points, dtype=np.float64)
+        return ElementBlocks(
+            nodes=nodes.reshape(len(nodes), -1),
+            cells=[(block.type, _cells(block)) for block in found.cells],
+        )
+    except MemoryError:
+        raise
+    except (Exception, SystemExit) as error:
+        reason = " ".join(f"{type(error).__name__}: {error} {printed.getvalue()}".split())[:160]
+        raise MeshError(
+            f"it cannot be read as {path.suffix[1:]} ({reason}): it is truncated, damaged or "
+            "another format; export it again"
+        ) from error
+
+
+def _cells(block: meshio.CellBlock) -> NDArray[np.int64]:
+    cells = np.asarray(block.data)
+    if cells.ndim != 2 or cells.dtype.kind not in "iu":
+        return np.empty((len(block.data), 0), dtype=np.int64)
+    return cells.astype(np.int64)
+
+
+def _require_one_node_block(data: bytes) -> None:
+    """Refuse Abaqus files of several parts: meshio keeps the nodes of the last alone."""
+    blocks = len(re.findall(rb"^\*NODE[ \t\r]*(?:,|$)", data, re.IGNORECASE | re.MULTILINE))
+    if blocks > 1:
+        raise MeshError(
+            f"it holds {blocks} blocks of nodes (*NODE), and one is read: write one part, with all "
+            "nodes in one block"
+        )
+    if re.search(rb"^\*INCLUDE\b", data, re.IGNORECASE | re.MULTILINE):
+        raise MeshError(
+            "it includes other files (*INCLUDE), which are not read: put all into one file"
+        )
+
+
+def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
+    if path.suffix.lower() not in READERS:
+        raise MeshError(
+            f"its extension {path.suffix!r} names no volume mesh read here: use one of "
+            f"{', '.join(name[1:] for name in READERS)}"
+        )
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingDependencyError(
+            'volume meshes are read by meshio: pip install "struck[volumes]"'
+        ) from error
+    # meshio 5.3 knows the nodes of these two elements and yet fails on them.
+    with contextlib.suppress(ImportError):
+        from meshio._mesh import topological_dimension
+
+        topological_dimension.setdefault("wedge15", 3)
+        topological_dimension.setdefault("pyramid13", 3)
+    return getattr(meshio, READERS[path.suffix.lower()]).read

@@ -65,7 +65,12 @@ def load_mesh(
     with _named(path):
         contents = read_contents(path)
         body = _one_body(contents.parts, part)
-        _require_areas(body)
+        flat = lines(body)
+        if flat.any() and is_closed(body):
+            raise MeshError(
+                f"{np.count_nonzero(flat)} of its {len(flat)} faces have no area and hold the "
+                "surface together: remesh it, merge their vertices, or leave repair on"
+            )
         require_closed(body)
     return _in_metres(body, units, size, up or _UP[contents.kind])
 
@@ -143,7 +148,7 @@ def _require_options(units: str | None, size: float | None, up: str | None) -> N
 
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
     """Choose the body that `part` names, or the only one there is."""
-    surfaces = [_surface(found) for found in parts]
+    surfaces = [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
     whole = _whole(parts, surfaces)
     found, names = _bodies(parts, surfaces, whole) if is_closed(whole) else ([whole], [])
     if part is None and len(found) > 1:
@@ -154,7 +159,7 @@ def _one_body(parts: list[Part], part: str | None) -> Mesh:
 
 def _any_surface(parts: list[Part], part: str | None) -> Mesh:
     """Choose the surface that `part` names, or all together."""
-    surfaces = [_surface(found) for found in parts]
+    surfaces = [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
     whole = _whole(parts, surfaces)
     if part is None:
         return whole
@@ -182,7 +187,12 @@ def _apart(surfaces: list[Mesh]) -> bool:
 
 
 def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
-    return _joined(surfaces) if _apart(surfaces) else _united(parts, surfaces)
+    """Return separate bodies side by side, and patches of one surface welded together."""
+    if _apart(surfaces):
+        return _joined(surfaces)
+    if len(parts) == 1:
+        return surfaces[0]
+    return _cleaned(_joined([Mesh(points=part.points, faces=part.faces) for part in parts]))
 
 
 def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
@@ -206,18 +216,6 @@ def _joined(surfaces: list[Mesh]) -> Mesh:
             [surface.faces + start for surface, start in zip(surfaces, starts[:-1], strict=True)]
         ),
     )
-
-
-def _united(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
-    """Return all patches welded together."""
-    if len(parts) == 1:
-        return surfaces[0]
-    raw = _joined([Mesh(points=part.points, faces=part.faces) for part in parts])
-    return _cleaned(raw)
-
-
-def _surface(part: Part) -> Mesh:
-    return _cleaned(Mesh(points=part.points, faces=part.faces))
 
 
 def _cleaned(raw: Mesh) -> Mesh:
@@ -250,15 +248,6 @@ def _without_lines(mesh: Mesh) -> Mesh:
         return mesh
     rest = submesh(mesh, np.flatnonzero(~flat))
     return rest if is_closed(rest) else mesh
-
-
-def _require_areas(mesh: Mesh) -> None:
-    flat = lines(mesh)
-    if flat.any() and is_closed(mesh):
-        raise MeshError(
-            f"{np.count_nonzero(flat)} of its {len(flat)} faces have no area and hold the "
-            "surface together: remesh it, merge their vertices, or leave repair on"
-        )
 
 
 def _listed(names: list[str]) -> str:

@@ -220,10 +220,13 @@ def export(
         save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
         beyond = 0
     else:
+        if seconds is None:
+            fall, slowest = float(np.log(1000)), float(np.min(model.decays, initial=np.inf))
+            seconds = fall / slowest if slowest * _LONGEST > fall else _LONGEST
         beyond = save_sofa_responses(
             model,
             path,
-            seconds=_ringing(model) if seconds is None else seconds,
+            seconds=seconds,
             sample_rate=sample_rate,
             contacts=contacts,
             listeners=listeners,
@@ -247,12 +250,6 @@ def left_out(model: ModalModel) -> tuple[str, ...]:
         "its material": model.material,
     }
     return tuple(name for name, part in parts.items() if part is not None)
-
-
-def _ringing(model: ModalModel) -> float:
-    slowest = float(np.min(model.decays, initial=np.inf))
-    fallen = float(np.log(1000))
-    return fallen / slowest if slowest * _LONGEST > fallen else _LONGEST
 
 
 def _require_ending(path: str | os.PathLike[str]) -> None:
@@ -366,12 +363,13 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
     surface, coordinates = _given_surface(text, tensors), texts(text["coordinates"], "coordinates")
     gains = kind.make(text["gains"], tensors, surface)
     _require_coordinates(kind, gains, coordinates)
+    provenance = text["provenance"]
     return ModalModel(
         frequencies=tensors["frequencies"],
         natural_frequencies=tensors["natural_frequencies"],
         decays=tensors["decays"],
         gains=gains,
-        material=None if text["material"] is None else _material(text["material"]),
+        material=_material(text["material"]),
         mass=None if text["mass"] is None else float(numbers(text["mass"], ())),
         centre=_optional(text["centre"], (3,)),
         inertia=_optional(text["inertia"], (3, 3)),
@@ -384,7 +382,12 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         places=_places(text["places"], kind, coordinates),
         coordinates=coordinates,
         residual=_make_residual(text, tensors),
-        provenance=_provenance(text["provenance"]),
+        provenance=Provenance(
+            method=provenance["method"],
+            references=tuple(provenance["references"]),
+            dropped=tuple(provenance["dropped"]),
+            details=provenance["details"],
+        ),
     )
 
 
@@ -408,8 +411,8 @@ def _optional(value: object, shape: tuple[int, ...]) -> Array | None:
     return None if value is None else numbers(value, shape)
 
 
-def _material(text: Text) -> Material:
-    return Material(**{**text, "damping": _damping(text["damping"])})
+def _material(text: Text | None) -> Material | None:
+    return None if text is None else Material(**{**text, "damping": _damping(text["damping"])})
 
 
 def _damping(text: Text) -> Damping:
@@ -421,15 +424,6 @@ def _damping(text: Text) -> Damping:
         if name != "kind"
     }
     return _DAMPINGS[text["kind"]](**numbers)
-
-
-def _provenance(text: Text) -> Provenance:
-    return Provenance(
-        method=text["method"],
-        references=tuple(text["references"]),
-        dropped=tuple(text["dropped"]),
-        details=text["details"],
-    )
 
 
 def _make_residual(text: Text, tensors: Tensors) -> Residual | None:

@@ -147,16 +147,13 @@ def _is_header(header: object) -> bool:
         and header.keys() == {"content", "arrays"}
         and isinstance(header["content"], dict)
         and isinstance(header["arrays"], list)
-        and all(_is_shape(shape) for shape in header["arrays"])
-    )
-
-
-def _is_shape(shape: object) -> bool:
-    return (
-        isinstance(shape, list)
-        and len(shape) == 3
-        and shape[0] in _TYPES.values()
-        and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
+        and all(
+            isinstance(shape, list)
+            and len(shape) == 3
+            and shape[0] in _TYPES.values()
+            and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
+            for shape in header["arrays"]
+        )
     )
 
 
