@@ -1,5 +1,5 @@
 from .cache import Cache as Cache
+from .meshes import load_body as load_body
+from .meshes import load_surface as load_surface
+from .meshes import load_volume as load_volume
 from .sound import Sound as Sound
-from .surfaces import load_body as load_body
-from .surfaces import load_surface as load_surface
-from .volumes import load_volume as load_volume

@@ -40,7 +40,25 @@ class CacheEntry:
 
 
 class Cache:
-    """A folder of sealed entries by key, at most `most_bytes` large: the least recently used go."""
+    """Entries of bytes by key; of more than fits, the least recently used go.
+
+    Parameters
+    ----------
+    folder : path
+        Where entries are; made when the first is kept.
+    most_bytes : int
+        What all entries together may take on the disk.
+
+    Attributes
+    ----------
+    damaged : int
+        Entries that were found damaged here, and removed.
+
+    Raises
+    ------
+    OptionError
+        When `most_bytes` is negative.
+    """
 
     def __init__(self, folder: str | os.PathLike[str], *, most_bytes: int = MOST_BYTES) -> None:
         if most_bytes < 0:
@@ -51,7 +69,10 @@ class Cache:
         self._said: set[str] = set()
 
     def get(self, key: str) -> bytes | None:
-        """Return the content kept under a SHA-256 in hexadecimal; None when none is, or damaged."""
+        """Return what was kept under `key`, a SHA-256 in hexadecimal; None when nothing was.
+
+        A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
+        """
         path = self._path(key)
         try:
             content = _content(path, self.most_bytes)

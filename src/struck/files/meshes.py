@@ -48,16 +48,13 @@ _NEAR = 0.01
 def load_mesh(
     path: str | os.PathLike[str],
     *,
-    units: str | None = None,  # of the file's numbers, one of UNITS; None: metres
-    size: float | None = None,  # longest edge of the bounding box, m; instead of units
-    part: str | None = None,  # name of an object, group, solid or node, or number of a body
-    up: str | None = None,  # axis that points up; None: the custom of the format
+    units: str | None = None,
+    size: float | None = None,
+    part: str | None = None,
+    up: str | None = None,
     repair: bool = True,  # make a closed body of any other surface
 ) -> Mesh:
-    """Load one closed body, in m and with normals outward, from a mesh file."""
-    # Vertices at the very same place become one (formats repeat them along seams, STL for each
-    # face), vertices without faces go, and polygons are cut into triangles. Faces without area are
-    # left out where the surface stays closed without them. Names of parts come before numbers.
+    """Load one closed body with normals outward from a mesh file; see `load_body`."""
     if repair:
         return load_body(path, units=units, size=size, part=part, up=up).mesh
     path = Path(path)
@@ -83,7 +80,22 @@ def load_surface(
     part: str | None = None,
     up: str | None = None,
 ) -> Mesh:
-    """Load a surface, closed or not: one part, or all bodies of the file together."""
+    """Load a surface as it stands in a mesh file, closed or not.
+
+    Vertices at the very same place become one (formats repeat them along seams, STL for each
+    face), vertices without faces go, and polygons are cut into triangles. Faces without area are
+    left out where the surface stays closed without them.
+
+    Parameters
+    ----------
+    path, units, size, part, up
+        As for `load_body`; without `part` it holds all bodies of the file.
+
+    Returns
+    -------
+    Mesh
+        The surface, in m.
+    """
     path = Path(path)
     _require_options(units, size, up)
     with _named(path):
@@ -101,7 +113,39 @@ def load_body(
     up: str | None = None,
     wall: float | None = None,
 ) -> Repair:
-    """Load one body from a mesh file and repair it; `wall` is the thickness of sheets, m."""
+    """Load one body from a mesh file, and repair it where its surface is not closed.
+
+    Parameters
+    ----------
+    path : path
+        A file of type OBJ, STL, PLY, OFF, GLB or glTF, also packed as gz, bz2, xz or zip.
+    units : str, optional
+        What the file's numbers are: "m", "cm", "mm", "in" or "ft". Left out, they are taken as
+        metres, as glTF defines them.
+    size : float, optional
+        Longest edge of the body's bounding box after scaling, m; instead of `units`.
+    part : str, optional
+        Which body of several: the name of an OBJ object or group, an STL solid or a glTF node, or
+        the number of a separate body, "0", "1", ... in file order. Names come before numbers.
+    up : str, optional
+        The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
+        GLB and glTF, z for STL, PLY and OFF.
+    wall : float, optional
+        Thickness that a single-sided sheet shall have, m.
+
+    Returns
+    -------
+    Repair
+        The closed surface with normals outward, or the sheet, in m, with what was found and
+        changed. Of several bodies it is the largest, unless `part` chooses.
+
+    Raises
+    ------
+    OptionError
+        On unknown units or axis, a size that is not positive, or both `units` and `size`.
+    MeshError
+        When the file cannot be read, or no body can be made of its content.
+    """
     surface = load_surface(path, units=units, size=size, part=part, up=up)
     with _named(Path(path)):
         result = repaired(surface, wall=wall)
@@ -112,7 +156,33 @@ def load_body(
 
 
 def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
-    """Load a mesh of tetrahedra, hexahedra or wedges of one kind that another program made."""
+    """Load a mesh of tetrahedra, hexahedra or wedges that another program made.
+
+    Linear and quadratic elements are taken as they are. Points, lines and surface elements are
+    passed over, and so are nodes that no volume element uses.
+
+    Parameters
+    ----------
+    path : path
+        A file of VTK (vtk, vtu), Gmsh (msh), or Abaqus and CalculiX (inp).
+    units : str, optional
+        What the file's numbers are: "m", "cm", "mm", "in" or "ft"; left out, metres.
+
+    Returns
+    -------
+    VolumeMesh
+        Elements of one kind, in m.
+
+    Raises
+    ------
+    OptionError
+        On unknown units.
+    MissingDependencyError
+        When meshio is not installed.
+    MeshError
+        When the file cannot be read, or holds no volume elements, several kinds of them, inverted
+        ones, or numbers that are not finite.
+    """
     path = Path(path)
     _require_options(units, None, None)
     with _named(path):
