@@ -31,8 +31,8 @@ from .ears.listeners import Mono as Mono
 from .ears.listeners import Stereo as Stereo
 from .ears.reverberation import Reverberation as Reverberation
 from .ears.room import Room as Room
-from .excitation.force_track import ForceTrack as ForceTrack
 from .excitation.excitation import Hold as Hold
+from .excitation.force_track import ForceTrack as ForceTrack
 from .excitation.pluck import Pluck as Pluck
 from .excitation.pluck import Release as Release
 from .excitation.roughness import Roughness as Roughness

@@ -1,9 +1,9 @@
 from .excitation import Excitation as Excitation
+from .excitation import Hold as Hold
 from .excitation import Push as Push
 from .force_track import ForceTrack as ForceTrack
 from .hertz import contact_time as contact_time
 from .hertz import strikers as strikers
-from .excitation import Hold as Hold
 from .pluck import Pluck as Pluck
 from .pluck import Release as Release
 from .pluck import impact_amplitudes as impact_amplitudes
