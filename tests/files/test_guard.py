@@ -436,7 +436,7 @@ def test_corrupted_frames_are_refused_or_well_formed(seed: int) -> None:
 
 
 def test_lines_alone_are_no_surface() -> None:
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2.0, 0, 0]])
     lines, triangle = np.array([[0, 1, 3], [1, 1, 2]]), np.array([[0, 1, 2]])
     with pytest.raises(MeshError, match="none of its 2 faces has an area"):
         Contents(kind="stl", parts=[Part(name="a", points=points, faces=lines)])
