@@ -215,7 +215,6 @@ def fit(
     """
     from struck.files.atomic import writable
     from struck.recordings.fit import files_read, fit_recordings
-    from struck.report.fit_page import save_report
 
     page = None if report is None else writable(report, unlike=files_read(recordings, manifest))
     fitting = fit_recordings(
@@ -237,6 +236,8 @@ def fit(
         progress=progress,
     )
     if page is not None:
+        from struck.report.fit_page import save_report
+
         save_report(fitting, page)
     return fitting.model
 
@@ -557,17 +558,22 @@ def audible(
 ) -> ModalModel:
     """Return a model of the modes that are heard anywhere, their gains solved for anew.
 
-    A mode is left out when nobody misses it at any contact and listener, in the sense of
-    `audible_modes`. What is left out sounds, together, though each mode of it does not; so each
-    mode that stays gets a factor, the same for all contacts, such that what passes the ear's
-    filters at all contacts comes nearest to what did, in relative least squares with a weak pull
-    toward 1. (The nearest waveform would leave the gains as they are: modes of different
-    frequencies are orthogonal.)
+    Modes are left out, those that add least first, as long as behind no filter of the ear all
+    those left out together exceed the threshold that the others leave, at any contact and any
+    listener: the threshold in quiet and a just noticeable share (1 dB) of the others' excitation.
+    Each mode that stays gets a factor, the same for all contacts, such that what passes the ear's
+    filters comes nearest to what did before, in relative least squares with a weak pull toward 1.
 
     Parameters
     ----------
-    model, contacts, listener, level
-        As for `audible_modes`.
+    model : ModalModel
+        With a surface.
+    contacts : sequence of places, optional
+        As for `ModalModel.contact`; 256 spread over the surface unless given.
+    listener : array-like (3,) or (L, 3), optional
+        m; beside the model unless given.
+    level : float, optional
+        Of the loudest contact, dB re 20 micropascal; 85 unless given.
 
     Returns
     -------
@@ -667,7 +673,7 @@ def sound_map(
     Returns
     -------
     SoundMap
-        Its `bound` holds at all contacts, not at samples: see `struck.perception.covering`. For
+        Its `bound` holds at all contacts, not at samples: see `docs/explanation/perception.md`. For
         modes given at vertices it follows from their being straight in between; for modes in
         closed form, what they bend between the corners and middles of edges is taken as twice the
         most that the middles show.

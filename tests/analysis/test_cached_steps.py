@@ -16,7 +16,9 @@ import pytest
 import trimesh
 
 import struck
-from struck.analysis.cached_steps import ELEMENTS, FILLING, MODES, SURFACE, Stages, fingerprint
+from struck.analysis.analysis import MODES
+from struck.analysis.cached_steps import Stages, fingerprint
+from struck.analysis.discretisation import ELEMENTS, FILLING, SURFACE
 from struck.errors import CacheWarning, FileFormatError, MeshError
 from struck.files import model_file
 from struck.files.cache import Cache

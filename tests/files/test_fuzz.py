@@ -18,9 +18,9 @@ import trimesh
 
 from struck.errors import MeshError
 from struck.files import guard as guards
-from struck.files.archives import Part
 from struck.files.guard import read_contents
 from struck.files.meshes import load_mesh
+from struck.files.messages import Part
 from struck.model.mesh import Mesh
 from struck.solids.surface.closedness import require_closed
 

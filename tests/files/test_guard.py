@@ -25,9 +25,9 @@ import trimesh
 
 from struck.errors import MeshError
 from struck.files import guard as guards
-from struck.files.archives import Part, ReadingLimits
 from struck.files.guard import Contents, Frame, Guard, read_contents, read_frame, write_frame
 from struck.files.meshes import load_mesh
+from struck.files.messages import Part, ReadingLimits
 
 MIB = 2**20
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

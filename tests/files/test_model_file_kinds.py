@@ -15,7 +15,7 @@ from struck.cli import declare
 from struck.cli.command import Result
 from struck.cli.info import described
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
-from struck.files import model_file
+from struck.files import model_file, sofa_fields
 from struck.files.sampled_field import SampledField, recorded_contacts, recorded_listeners
 from struck.files.sofa_fields import load_sofa_field, load_sofa_responses, save_sofa
 from struck.model.damping import InternalFriction
@@ -225,7 +225,7 @@ def test_unknown_papers_and_endless_notes_do_no_harm(tmp_path: Path) -> None:
     assert 10 < len(kept) < 100
     assert kept[-1] == f"... and {101 - len(kept)} notes more"
     with pytest.raises(OptionError, match="Title has 70,000 bytes"):
-        model_file.export(model, path, title="x" * 70_000)
+        sofa_fields.export(model, path, title="x" * 70_000)
 
 
 def test_gains_that_were_measured_tell_how_far_they_are_from_products(tmp_path: Path) -> None:
@@ -327,12 +327,12 @@ def test_the_shell_exports_responses(saved: Path, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 def test_responses_last_until_the_slowest_mode_has_fallen_by_60_db(tmp_path: Path) -> None:
     path, model = tmp_path / "ball.sofa", ball().damped(InternalFriction(loss_tangent=0.01))
-    model_file.export(
+    sofa_fields.export(
         model, path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", sample_rate=8000
     )
     seconds = load_sofa_responses(path).samples.shape[2] / 8000
     assert seconds == pytest.approx(np.log(1000) / model.decays.min(), abs=1e-3)
-    model_file.export(
+    sofa_fields.export(
         ball(),
         path,
         contacts=["top"],
@@ -371,7 +371,7 @@ def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 def test_a_file_of_another_kind_is_no_model(tmp_path: Path) -> None:
     path = tmp_path / "ball.sofa"
-    model_file.export(
+    sofa_fields.export(
         ball(), path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", seconds=0.01
     )
     with pytest.raises(FileFormatError, match="'GeneralFIR-E'"):

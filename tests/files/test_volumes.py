@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from struck.errors import MeshError, MissingDependencyError, OptionError
-from struck.files.archives import ReadingLimits
 from struck.files.guard import Guard
 from struck.files.mesh_formats import read_blocks
 from struck.files.meshes import load_volume
+from struck.files.messages import ReadingLimits
 
 KINDS = {
     "tetra": "tet4",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.analysis.cached_steps import COARSE_MODES, MODEL, MODES, Stage, Stages
+from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import OptionError, StruckError
@@ -40,6 +40,10 @@ from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
+COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
+MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
+
+
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
@@ -51,6 +55,21 @@ METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
+
+
+def _model_to_bytes(model: ModalModel) -> bytes:
+    from struck.files import model_file  # only where models are kept
+
+    return model_file.to_bytes(model)
+
+
+def _model_from_bytes(data: bytes) -> ModalModel:
+    from struck.files import model_file
+
+    return model_file.from_bytes(data)
+
+
+MODEL: Stage[ModalModel] = Stage(name="model", pack=_model_to_bytes, unpack=_model_from_bytes)
 
 
 def analyze(
@@ -73,61 +92,7 @@ def analyze(
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
 ) -> ModalModel:
-    """Compute the modal model of a body.
-
-    Parameters
-    ----------
-    body : path, Mesh, VolumeMesh or a body of struck.solids or struck.shapes
-        A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
-        of another program (VTK, VTU, MSH, INP).
-    material : Material or str
-    units : str, optional
-        Of a file's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
-    size : float, optional
-        Longest edge of the body's bounding box instead, m.
-    part : str, optional
-        Which of several bodies in a file.
-    up : str, optional
-        The axis that points up; by the file format's custom unless given.
-    wall : float, optional
-        Thickness of the wall of a hollow body, m; without it a surface is filled. An open sheet
-        becomes a shell of this thickness, half on either side.
-    repair : bool
-        Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
-        say so (RepairWarning, provenance); otherwise such a surface is refused.
-    fixed : box (2, 3) or callable, optional
-        Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
-    accuracy : str
-        "preview", "standard" or "fine": how many elements a body gets at least, and as many more
-        as bring most errors below 3, 0.5 and 0.1 %.
-    band : pair of float
-        All modes within it are computed, Hz.
-    damping : str
-        "own" or "heard": see `Material.named`. A Material keeps its own.
-    radiation : str
-        "power" (Pa), "obrien2002" or "heuristic1998" (relative).
-    method : str
-        For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
-        For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
-        tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
-    backend : str
-        Sparse factorisation: "auto", "rslab" or "superlu".
-    cache : bool or path
-        Where finished stages are kept and taken up again: True for the user's cache (or what the
-        environment variable STRUCK_CACHE names), False for none, or a folder.
-    progress : callable
-        Told the stage and the fraction of it that is done.
-
-    Returns
-    -------
-    ModalModel
-        Complete over the band, by Sturm count, with the error of each frequency.
-
-    Raises
-    ------
-    MeshError, MaterialError, OptionError, FileFormatError, SolverError
-        With the value, the bound and the way out.
-    """
+    """Compute the modal model of a body: `struck.analyze`."""
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
     file = FileOptions(units=units, size=size, part=part, up=up)

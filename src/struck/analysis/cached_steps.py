@@ -11,23 +11,15 @@ import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache as computed_once
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from struck.errors import StruckError
 from struck.files.cache import Cache
-from struck.files.container import from_bytes, to_bytes
-from struck.model.mesh import Mesh
-from struck.model.model import ModalModel
-from struck.model.modes import Modes
-from struck.model.provenance import Progress, Provenance, silent
-from struck.solids.filling.filling import Filling
-from struck.solids.surface.repair import Repair
-from struck.solids.volume_mesh import VolumeMesh
+from struck.model.provenance import Progress, silent
 
 T = TypeVar("T")
 
@@ -49,32 +41,18 @@ class Stage(Generic[T]):
 
 def holding(name: str, *kinds: type) -> Stage:
     """Return the stage `name` whose result is made of the dataclasses `kinds`."""
-    return Stage(
-        name=name, pack=partial(to_bytes, kinds=kinds), unpack=partial(from_bytes, kinds=kinds)
-    )
 
+    def pack(value: object) -> bytes:
+        from struck.files.container import to_bytes  # only where results are kept
 
-SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
-ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
-COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMesh)
-FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
-COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
-MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
+        return to_bytes(value, kinds)
 
+    def unpack(data: bytes) -> Any:  # noqa: ANN401 - made of the kinds
+        from struck.files.container import from_bytes
 
-def _model_to_bytes(model: ModalModel) -> bytes:
-    from struck.files import model_file  # only where models are kept
+        return from_bytes(data, kinds)
 
-    return model_file.to_bytes(model)
-
-
-def _model_from_bytes(data: bytes) -> ModalModel:
-    from struck.files import model_file
-
-    return model_file.from_bytes(data)
-
-
-MODEL: Stage[ModalModel] = Stage(name="model", pack=_model_to_bytes, unpack=_model_from_bytes)
+    return Stage(name=name, pack=pack, unpack=unpack)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from struck.analysis.cached_steps import COARSE, ELEMENTS, FILLING, SURFACE, Stages
+from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.errors import MeshError, OptionError, RepairWarning
 from struck.model.arrays import Array
 from struck.model.mesh import Mesh
@@ -28,6 +28,11 @@ from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.volume_mesh import VolumeMesh
+
+SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
+ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
+COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMesh)
+FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
 
 
 @runtime_checkable

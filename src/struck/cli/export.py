@@ -10,7 +10,8 @@ from struck.cli.command import Result
 from struck.cli.options import place
 from struck.errors import OptionError
 from struck.files.atomic import writable
-from struck.files.model_file import CONVENTIONS, export, left_out
+from struck.files.sofa import CONVENTIONS
+from struck.files.sofa_fields import export, left_out
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (

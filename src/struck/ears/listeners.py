@@ -6,15 +6,17 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.ears.heads import Filters, Head, SimpleHead, SphereHead, WoodworthHead
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
 from struck.model.arrays import Array, Single
+
+if TYPE_CHECKING:
+    from struck.ears.heads import Filters, Head
 
 _LARGEST_HEAD = 0.5  # m
 _TAPS = 8
@@ -327,6 +329,8 @@ def _on_sides(radius: float) -> Array:
 
 
 def _ball(name: str, radius: float) -> Head:
+    from struck.ears.heads import SimpleHead, SphereHead, WoodworthHead
+
     heads = {"exact": SphereHead, "woodworth": WoodworthHead, "simple1998": SimpleHead}
     if name not in heads:
         raise OptionError(f"head is {name!r}: give one of {', '.join(heads)}")

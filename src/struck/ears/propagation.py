@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.ears.delay_lines import READ, Paths
-from struck.ears.heads import Filters
 from struck.ears.listeners import Listener, Trajectory, axes
-from struck.ears.room import Room
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single
 from struck.model.material import AIR
+
+if TYPE_CHECKING:
+    from struck.ears.heads import Filters
+    from struck.ears.room import Room
 
 STRETCH = 512  # samples from one look at all places to the next; in between they go on smoothly
 LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from a listener

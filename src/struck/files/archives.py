@@ -17,14 +17,9 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-from numpy.typing import NDArray
-
 from struck.errors import MeshError
+from struck.files.messages import FORMATS, ReadingLimits
 
-# What a reading process exits with when its memory does not suffice: an answer would need some.
-OUT_OF_MEMORY = 77
-FORMATS = ("obj", "stl", "ply", "off", "glb", "gltf")
 PACKINGS = ("gz", "bz2", "xz", "zip")
 CHUNK = 2**14
 # Meshes as text pack ten to one; what packs better than this, and is no small file, is a trap.
@@ -38,33 +33,6 @@ _END = 22 + 2**16
 _LARGEST_DIRECTORY = 2**20
 _UNPACKING = 128 * 2**20
 _DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingLimits:
-    """Bounds on size, memory, time and counts within which a mesh file is read."""
-
-    size: int = 256 * 2**20  # bytes of a file with all that belongs to it, packed or not
-    # bytes of address space of the reading process; held on Linux, not Windows
-    memory: int = 2 * 2**30
-    seconds: float = 10.0  # wall time for one file, s
-    vertices: int = 15_000_000
-    faces: int = 5_000_000  # triangles
-    parts: int = 10_000
-
-    @property
-    def answer(self) -> int:
-        """Bytes that all vertices and faces take up together."""
-        return 24 * (self.vertices + self.faces)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Part:
-    """A named part of a file: raw vertices (V, 3) and triangles (F, 3)."""
-
-    name: str
-    points: NDArray[np.float64]
-    faces: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from struck.errors import CacheWarning, FileFormatError, OptionError
-from struck.files.atomic import sweep, write_bytes
 
 MOST_BYTES = 2 * 2**30
 VARIABLE = "STRUCK_CACHE"
@@ -90,6 +89,8 @@ class Cache:
 
     def put(self, key: str, content: bytes) -> None:
         """Keep `content` under a SHA-256 in hexadecimal, where that is possible."""
+        from struck.files.atomic import write_bytes  # only where something is kept
+
         path = self._path(key)
         size = len(_HEAD) + _SEAL + len(content)
         if size > self.most_bytes:
@@ -133,6 +134,8 @@ class Cache:
 
     def clear(self) -> int:
         """Remove every entry and what killed processes left; return how many entries went."""
+        from struck.files.atomic import sweep
+
         sweep(self.folder)
         return sum(_removed(entry.path) for entry in self.entries())
 

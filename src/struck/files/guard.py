@@ -22,9 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError, MissingDependencyError
-from struck.files.archives import FORMATS, OUT_OF_MEMORY, Part, ReadingLimits
-from struck.files.mesh_formats import ElementBlocks
-from struck.files.worker import Frame, read_frame, write_frame
+from struck.files.messages import (
+    FORMATS,
+    OUT_OF_MEMORY,
+    ElementBlocks,
+    Frame,
+    Part,
+    ReadingLimits,
+    read_frame,
+    write_frame,
+)
 
 Answer = TypeVar("Answer")
 

@@ -11,7 +11,6 @@ import json
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError, MissingDependencyError
-from struck.files.archives import Part, ReadingLimits, Source, open_regular, open_source
+from struck.files.archives import Source, open_regular, open_source
+from struck.files.messages import READERS, ElementBlocks, Part, ReadingLimits
 
 if TYPE_CHECKING:
     import meshio
     from trimesh import Scene
 
-READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
 _FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
 _GLTF = {"skip_materials": True, "merge_primitives": True}
 _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}, "off": {}, "glb": _GLTF, "gltf": _GLTF}
@@ -36,14 +35,6 @@ _MOST_LETTERS = 10**6
 # Required extensions that leave vertices and faces as the core specification has them.
 _HARMLESS = re.compile(r"KHR_(materials|texture|lights)_\w+|EXT_texture_\w+")
 _TRIANGLE_FAN = 6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ElementBlocks:
-    """Nodes and elements of a volume mesh file, not checked yet."""
-
-    nodes: NDArray[np.float64]  # (N, D), in the file's own unit
-    cells: list[tuple[str, NDArray[np.int64]]]  # meshio's kind, (E, K); K is 0 where it varies
 
 
 def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from struck.errors import FileFormatError, MeshError, OptionError
-from struck.files.archives import Part
 from struck.files.guard import read_contents, read_volume
-from struck.files.mesh_formats import READERS, ElementBlocks
+from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import bodies, submesh

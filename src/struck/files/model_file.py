@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, LossWarning, OptionError, StruckError
-from struck.files import sofa_fields
+from struck.errors import FileFormatError, OptionError, StruckError
 from struck.files.atomic import writable, write_bytes
 from struck.files.container import (
     Arrays,
@@ -37,7 +35,6 @@ from struck.files.container import (
     vector,
 )
 from struck.files.gains_file import kind_named, kind_of
-from struck.files.sofa_fields import Contacts, load_sofa_field, save_sofa, save_sofa_responses
 from struck.model.arrays import Array
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, ShapeGains
@@ -47,11 +44,12 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
 from struck.model.residual import Residual
 
+if TYPE_CHECKING:
+    from struck.files.sofa_fields import Contacts
+
 ENDINGS = (".struck", ".sofa")  # of model files
-CONVENTIONS = (sofa_fields.CONVENTION, sofa_fields.RESPONSES_CONVENTION)  # of SOFA files
 VERSION = 1
 _SOFA = ".sofa"
-_LONGEST = 10.0  # s, of impulse responses unless their length is given
 # What Python raises on JSON of another form than is read.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
@@ -172,6 +170,8 @@ def save_model(
     """Write a model to a ``.struck`` file, or its gains alone to a ``.sofa`` file."""
     _require_ending(path)
     if _is_sofa(path):
+        from struck.files.sofa_fields import export
+
         export(model, path, contacts=contacts, listeners=listeners)
         return
     if contacts is not None or listeners is not None:
@@ -185,71 +185,13 @@ def load_model(path: str | os.PathLike[str]) -> ModalModel:
     """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
     if not _is_sofa(path):
         return load(path)
+    from struck.files.sofa_fields import load_sofa_field
+
     field = load_sofa_field(path)
     try:
         return field.model()
     except OptionError as error:
         raise FileFormatError(f"{path}: no model can be made of it: {error}") from error
-
-
-def export(
-    model: ModalModel,
-    path: str | os.PathLike[str],
-    *,
-    contacts: Contacts | None = None,  # coordinates (P, D), points, m, or names; None: recorded
-    listeners: ArrayLike | None = None,  # (Q, 3), body coordinates, m; None: recorded
-    convention: str = sofa_fields.CONVENTION,
-    seconds: float | None = None,  # of impulse responses; None: until a fall of 60 dB, at most 10
-    sample_rate: int = 48_000,  # of impulse responses, Hz
-    title: str = "",
-    author: str = "",
-    licence: str = "",
-) -> int:
-    """Write the gains of a model as a SOFA file; return how many modes its responses lack."""
-    if not _is_sofa(path):
-        raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
-    if convention not in CONVENTIONS:
-        raise OptionError(f"convention is {convention!r}: give one of {', '.join(CONVENTIONS)}")
-    told = {"title": title, "author": author, "licence": licence}
-    if convention == sofa_fields.CONVENTION:
-        if seconds is not None:
-            raise OptionError(
-                f"seconds is {seconds}: {convention} holds modes, not samples; leave it out, or "
-                f"choose {sofa_fields.RESPONSES_CONVENTION}"
-            )
-        save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
-        beyond = 0
-    else:
-        if seconds is None:
-            fall, slowest = float(np.log(1000)), float(np.min(model.decays, initial=np.inf))
-            seconds = fall / slowest if slowest * _LONGEST > fall else _LONGEST
-        beyond = save_sofa_responses(
-            model,
-            path,
-            seconds=seconds,
-            sample_rate=sample_rate,
-            contacts=contacts,
-            listeners=listeners,
-            **told,
-        )
-    lost = left_out(model)
-    if lost:
-        warnings.warn(
-            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
-            LossWarning,
-            stacklevel=2,
-        )
-    return beyond
-
-
-def left_out(model: ModalModel) -> tuple[str, ...]:
-    """Return the parts of a model that SOFA files cannot hold."""
-    parts = {
-        "its residual (attack and noise)": model.residual,
-        "its shape": model.geometry,
-        "its material": model.material,
-    }
-    return tuple(name for name, part in parts.items() if part is not None)
 
 
 def _require_ending(path: str | os.PathLike[str]) -> None:

@@ -23,6 +23,7 @@ from struck.model.arrays import Array
 if TYPE_CHECKING:
     import h5py
 
+CONVENTIONS = ("GeneralTF-E", "GeneralFIR-E")  # gains of modes; impulse responses
 MOST_VALUES = 2**27  # numbers in a variable
 LONGEST = 60_000  # bytes in an attribute: HDF5 holds 64 KiB with its head
 # What netCDF-4 calls a dimension that is no variable.

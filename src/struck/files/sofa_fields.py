@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, LossWarning, OptionError
 from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.files.sofa import (
+    CONVENTIONS,
     LONGEST,
     MOST_VALUES,
     Container,
@@ -28,10 +31,10 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Provenance, bibliography
 from struck.model.survey import SYMMETRIES
 
+_LONGEST = 10.0  # s, of impulse responses unless their length is given
+
 Contacts = ArrayLike | Sequence[Place]
 
-CONVENTION = "GeneralTF-E"
-RESPONSES_CONVENTION = "GeneralFIR-E"
 _PASCAL, _RELATIVE = "Pa/(N s)", "relative"
 _AXES = ("ContactU", "ContactV")
 _UNKNOWN = "unknown"
@@ -87,13 +90,13 @@ def save_sofa(
         **_origin_variables(field.origin, len(field.frequencies)),
     }
     names = (title or field.title, author, licence)
-    _write(path, (CONVENTION, "1.0", "TF-E"), field, variables, _FIELD_COMMENT, *names)
+    _write(path, (CONVENTIONS[0], "1.0", "TF-E"), field, variables, _FIELD_COMMENT, *names)
 
 
 def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
     """Read the gains of a SOFA file of convention GeneralTF-E with a variable ModeDecay."""
     with opened(path) as file:
-        file.require_convention(CONVENTION)
+        file.require_convention(CONVENTIONS[0])
         frequencies, decays = _modes(file)
         listeners, (contacts, coordinates) = _listeners_of(file), _contacts_of(file)
         shape = (len(listeners), 1, len(frequencies), len(contacts))
@@ -187,14 +190,14 @@ def save_sofa_responses(
         "Data.Delay": Variable(_travels(field) * sample_rate, "MRE"),
     }
     names = (title or field.title, author, licence)
-    _write(path, (RESPONSES_CONVENTION, "2.0", "FIR-E"), field, variables, comment, *names)
+    _write(path, (CONVENTIONS[1], "2.0", "FIR-E"), field, variables, comment, *names)
     return lost
 
 
 def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
     """Read the responses of a SOFA file of convention GeneralFIR-E."""
     with opened(path) as file:
-        file.require_convention(RESPONSES_CONVENTION)
+        file.require_convention(CONVENTIONS[1])
         listeners, (contacts, _) = _listeners_of(file), _contacts_of(file)
         heard, struck = len(listeners), len(contacts)
         shape = file.shape("Data.IR")
@@ -438,3 +441,63 @@ def _lines(sentences: Iterable[str]) -> str:
     kept = int(np.count_nonzero(lengths < LONGEST - _SPARE))
     more = [f"... and {len(lines) - kept} notes more"] if kept < len(lines) else []
     return "\n".join([*lines[:kept], *more])
+
+
+def export(
+    model: ModalModel,
+    path: str | os.PathLike[str],
+    *,
+    contacts: Contacts | None = None,  # coordinates (P, D), points, m, or names; None: recorded
+    listeners: ArrayLike | None = None,  # (Q, 3), body coordinates, m; None: recorded
+    convention: str = CONVENTIONS[0],
+    seconds: float | None = None,  # of impulse responses; None: until a fall of 60 dB, at most 10
+    sample_rate: int = 48_000,  # of impulse responses, Hz
+    title: str = "",
+    author: str = "",
+    licence: str = "",
+) -> int:
+    """Write the gains of a model as a SOFA file; return how many modes its responses lack."""
+    if Path(path).suffix.lower() != ".sofa":
+        raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
+    if convention not in CONVENTIONS:
+        raise OptionError(f"convention is {convention!r}: give one of {', '.join(CONVENTIONS)}")
+    told = {"title": title, "author": author, "licence": licence}
+    if convention == CONVENTIONS[0]:
+        if seconds is not None:
+            raise OptionError(
+                f"seconds is {seconds}: {convention} holds modes, not samples; leave it out, or "
+                f"choose {CONVENTIONS[1]}"
+            )
+        save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
+        beyond = 0
+    else:
+        if seconds is None:
+            fall, slowest = float(np.log(1000)), float(np.min(model.decays, initial=np.inf))
+            seconds = fall / slowest if slowest * _LONGEST > fall else _LONGEST
+        beyond = save_sofa_responses(
+            model,
+            path,
+            seconds=seconds,
+            sample_rate=sample_rate,
+            contacts=contacts,
+            listeners=listeners,
+            **told,
+        )
+    lost = left_out(model)
+    if lost:
+        warnings.warn(
+            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
+            LossWarning,
+            stacklevel=2,
+        )
+    return beyond
+
+
+def left_out(model: ModalModel) -> tuple[str, ...]:
+    """Return the parts of a model that SOFA files cannot hold."""
+    parts = {
+        "its residual (attack and noise)": model.residual,
+        "its shape": model.geometry,
+        "its material": model.material,
+    }
+    return tuple(name for name, part in parts.items() if part is not None)

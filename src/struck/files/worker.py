@@ -1,8 +1,6 @@
 """The process that reads foreign files, so that nothing they do can harm the program.
 
-Started by `guard`; asked on standard input, answers on standard output, ends with either. Messages
-are a header in JSON, then raw little-endian arrays. Nothing in a message can run: the receiver
-checks its lengths, types and shapes before it takes it.
+Started by `guard`; asked on standard input, answers on standard output, ends with either.
 """
 
 from __future__ import annotations
@@ -10,25 +8,18 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import json
-import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from struck.errors import MeshError, MissingDependencyError
-from struck.files.archives import OUT_OF_MEMORY, ReadingLimits
+from struck.files.messages import OUT_OF_MEMORY, ReadingLimits, read_frame, write_frame
 from struck.model.arrays import AnyArray
 
 _GRACE = 2.0  # s, after which a question ends the process if nobody else does
-_LONGEST_HEADER = 16 * 2**20
-_TYPES = {"f": "<f8", "i": "<i8"}
 
 Answer = tuple[dict[str, Any], list[AnyArray]]
 
@@ -95,81 +86,3 @@ _TASKS: dict[str, Callable[[Path, ReadingLimits], Answer]] = {
     "surface": _surface,
     "volume": _volume,
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frame:
-    """One message: `content` is plain JSON, `arrays` are two-dimensional."""
-
-    content: dict[str, Any]
-    arrays: list[AnyArray] = field(default_factory=list)
-
-
-def write_frame(
-    stream: IO[bytes], content: dict[str, Any], arrays: Sequence[AnyArray] = ()
-) -> None:
-    """Send JSON content and arrays (N, D) of real or integer numbers as one message."""
-    shapes = [[_TYPES[array.dtype.kind], *array.shape] for array in arrays]
-    header = json.dumps({"content": content, "arrays": shapes}).encode()
-    if len(header) > _LONGEST_HEADER:
-        raise ValueError(f"the header has {len(header)} bytes, and {_LONGEST_HEADER} are taken")
-    _send(stream, len(header).to_bytes(8, "little") + header)
-    for array in arrays:
-        plain = np.ascontiguousarray(array, dtype=_TYPES[array.dtype.kind])
-        _send(stream, plain.reshape(-1).view(np.uint8).data)
-    stream.flush()
-
-
-def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
-    """Receive one message with at most `largest` bytes of arrays; ValueError if malformed."""
-    length = int.from_bytes(_received(stream, 8), "little")
-    if length > _LONGEST_HEADER:
-        raise ValueError(f"the header has {length} bytes, and {_LONGEST_HEADER} are taken")
-    try:
-        header = json.loads(_received(stream, length).tobytes())
-    except RecursionError as error:
-        raise ValueError("the header is nested too deep") from error
-    if not _is_header(header):
-        raise ValueError("the header is no header")
-    content, shapes = header["content"], header["arrays"]
-    if sum(8 * math.prod(shape[1:]) for shape in shapes) > largest:
-        raise ValueError(f"the arrays take up more than {largest} bytes")
-    arrays = [
-        _received(stream, 8 * rows * columns).view(kind).reshape(rows, columns)
-        for kind, rows, columns in shapes
-    ]
-    return Frame(content=content, arrays=arrays)
-
-
-def _is_header(header: object) -> bool:
-    return (
-        isinstance(header, dict)
-        and header.keys() == {"content", "arrays"}
-        and isinstance(header["content"], dict)
-        and isinstance(header["arrays"], list)
-        and all(
-            isinstance(shape, list)
-            and len(shape) == 3
-            and shape[0] in _TYPES.values()
-            and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
-            for shape in header["arrays"]
-        )
-    )
-
-
-def _send(stream: IO[bytes], data: bytes | memoryview) -> None:
-    rest = memoryview(data)
-    while rest:
-        rest = rest[stream.write(rest) or 0 :]
-
-
-def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
-    data = np.empty(count, dtype=np.uint8)
-    rest = data.data
-    while rest:
-        # The type of binary streams does not tell of readinto, though all of them have it.
-        taken = stream.readinto(rest)  # type: ignore[attr-defined]
-        if not taken:
-            raise EOFError("the sender has gone")
-        rest = rest[taken:]
-    return data

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.ears.hearing import Hearing
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
-from struck.ears.room import Room
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold, Pushing
 from struck.excitation.pulses import LEAD, sampled
@@ -31,6 +29,10 @@ from struck.model.model import ModalModel
 from struck.model.residual import Residual
 from struck.scene.body import Action, Body, centre_of, place_beside
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
+
+if TYPE_CHECKING:
+    from struck.ears.hearing import Hearing
+    from struck.ears.room import Room
 
 LONGEST_SOUND = 3600.0  # the largest `seconds`
 LONGEST_UNSAID = 60.0  # how long a sound of unsaid length waits for what pushes to end, s
@@ -382,6 +384,8 @@ def _mixed(
     sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
     """Return what a listener hears of bodies (ears, n)."""
+    from struck.ears.hearing import Hearing
+
     emitters = [body.emitter for body in bodies]
     pose = Pose.of(listener, emitters)
     sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]

@@ -1,0 +1,238 @@
+"""Gains of recordings in model files: timbre fields, tables and single places."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import FileFormatError
+from struck.files.container import (
+    FARTHEST,
+    Arrays,
+    Kind,
+    Tensor,
+    Tensors,
+    Text,
+    flag,
+    from_pairs,
+    near,
+    number,
+    numbers,
+    one_of,
+    texts,
+    vector,
+)
+from struck.model.arrays import Array, Index
+from struck.model.mesh import Mesh
+from struck.model.timbre_field import LENGTHS, ContactPart, Inside, ListenerPart, TimbreField
+from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, TimbreTable
+from struck.model.waves import ORDER, SphericalWaves
+
+# Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
+_LEAST, _MOST = 1 / FARTHEST, FARTHEST
+
+
+# Timbre fields
+
+
+def _keep_field(field: TimbreField) -> tuple[dict[str, Any], Arrays]:
+    contact, listener = field.contact_part, field.listener_part
+    text = {
+        "centre": _list(field.centre),
+        "radius": float(field.radius),
+        "lowest": _list(contact.lowest),
+        "spans": _list(contact.spans),
+        "lengths": list(LENGTHS),
+        "limit": float(listener.waves.limit),
+        "reach": float(listener.inside.reach),
+        "mirrored": bool(listener.mirrored),
+        "turned": bool(listener.turned),
+        "notes": list(field.notes),
+        "calibrated": bool(field.is_calibrated),
+    }
+    return text, {}
+
+
+def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
+    modes = len(tensors["field_levelled"])
+    return TimbreField(
+        contact_part=_contact_part(text, tensors),
+        listener_part=_listener_part(text, tensors),
+        centre=near(vector(text["centre"]), "centre"),
+        radius=number(text["radius"], "radius", 0.0, _MOST),
+        rank_errors=tensors["field_rank_errors"],
+        unmeasured=_below(tensors["field_unmeasured"], modes, "field_unmeasured", "modes"),
+        notes=texts(text["notes"], "notes"),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
+    lengths, contacts = numbers(text["lengths"], (len(LENGTHS),)), tensors["field_contacts"]
+    if not np.array_equal(lengths, LENGTHS):
+        raise FileFormatError(
+            f"its drives are likenesses over {lengths.tolist()}, not {list(LENGTHS)}: update "
+            "struck, or fit the recordings again"
+        )
+    wanted = (1,) if text["turned"] is True else (1, 2)
+    if contacts.shape[1] not in wanted or not len(contacts):
+        raise FileFormatError(
+            f"its tensor 'field_contacts' is {contacts.shape}: give contacts with "
+            f"{' or '.join(map(str, wanted))} coordinates"
+        )
+    spans = numbers(text["spans"], (contacts.shape[1],))
+    if spans.min() < 0:
+        raise FileFormatError(f"its spans are {spans.tolist()}: none may lie below 0")
+    return ContactPart(
+        lowest=numbers(text["lowest"], spans.shape),
+        spans=spans,
+        contacts=contacts,
+        factors=tensors["field_factors"],
+    )
+
+
+def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
+    levelled = _below(tensors["field_levelled"], 2, "field_levelled", "answers")
+    return ListenerPart(
+        waves=SphericalWaves(
+            parts=from_pairs(tensors["field_parts"]),
+            limit=number(text["limit"], "limit", _LEAST, _MOST),
+            levelled=levelled.astype(np.bool_),
+        ),
+        inside=Inside(
+            places=near(tensors["field_inside"], "tensor 'field_inside'"),
+            corrections=from_pairs(tensors["field_corrections"]),
+            reach=number(text["reach"], "reach", _LEAST, _MOST),
+        ),
+        mirrored=flag(text["mirrored"], "mirrored"),
+        turned=flag(text["turned"], "turned"),
+    )
+
+
+# Tables and single places
+
+
+def _keep_table(table: TimbreTable) -> tuple[dict[str, Any], Arrays]:
+    def axes(grid: Grid) -> list[dict[str, Any]]:
+        return [{"nodes": _list(axis.nodes), "period": float(axis.period)} for axis in grid.axes]
+
+    text = {
+        "centre": _list(table.centre),
+        "size": float(table.size),
+        "system": table.system,
+        "mirrored": bool(table.mirrored),
+        "contacts": axes(table.contacts),
+        "listeners": axes(table.listeners),
+        "calibrated": bool(table.is_calibrated),
+    }
+    return text, {}
+
+
+def _make_table(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreTable:
+    gains = from_pairs(tensors["field_gains"])
+    return TimbreTable(
+        contacts=_grid(text, tensors, "contact", gains.shape[0], (1, 2)),
+        listeners=_grid(text, tensors, "listener", gains.shape[1], (3,)),
+        gains=gains,
+        system=one_of(text["system"], "system", SYSTEMS),
+        mirrored=flag(text["mirrored"], "mirrored"),
+        centre=near(vector(text["centre"]), "centre"),
+        size=number(text["size"], "size", _LEAST, _MOST),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _grid(text: Text, tensors: Tensors, side: str, count: int, wanted: tuple[int, ...]) -> Grid:
+    name = f"field_{side}_sources"
+    axes, sources = tuple(_axis(each) for each in text[f"{side}s"]), tensors[name]
+    nodes = math.prod(len(axis.nodes) for axis in axes)
+    if len(axes) not in wanted or len(sources) != nodes:
+        raise FileFormatError(
+            f"its {side}s have {len(axes)} axes with {nodes} combinations of nodes, and {name!r} "
+            f"has {len(sources)}: give {' or '.join(map(str, wanted))} axes and a source for each "
+            "combination"
+        )
+    return Grid(axes=axes, sources=_below(sources, count, name, f"{side}s"), count=count)
+
+
+def _axis(text: Mapping[str, Any]) -> GridAxis:
+    nodes = numbers(text["nodes"], (len(text["nodes"]),))
+    period = number(text["period"], "period", 0.0, _MOST)
+    room = period or math.inf
+    if not len(nodes) or np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
+        raise FileFormatError(
+            f"the nodes {nodes.tolist()} of an axis do not ascend within its period of {period:g}: "
+            "give at least one, and each once"
+        )
+    return GridAxis(nodes=nodes, period=period)
+
+
+def _make_point(text: Text, tensors: Tensors, _: Mesh | None) -> SinglePoint:
+    return SinglePoint(
+        outputs=from_pairs(tensors["field_outputs"]),
+        centre=near(vector(text["centre"]), "centre"),
+        is_calibrated=flag(text["calibrated"], "calibrated"),
+    )
+
+
+def _list(array: Array) -> list[Any]:
+    return np.asarray(array, dtype=np.float64).tolist()
+
+
+def _below(array: NDArray[np.uint32], count: int, name: str, things: str) -> Index:
+    """Return whole numbers as indices below `count`; FileFormatError on larger ones."""
+    if array.size and array.max() >= count:
+        raise FileFormatError(f"its tensor {name!r} goes up to {array.max()}: of {count} {things}")
+    return array.astype(np.int64)
+
+
+# By class. Lengths by letter: M modes, P contacts, Q listeners, D coordinates, I listeners inside
+# the body, N modes that were not measured, A and B combinations of nodes.
+FIELDS: dict[str, Kind] = {
+    "TimbreField": Kind(
+        made=TimbreField,
+        layout={
+            "field_contacts": Tensor("float64", ("P", "D"), "contact_part.contacts"),
+            "field_factors": Tensor("float64", (len(LENGTHS), "P", "M"), "contact_part.factors"),
+            "field_parts": Tensor(
+                "float64", (ORDER + 1, (ORDER + 1) ** 2, "M", 2), "listener_part.waves.parts"
+            ),
+            "field_levelled": Tensor("uint32", ("M",), "listener_part.waves.levelled"),
+            "field_inside": Tensor("float64", ("I", 3), "listener_part.inside.places"),
+            "field_corrections": Tensor(
+                "float64", ("I", "M", 2), "listener_part.inside.corrections"
+            ),
+            "field_rank_errors": Tensor("float64", ("M",), "rank_errors", gaps=True),
+            "field_unmeasured": Tensor("uint32", ("N",), "unmeasured"),
+        },
+        keep=_keep_field,
+        make=_make_field,
+        coordinates=lambda field: (
+            2 if field.listener_part.turned else len(field.contact_part.spans)
+        ),
+    ),
+    "TimbreTable": Kind(
+        made=TimbreTable,
+        layout={
+            "field_gains": Tensor("float64", ("P", "Q", "M", 2), "gains"),
+            "field_contact_sources": Tensor("uint32", ("A",), "contacts.sources"),
+            "field_listener_sources": Tensor("uint32", ("B",), "listeners.sources"),
+        },
+        keep=_keep_table,
+        make=_make_table,
+        coordinates=lambda table: len(table.contacts.axes),
+    ),
+    "SinglePoint": Kind(
+        made=SinglePoint,
+        layout={"field_outputs": Tensor("float64", ("M", 2), "outputs")},
+        keep=lambda point: (
+            {"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)},
+            {},
+        ),
+        make=_make_point,
+    ),
+}
