@@ -25,9 +25,9 @@ import trimesh
 
 from struck.errors import MeshError
 from struck.files import guard as guards
-from struck.files.guard import Contents, Frame, Guard, read_contents, read_frame, write_frame
+from struck.files.guard import Contents, Guard, read_contents
 from struck.files.meshes import load_mesh
-from struck.files.messages import Part, ReadingLimits
+from struck.files.messages import Frame, Part, ReadingLimits, read_frame, write_frame
 
 MIB = 2**20
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
@@ -267,7 +267,7 @@ def test_messages_cannot_steer_a_terminal(tmp_path: Path, guard: Guard) -> None:
 SPEAK = f"""{guards._ALMOST_EMPTY_PACKAGE}
 import time, os, signal
 import numpy as np
-from struck.files.guard import read_frame, write_frame
+from struck.files.messages import read_frame, write_frame
 questions, answers = sys.stdin.buffer, sys.stdout.buffer
 write_frame(answers, {{"ready": True}})
 read_frame(questions, largest=0)

@@ -22,7 +22,6 @@ from struck.cli import main
 from struck.errors import ContactError, FileFormatError
 from struck.files import model_file
 from struck.files.container import pack, unpack
-from struck.files.gains_file import KINDS
 from struck.model.gains import Gains, ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -280,7 +279,7 @@ GAINS_SCHEMAS = [
 
 
 def test_the_schema_knows_every_kind() -> None:
-    assert {each["properties"]["kind"]["const"] for each in GAINS_SCHEMAS} == set(KINDS)
+    assert {each["properties"]["kind"]["const"] for each in GAINS_SCHEMAS} == set(model_file.GAINS)
     assert resources.files("struck.files").joinpath("model.schema.json").is_file()
 
 

@@ -25,16 +25,7 @@ from struck.model.arrays import Array, Index
 from struck.synth import blocks
 from struck.synth.blocks import refresh, settle, stand, wake
 from struck.synth.compiler import Compiler
-from struck.synth.memory import (
-    BodyColumn,
-    Drive,
-    Memory,
-    Mode,
-    Output,
-    Typed,
-    Voice,
-    intrinsic,
-)
+from struck.synth.memory import BodyColumn, Drive, Memory, Mode, Output, Typed, Voice, intrinsic
 
 # Atomic integers. A plain store may be reordered by compiler and processor alike. A release store
 # may not sink below nor an acquire load rise above what surrounds them: who sees the stored value

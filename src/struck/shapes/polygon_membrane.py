@@ -21,11 +21,7 @@ from struck.shapes.particular_solutions import Basis, Found, PolygonForms, Trial
 from struck.shapes.polygon import Polygon, Triangulation, around, edge_for, plan_of
 from struck.shapes.shape import Shape, Vibration, require_tension
 from struck.shapes.skins import Sheet
-from struck.solids.polygon_mesh import (
-    Pairs,
-    as_points,
-    check_loops,
-)
+from struck.solids.polygon_mesh import Pairs, as_points, check_loops
 from struck.solids.resolution import require_length
 
 

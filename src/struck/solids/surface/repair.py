@@ -17,14 +17,7 @@ from scipy import ndimage
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
-from struck.model.mesh_topology import (
-    boxes_of,
-    edges_of,
-    pieces,
-    submesh,
-    turned_faces,
-    volumes_of,
-)
+from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
 from struck.solids.filling.stuffing import Cells, Lattice, warped
 from struck.solids.surface.closedness import (
     INSIDE,
