@@ -166,9 +166,9 @@ _FULL_SCALE = 0.98
 _QUIET = -50.0  # peak, dB of full scale
 _AUDIBLE = 20.0  # end over lead-in, dB
 _CHANGED = 6.0  # dB
-_CHECKS_BLOCK = 0.05  # s
+_LEVEL_BLOCK = 0.05  # s
 _FALLEN = 40.0  # dB
-_CHECKS_STEP = 2.0**-23  # 24 bits: what is softer than its rounding is no sound of a room
+_QUANTUM = 2.0**-23  # 24 bits: what is softer than its rounding is no sound of a room
 
 
 def clipped(take: Take) -> Mask:
@@ -249,7 +249,7 @@ def _clipping(take: Take) -> Iterator[str]:
 
 
 def _levels(take: Take) -> Array:
-    size = max(1, round(_CHECKS_BLOCK * take.sample_rate))
+    size = max(1, round(_LEVEL_BLOCK * take.sample_rate))
     count = take.samples.shape[1] // size
     blocks = take.samples[:, : count * size].reshape(take.channels, count, size)
     return 10 * np.log10((blocks**2).mean(axis=(0, 2)) + 1e-30)
@@ -261,4 +261,4 @@ def _level(samples: Array) -> float:
 
 def _softest(take: Take) -> float:
     """Return the level of rounding errors of 24 bits under the peak, dB."""
-    return float(20 * np.log10(np.abs(take.samples).max() * _CHECKS_STEP / np.sqrt(12)))
+    return float(20 * np.log10(np.abs(take.samples).max() * _QUANTUM / np.sqrt(12)))

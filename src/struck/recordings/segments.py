@@ -17,7 +17,7 @@ from struck.recordings.noise import Noise
 from struck.recordings.onsets import Hit, clipped, lead_in
 from struck.recordings.takes import Take
 
-_SEGMENT_SHORTEST = 1024  # samples of the shortest spectrum
+_FEWEST_SAMPLES = 1024  # samples of the shortest spectrum
 _ALIVE = 10.0  # decay times after which a mode is over: 87 dB down
 
 
@@ -44,7 +44,7 @@ class Segment:
     ) -> Segment:
         """Transform samples (C, n)."""
         length = samples.shape[1]
-        halvings = max(0, int(np.log2(max(length / _SEGMENT_SHORTEST, 1))))
+        halvings = max(0, int(np.log2(max(length / _FEWEST_SAMPLES, 1))))
         # No large prime factors: transforms take an eighth of the time.
         whole = fft.prev_fast_len(length >> halvings) << halvings
         return cls(

@@ -135,7 +135,7 @@ def _curve(natural: Array, decays: Array) -> Measured:
     return Measured(frequencies=tuple(places.tolist()), rates=tuple(means.tolist()))
 
 
-_ELASTIC_FIT_ROUNDS = 20
+_FIT_ROUNDS = 20
 _LEAST = 1e-9  # what rounding leaves of ln f
 _FARTHEST, _FEWEST = 4.0, 3
 
@@ -177,7 +177,7 @@ def elastic_fit(
     if regular.sum() < _FEWEST:
         regular[:] = True
     task = every.of(regular)
-    for _ in range(_ELASTIC_FIT_ROUNDS):
+    for _ in range(_FIT_ROUNDS):
         place = task.nearer(place, scatter)
         scatter = task.scatter(place, scatter)
     covariance, freedom = task.told(place, scatter)

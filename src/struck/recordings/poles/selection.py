@@ -155,7 +155,7 @@ def _apart(bad: Mask, energy: Array, touching: Mask) -> Mask:
 _SUSPECT, _PROVEN = 1e-3, 1e-5  # chance that noise makes a pair, before and after a trial
 _STEPS = 12
 _COMPANY = 6  # modes that are fitted anew in a trial
-_SPLIT_CLOSE, _CLOSE = 0.05, 0.02  # squared correlations of company, to split and to weed
+_CLOSE_TO_SPLIT, _CLOSE = 0.05, 0.02  # squared correlations of company, to split and to weed
 
 
 def split(
@@ -171,7 +171,7 @@ def _split_up(
     segments: Sequence[Segment], ringing: Exponentials, mode: int, half: complex
 ) -> Exponentials:
     """Split one mode, its neighbours giving way, if that explains more than noise would."""
-    group = _company(segments, ringing, mode, _SPLIT_CLOSE)
+    group = _company(segments, ringing, mode, _CLOSE_TO_SPLIT)
     blocks = blocks_around(segments, ringing.poles, [group])
     before = settled(blocks, ringing, ringing.poles[group], 0)
     start = np.append(ringing.poles[group], ringing.poles[mode] - half)
