@@ -194,6 +194,7 @@ def test_a_soak_of_two_seconds(jack: Server, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.prove
+@pytest.mark.timed
 def test_a_soak_of_a_minute(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
     with stalls() as late_wakes:
         underflows, stopped, late, strikes = soak(jack, 60)

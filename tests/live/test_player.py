@@ -164,6 +164,7 @@ for number in range(count):
 
 
 @pytest.mark.parametrize("count", [80, pytest.param(200, marks=pytest.mark.prove)])
+@pytest.mark.timed
 def test_a_touch_of_another_process_sounds_as_its_log(by_hand: Make, count: int) -> None:
     model = ball()
     player = by_hand(model, volume=-30, listener=(2, 0, 0))

@@ -266,6 +266,7 @@ def test_mode_that_does_not_move_along_the_normals_is_silent() -> None:
         pytest.param(370, 14_500, 200, 15, marks=pytest.mark.prove),
     ],
 )
+@pytest.mark.timed
 def test_many_modes_of_a_fine_mesh_take_little_time(
     cells: int, least: int, modes: int, most: float
 ) -> None:

@@ -91,6 +91,7 @@ def slowness(pushes: int, outputs: int, *, turned: bool, ramped: bool) -> float:
 @pytest.mark.parametrize("pushes", PUSHES)
 @pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
 @pytest.mark.parametrize("ramped", [False, True], ids=["still", "ramped"])
+@pytest.mark.timed
 def test_a_kernel_multiplies_no_slower_than_numpy(
     outputs: int, pushes: int, *, turned: bool, ramped: bool
 ) -> None:
@@ -104,6 +105,7 @@ def test_kernels_are_vectors(*, ramped: bool) -> None:
 
 @pytest.mark.prove
 @pytest.mark.parametrize("turned", [False, True], ids=["real", "complex"])
+@pytest.mark.timed
 def test_a_kernel_of_unit_gain_is_no_slower_than_one_that_multiplies(*, turned: bool) -> None:
     unit, multiplied = times(
         playing(1, 1, turned=turned, ramped=False, unit=True),
@@ -114,6 +116,7 @@ def test_a_kernel_of_unit_gain_is_no_slower_than_one_that_multiplies(*, turned: 
 
 @pytest.mark.prove
 @pytest.mark.parametrize("points", [1, 2])
+@pytest.mark.timed
 def test_resonators_take_little_more_than_their_kernel(points: int) -> None:
     random = np.random.default_rng(4)
     resonators = Resonators([bank(random, MODES)], points=points, engine="stepped", voices=1)
@@ -126,6 +129,7 @@ def test_resonators_take_little_more_than_their_kernel(points: int) -> None:
 
 
 @pytest.mark.prove
+@pytest.mark.timed
 def test_the_block_transform_is_faster_where_it_is_chosen() -> None:
     random = np.random.default_rng(5)
     modes, block = bank(random, 4 * MODES), 512
