@@ -118,7 +118,7 @@ def test_two_hits_and_two_microphones_share_modes() -> None:
     chance = default_rng(10)
     frequencies, decays, gains = spaced(chance, 8)
     factors = 10 ** (chance.uniform(-6, 6, (4, 8)) / 20) * chance.choice([-1, 1], (4, 8))
-    scene = recorded(frequencies, decays, factors * gains, 60.0, chance, seconds=1.5)
+    scene = recorded(frequencies, decays, factors * gains, 60.0, chance, seconds=1.0)
     take, before = scene.samples[:, LEAD:], scene.samples[:, :LEAD]
     result = fit_corbett2007([take[:2], take[2:]], RATE, lead_ins=[before[:2], before[2:]])
     assert result.gains.shape == (4, 8)

@@ -315,6 +315,7 @@ def test_a_stopped_fit_ends_in_the_same_model(tmp_path: Path) -> None:
 
 UNFIT: dict[str, tuple[Callable[[], np.ndarray], str]] = {
     "sine": (sine, "steady tone|no hit"),
+    "chord": (lambda: chord(0.7), "not modal"),
     "cymbal": (lambda: cymbal(np.random.default_rng(2), 0.3), "not modal"),
     "silence": (lambda: np.zeros(RATE), "silent"),
     "noise": (lambda: noise(RATE, 20, 1), "no hit"),
@@ -323,7 +324,10 @@ UNFIT: dict[str, tuple[Callable[[], np.ndarray], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", UNFIT)
+SLOW = {"cymbal": pytest.mark.prove}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in UNFIT])
 def test_what_is_no_hit_is_refused(name: str) -> None:
     sounding, reason = UNFIT[name]
     with pytest.raises(RecordingError, match=reason):
