@@ -568,7 +568,7 @@ def audible(
     ----------
     model : ModalModel
         With a surface.
-    contacts : sequence of places, optional
+    contacts : sequence of str or array-like, optional
         As for `ModalModel.contact`; 256 spread over the surface unless given.
     listener : array-like (3,) or (L, 3), optional
         m; beside the model unless given.

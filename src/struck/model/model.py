@@ -134,7 +134,7 @@ class ModalModel:
         Parameters
         ----------
         at : str, array (3,) or None
-            A name of `places`, "vertex:120", a point in m, or None for the loudest.
+            A name of the model's places, "vertex:120", a point in m, or None for the loudest.
         direction : array (3,), optional
             Of the push; the inward normal unless given.
 

@@ -30,7 +30,7 @@ class ObrienCoupling:
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
     ) -> NDArray[np.complex128]:
-        """Return f times the integral of |normal displacement| for unit modal velocity.
+        """Return f times the integral of the absolute normal displacement, per modal velocity.
 
         Parameters
         ----------
