@@ -9,6 +9,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from _pytest.mark import ParameterSet
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -16,6 +17,17 @@ PAGES = [
     *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts),
 ]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+# Each takes seconds, and shows what a test elsewhere samples: make prove runs them.
+DEAR = {
+    "docs/how-to/closed_forms.md",
+    "docs/how-to/long_work.md",
+    "docs/how-to/use_a_mesh_file.md",
+    "examples/a_broken_file.py",
+    "examples/hollow_figurine.py",
+    "examples/model_of_a_recording.py",
+    "examples/one_body_many_materials.py",
+    "examples/tune_a_chime.py",
+}
 BLOCK = re.compile(
     r"^```(?P<kind>python|console)(?P<words>[^\n]*)\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -25,6 +37,11 @@ INSTALLING = {"cd", "git", "make", "pip", "python"}  # lines for a person's own 
 
 def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
+
+
+def in_its_run(path: Path) -> ParameterSet:
+    marks = [pytest.mark.prove] if name_of(path) in DEAR else []
+    return pytest.param(path, marks=marks, id=name_of(path))
 
 
 def run_python(code: str, namespace: dict[str, object], page: Path, line: int) -> None:
@@ -61,7 +78,7 @@ def as_a_person_works(
     monkeypatch.setenv("STRUCK_CACHE", str(shared / "documents"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", map(in_its_run, PAGES))
 def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = page.read_text(encoding="utf-8")
     if "cache --clear" in text:  # not what the others share
@@ -75,6 +92,6 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
             run_console(block["code"])
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
+@pytest.mark.parametrize("example", map(in_its_run, EXAMPLES))
 def test_example(example: Path) -> None:
     runpy.run_path(str(example), run_name="__main__")

@@ -54,6 +54,7 @@ def test_a_surface_in_memory_equals_its_file(box: struck.ModalModel) -> None:
     assert box.frequencies == pytest.approx(memory.frequencies, rel=1e-9)
 
 
+@pytest.mark.prove
 def test_units_and_size_scale_frequencies(tmp_path: Path, box: struck.ModalModel) -> None:
     BOX.export(tmp_path / "box.off")
     double = struck.analyze(
@@ -80,6 +81,7 @@ def test_modes_below_the_band_are_dropped_and_counted(bar: struck.ModalModel) ->
     assert any("1 modes lie below" in loss for loss in higher.provenance.dropped)
 
 
+@pytest.mark.prove
 def test_the_papers_elements_are_stiffer() -> None:
     mesh = Tube(length=0.505, radius=0.0125, wall=0.001)
     ours = struck.analyze(mesh, "aluminium", accuracy="preview", band=(20, 3000))
@@ -100,6 +102,7 @@ def test_what_is_cited_is_what_was_used(bar: struck.ModalModel, box: struck.Moda
     assert not by_paper.calibrated
 
 
+@pytest.mark.prove
 def test_both_factorisations_give_the_same_model() -> None:
     block = Block(size=(0.2, 0.05, 0.01), elements=(16, 6, 2))
     models = [struck.analyze(block, "brass", band=BAND, backend=b) for b in ("rslab", "superlu")]
@@ -125,6 +128,7 @@ def test_progress_tells_every_stage() -> None:
     assert told[-1] == "radiation"
 
 
+@pytest.mark.prove
 def test_gains_of_the_same_place_agree_between_meshes() -> None:
     models = [
         struck.analyze(Block(size=(0.2, 0.03, 0.01), elements=counts), "steel", band=(20, 4000))

@@ -394,7 +394,7 @@ def test_another_option_takes_up_all_that_does_not_depend_on_it(egg: Path, tmp_p
     ("body", "options"),
     [
         pytest.param("egg.stl", {}, marks=pytest.mark.prove),
-        ("egg.stl", {"fixed": [(-1, -1, -1), (1, 1, -0.03)]}),
+        pytest.param("egg.stl", {"fixed": [(-1, -1, -1), (1, 1, -0.03)]}, marks=pytest.mark.prove),
         (TUBE, {"band": (20.0, 5000.0)}),
     ],
     ids=["a body", "a body that is held", "a tube"],

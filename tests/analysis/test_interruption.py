@@ -229,6 +229,7 @@ def agree(body: Path, folder: Path, expected: bytes, count: int) -> None:
     analysis.require_sound({})
 
 
+@pytest.mark.prove
 def test_two_analyses_on_one_cache_agree(
     body: Path, tmp_path: Path, undisturbed: tuple[bytes, set[str]]
 ) -> None:

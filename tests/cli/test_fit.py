@@ -98,6 +98,7 @@ def test_bad_options_write_nothing(
     assert not (tmp_path / "mug.struck").exists()
 
 
+@pytest.mark.prove
 def test_what_nobody_struck_writes_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

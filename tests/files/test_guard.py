@@ -127,6 +127,7 @@ def test_one_reader_for_many_files(guard: Guard, tetrahedron: Path) -> None:
     assert time.perf_counter() - started < 3  # ten readers would take longer
 
 
+@pytest.mark.prove
 @pytest.mark.skipif(not BUNNY.exists(), reason=f"{BUNNY.name} is not beside the checkout")
 def test_a_scan_in_time() -> None:
     started = time.perf_counter()
@@ -229,6 +230,7 @@ def test_reader_dies_with_its_program(tetrahedron: Path, death: str) -> None:
     assert dies(reader)
 
 
+@pytest.mark.prove
 @linux
 def test_reader_amid_a_file_dies_without_its_program(tmp_path: Path) -> None:
     limits = json.dumps({"seconds": 0.1})
@@ -283,7 +285,10 @@ def speaking(program: str, **limits: float) -> Guard:
     ("program", "message"),
     [
         ("time.sleep(60)", "took longer than 0.5 s: simplify"),
-        ("answers.write(b'x'); answers.flush(); time.sleep(60)", "took longer than 0.5 s"),
+        pytest.param(
+            *("answers.write(b'x'); answers.flush(); time.sleep(60)", "took longer than 0.5 s"),
+            marks=pytest.mark.prove,
+        ),
         ("while True: pass", "took longer than 0.5 s"),
         ("os._exit(77)", "more than 2147483648 bytes of memory: simplify"),
         ("os.abort()", "its reader crashed on it (exit code"),
@@ -567,6 +572,7 @@ def blown_up(make: Callable[[], bz2.BZ2Compressor | lzma.LZMACompressor], count:
     return b"".join([*(packer.compress(MEBIBYTE) for _ in range(count)), packer.flush()])
 
 
+@pytest.mark.prove
 def test_bz2_of_few_bytes_that_asks_for_gigabytes(tmp_path: Path) -> None:
     """Streams in a row: 40 bytes of bz2 hold 45 MB, and ten thousand of them hold 450 GB."""
     one = bz2.compress(bytes(45_000_000))
@@ -590,6 +596,7 @@ def test_bombs(tmp_path: Path, packing: str) -> None:
     assert "no mesh packs better than 200 to 1" in refused_by_all(path)
 
 
+@pytest.mark.prove
 def test_zip_that_says_it_is_too_large(tmp_path: Path) -> None:
     path = tmp_path / "a.zip"
     with (
@@ -694,6 +701,7 @@ def test_buffers_count_together(tmp_path: Path) -> None:
     guard.close()
 
 
+@pytest.mark.prove
 def test_one_surface_placed_many_times_is_bounded(tmp_path: Path) -> None:
     body = trimesh.creation.icosphere(subdivisions=3)
     header = json.loads(body.export(file_type="gltf", embed_buffers=True)["model.gltf"])

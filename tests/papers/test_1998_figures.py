@@ -117,6 +117,7 @@ def test_nodal_lines_are_silent(square: struck.ModalModel) -> None:
     assert np.abs(amplitudes[silent]).max() < 1e-12 * np.abs(amplitudes).max()
 
 
+@pytest.mark.prove
 def test_a_square_displaced_as_one_form_moves_as_that_form_alone(
     square: struck.ModalModel,
 ) -> None:

@@ -43,6 +43,7 @@ def test_the_bound_holds_at_contacts_of_a_body_given_at_vertices(
     assert 1 < found.max() <= bar_map.bound <= 4
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("threshold", [8.0, pytest.param(5.0, marks=pytest.mark.prove)])
 def test_the_bound_holds_at_contacts_of_a_body_in_closed_form(threshold: float) -> None:
     plate = clamped_plate(2500.0, spacing=0.06)

@@ -89,6 +89,7 @@ def test_the_reported_end_of_the_band_is_true(name: str) -> None:
     assert abs(found - expected) <= np.count_nonzero(near)
 
 
+@pytest.mark.prove
 def test_frequencies_of_a_pure_state_are_exact() -> None:
     """Torsion goes with sqrt(G), stretching of a bar with sqrt(E), at any Poisson's ratio."""
     tube, highest = BODIES["tube"]

@@ -73,7 +73,8 @@ def test_l_shape_has_the_modes_of_its_squares(l_shape: Vibration) -> None:
         assert np.count_nonzero(np.abs(found / whole - 1) < 1e-12) == times
 
 
-@pytest.mark.parametrize("count", [9, pytest.param(20, marks=pytest.mark.prove)])
+@pytest.mark.prove
+@pytest.mark.parametrize("count", [9, 20])
 def test_another_basis_gives_the_same(l_shape: Vibration, count: int) -> None:
     """Fewer Fourier-Bessel functions with fundamental solutions instead of many alone."""
     found = eigenvalues(l_shape)[:count]
@@ -188,6 +189,7 @@ def test_closed_forms_with_their_multiplicities(corners: object, highest: float,
     assert (np.abs(eigenvalues(found) / family(highest) - 1) <= found.errors).all()
 
 
+@pytest.mark.prove
 def test_pentagon_has_pairs() -> None:
     """As a disk's: with 0, 1, 2, 0 (twice radial) and 3 nodal diameters."""
     around = 2 * np.pi * np.arange(5) / 5

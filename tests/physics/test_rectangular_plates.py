@@ -134,6 +134,7 @@ def morley(edges: Edges, cells: int, count: int) -> Array:
     return np.sort(values)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "edges",
     [

@@ -134,6 +134,7 @@ def test_what_a_recorder_notes_is_a_reason_to_refuse(tmp_path: Path, simulation:
     assert (outcome.recorded, len(outcome.refusals)) == (8, 8)
 
 
+@pytest.mark.prove
 def test_a_measurement_goes_on_where_it_was_stopped(tmp_path: Path, simulation: Path) -> None:
     write(simulation / NAMES[5], clip(hit()))
     wanted, folder = plan(tmp_path, "tries = 2\n"), tmp_path / "takes"

@@ -114,6 +114,7 @@ def test_the_gate_is_what_keeps_noise_out() -> None:
     np.testing.assert_allclose(gated.decays, 3.0, rtol=0.1)
 
 
+@pytest.mark.prove
 def test_two_hits_and_two_microphones_share_modes() -> None:
     chance = default_rng(10)
     frequencies, decays, gains = spaced(chance, 8)

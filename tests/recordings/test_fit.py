@@ -120,6 +120,7 @@ def test_moments_of_hits_are_told_by_the_fit_in_noise() -> None:
     assert decibels(heard(made.model.gains, CONTACTS, made.lead), gains(CONTACTS)) < -24
 
 
+@pytest.mark.prove
 def test_hits_of_one_contact_are_brought_to_one_strength() -> None:
     """Four hits of each contact, up to 10 dB apart, in one file: the noise of the mean counts."""
     chance = np.random.default_rng(5)
@@ -199,6 +200,7 @@ def test_listeners_alone_make_a_field_around_one_contact() -> None:
     assert np.median(np.abs(found - true)) < 0.03 * true.max()
 
 
+@pytest.mark.prove
 def test_the_full_table_has_the_recordings_themselves() -> None:
     takes = [hit(contact, seed=seed) for seed, contact in enumerate(CONTACTS)]
     made = fitting(takes, contacts=CONTACTS, way="table")

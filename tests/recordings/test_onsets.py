@@ -79,7 +79,7 @@ def noise(seconds: float, rms: float) -> Array:
 
 @pytest.mark.parametrize(
     ("rate", "seconds"),
-    [(8000, 1.0), (192_000, 0.2), pytest.param(192_000, 1.0, marks=pytest.mark.prove)],
+    [(8000, 1.0), pytest.param(192_000, 1.0, marks=pytest.mark.prove)],
 )
 def test_hits_are_found_at_any_rate(rate: int, seconds: float) -> None:
     times = np.arange(round(seconds * rate)) / rate

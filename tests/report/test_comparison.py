@@ -47,6 +47,7 @@ def fitted_to(sound: Sound) -> SimpleNamespace:
     return SimpleNamespace(frequencies=found.frequencies, decays=found.decays, gains=found.gains)
 
 
+@pytest.mark.prove
 def test_a_body_beside_itself_struck_elsewhere(bar: ModalModel) -> None:
     sound = struck.render(bar, QUARTER, seconds=2, sample_rate=RATE)
     found = compare(bar, fitted_to(sound), strike=END, recording=sound)
@@ -167,6 +168,7 @@ def test_the_page_needs_no_other_file(comparison: Comparison, tmp_path: Path) ->
     assert "-17.23" in reader.text  # cents of one per cent
 
 
+@pytest.mark.prove
 def test_a_page_without_pairs_is_a_page(bar: ModalModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("struck.report.comparison._SECONDS", 0.5)
     stranger = SimpleNamespace(frequencies=[31.0], decays=[1.0], gains=[1.0])

@@ -13,6 +13,7 @@ from struck.recordings.fit import fit_recordings
 from struck.report.gallery import NAME, recording
 
 
+@pytest.mark.prove
 def test_the_recording_is_found_and_heard_in_three_sizes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

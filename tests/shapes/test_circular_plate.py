@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,6 +11,7 @@ from struck.errors import OptionError
 from struck.shapes.circular_membrane import RoundForms
 from struck.shapes.circular_plate import EDGES, CircularPlate
 from tests.shapes.test_membranes import closed, disk_rule, from_identity
+from tests.yardstick import transforms
 
 Array = NDArray[np.float64]
 STEEL = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)
@@ -147,12 +146,9 @@ def test_bands_without_modes_and_with_too_many_are_refused(edge: str) -> None:
 
 @edges
 def test_four_hundred_modes_are_quick(edge: str) -> None:
-    """Usually 0.02 s for the frequencies and 0.1 s for the forms at 5,000 places."""
+    """Usually 10 to 110 transforms for the frequencies, and for the forms at 5,000 places."""
     places = np.random.default_rng(3).uniform(-0.15, 0.15, (5000, 2))
-    start = time.process_time()
     vibration = plate(edge).vibration(STEEL, 11_000.0)
-    computed = time.process_time()
     assert len(vibration.frequencies) >= 400
-    vibration.forms.values(places)
-    assert computed - start < 1.0
-    assert time.process_time() - computed < 5.0
+    assert transforms(lambda: plate(edge).vibration(STEEL, 11_000.0)) < 500
+    assert transforms(lambda: vibration.forms.values(places)) < 500

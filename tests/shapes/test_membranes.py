@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +16,7 @@ from struck.model.mesh import Mesh
 from struck.shapes.circular_membrane import AnnularMembrane, CircularMembrane, RoundForms
 from struck.shapes.rectangular_membrane import RectangularMembrane
 from struck.shapes.shape import Shape
+from tests.yardstick import transforms
 
 Array = NDArray[np.float64]
 MYLAR = Material(density=1390.0, youngs_modulus=3.5e9, poisson_ratio=0.38)
@@ -241,12 +241,9 @@ def test_too_many_modes_are_refused(body: Shape) -> None:
 
 @names
 def test_four_hundred_modes_are_quick(body: Shape) -> None:
-    """Usually 0.02 s for the frequencies and 0.1 s for the forms at 5,000 places."""
+    """Usually 10 to 110 transforms for the frequencies, and for the forms at 5,000 places."""
     places = np.random.default_rng(3).uniform(-0.1, 0.3, (5000, 2))
-    start = time.process_time()
     vibration = body.vibration(MYLAR, 6500.0)
-    computed = time.process_time()
     assert len(vibration.frequencies) >= 400
-    vibration.forms.values(places)
-    assert computed - start < 1.0
-    assert time.process_time() - computed < 5.0
+    assert transforms(lambda: body.vibration(MYLAR, 6500.0)) < 500
+    assert transforms(lambda: vibration.forms.values(places)) < 500

@@ -177,6 +177,7 @@ def errors_of(found: Calibration, model: ModalModel) -> Array:
     return np.sqrt(np.einsum("mi,ij,mj->m", design, found.covariance, design))
 
 
+@pytest.mark.prove
 def test_errors_of_size_and_of_another_body(plate: ModalModel) -> None:
     fitted = as_fitted(ringing_plate(SIZE, STEEL), np.random.default_rng(1), cents=1)
     exact, measured = calibrated(fitted, plate), calibrated(fitted, plate, size_error=0.01)

@@ -310,6 +310,7 @@ def test_klein_bottle() -> None:
         repaired(Mesh(points=points, faces=faces))
 
 
+@pytest.mark.prove
 def test_scale_does_not_matter() -> None:
     result = pushed_through(1e-52)
     unscaled = pushed_through(1.0)
