@@ -78,7 +78,7 @@ def as_a_person_works(
     monkeypatch.setenv("STRUCK_CACHE", str(shared / "documents"))
 
 
-@pytest.mark.parametrize("page", map(in_its_run, PAGES))
+@pytest.mark.parametrize("page", [in_its_run(page) for page in PAGES])
 def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = page.read_text(encoding="utf-8")
     if "cache --clear" in text:  # not what the others share
@@ -92,6 +92,6 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
             run_console(block["code"])
 
 
-@pytest.mark.parametrize("example", map(in_its_run, EXAMPLES))
+@pytest.mark.parametrize("example", [in_its_run(each) for each in EXAMPLES])
 def test_example(example: Path) -> None:
     runpy.run_path(str(example), run_name="__main__")

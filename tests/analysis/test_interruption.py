@@ -243,6 +243,7 @@ def test_eight_analyses_on_one_cache_agree(
     agree(body, tmp_path / "run", undisturbed[0], 8)
 
 
+@pytest.mark.prove
 def test_a_damaged_cache_is_said_in_one_line_and_computed_again(
     body: Path, tmp_path: Path, undisturbed: tuple[bytes, set[str]]
 ) -> None:

@@ -126,6 +126,7 @@ def test_levels_of_all_directions_are_the_sets_own(kemar: MeasuredFilters, every
     assert np.median(np.abs(decibels(ours) - decibels(own))) < 0.5
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("rate", [16_000.0, pytest.param(RATE, marks=pytest.mark.prove)])
 def test_directions_left_out_are_met_from_their_neighbours(rate: float) -> None:
     bundle = bundled("kemar")

@@ -91,6 +91,7 @@ def check_hollow_sphere(accuracy: str, subdivisions: int, wall: float, within: f
 WALLS = [(0.008, 0.0005), (0.002, 0.005)]
 
 
+@pytest.mark.prove
 def test_thin_hollow_sphere_at_preview_is_as_good_as_promised_at_standard() -> None:
     check_hollow_sphere("preview", 5, *WALLS[1])
 

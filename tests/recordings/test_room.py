@@ -44,6 +44,7 @@ def test_slower_modes_than_the_room_are_the_objects() -> None:
     assert may_be_of_room(rates, 0.4).tolist() == [False, False, True, True]
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("level", [40, pytest.param(60, marks=pytest.mark.prove)])
 def test_an_object_in_a_room_keeps_its_slow_modes(level: float) -> None:
     """A room of 0.3 s, 6 dB below the direct sound: what it adds is told, the object is not."""

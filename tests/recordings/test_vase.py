@@ -100,6 +100,7 @@ def test_a_vase_from_57_sounds_at_20_db(
     assert len(made.survey.pairs) == 57
 
 
+@pytest.mark.prove
 def test_modes_silent_at_the_pivot_are_named(vase: Vase) -> None:
     pairs = [(height, 0) for height in range(3)] + [(0, listener) for listener in range(1, 19)]
     made = fitted(vase, [*pairs, (2, 9)], 20, 2)

@@ -51,6 +51,7 @@ def taken_and_foretold(*case: object) -> tuple[int, int, int]:
     return taken, foretold, modes
 
 
+@pytest.mark.prove
 @pytest.mark.skipif(sys.platform != "linux", reason="resident sizes are read as Linux tells them")
 @pytest.mark.parametrize(
     ("elements", "band", "backend"),

@@ -61,6 +61,7 @@ def outcome(name: str, number: int, folder: Path) -> str:
     return "same" if close else f"{name}, {dirty.__name__}: {volume:+.2%} volume, {off:.2%} Hz"
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(("name", "number"), SAMPLE)
 def test_dirty_body_sounds_like_the_clean_one(name: str, number: int, tmp_path: Path) -> None:
     expected = "refused" if (name, VERSIONS[name][number].__name__) in REFUSED else "same"
