@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test prove check bench docs clean
+.PHONY: help demo test prove check bench docs wheels clean
 
 help:  ## List the targets
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -50,6 +50,10 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
+wheels: $(ENVIRONMENT)/build.stamp  ## Wheels of five platforms, in dist
+	for platform in linux-x86_64 linux-aarch64 macos-x86_64 macos-arm64 windows-x86_64; do \
+		STRUCK_PLATFORM=$$platform $(BIN)/python -m hatchling build -t wheel -d dist || exit 1; done
+
 clean:  ## Remove everything that make made, the environment too
 	rm -rf $(ENVIRONMENT) gallery docs/_build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 
@@ -61,7 +65,10 @@ $(ENVIRONMENT)/pip.stamp:
 	@touch $@
 
 # all.stamp: struck with every extra; NAME.stamp: the dependency group NAME on top
-$(ENVIRONMENT)/all.stamp: $(ENVIRONMENT)/pip.stamp pyproject.toml constraints.txt
+# Compiled again when a source of the core has changed.
+CORE := hatch_build.py $(wildcard src/struck/core/*.[ch]) src/struck/core/build.py
+
+$(ENVIRONMENT)/all.stamp: $(ENVIRONMENT)/pip.stamp pyproject.toml constraints.txt $(CORE)
 	$(INSTALL) --build-constraint constraints.txt --editable '.[all]'
 	@touch $@
 

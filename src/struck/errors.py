@@ -59,6 +59,10 @@ class CacheWarning(UserWarning):
     """Something could not be kept, or was damaged; what was asked for is computed."""
 
 
+class CoreWarning(UserWarning):
+    """The compiled core cannot be used: everything is computed, but slowly."""
+
+
 class LossWarning(UserWarning):
     """A file was written that cannot keep all of a model: what it leaves out."""
 

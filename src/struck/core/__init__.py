@@ -1,0 +1,202 @@
+"""The core's compiled loops as Python functions: one table of signatures, by ctypes.
+
+ctypes lets other threads run while a loop does. The library is the best one that the processor
+takes, or the one that ``STRUCK_CORE`` names: ``v2``, ``v3``, ``v4``, or ``off`` for plain NumPy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from struck.errors import CoreWarning, DeviceError, OptionError
+
+_LIBRARIES = Path(__file__).parent / "libraries"
+CHOICES = ("v2", "v3", "v4", "off")
+_PLACE = ctypes.c_char * 0  # an array of which only the address counts
+
+
+class _Array:
+    """An argument that is a contiguous array of one type, or the address of one."""
+
+    kind: np.dtype[Any]
+
+    @classmethod
+    def from_param(cls, value: np.ndarray[Any, Any] | int) -> ctypes.c_void_p | ctypes.Array[Any]:
+        """Return the address that the loop gets."""
+        if isinstance(value, int):
+            return ctypes.c_void_p(value)
+        flags = value.flags
+        if value.dtype != cls.kind or not (flags.c_contiguous and flags.aligned):
+            raise TypeError(f"an array of {value.dtype} is not a contiguous one of {cls.kind}")
+        buffer: Any = value
+        try:
+            return _PLACE.from_buffer(buffer)  # a microsecond less than `value.ctypes`
+        except TypeError:  # not to be written to
+            return ctypes.c_void_p(value.ctypes.data)
+
+
+class _Reals(_Array):
+    kind = np.dtype(np.float64)
+
+
+class _Singles(_Array):
+    kind = np.dtype(np.float32)
+
+
+class _Wholes(_Array):
+    kind = np.dtype(np.int64)
+
+
+class _Complexes(_Array):
+    kind = np.dtype(np.complex128)
+
+
+class _Bytes(_Array):
+    kind = np.dtype(np.uint8)
+
+
+# Letters of signatures: arrays by the type of their numbers, then single numbers.
+_TYPES: dict[str, Any] = {
+    "D": _Reals,
+    "F": _Singles,
+    "I": _Wholes,
+    "C": _Complexes,
+    "B": _Bytes,
+    "P": ctypes.c_void_p,
+    "d": ctypes.c_double,
+    "i": ctypes.c_int64,
+    "-": None,
+}
+_BLOCKS = "iiIIIIICCDDId"  # groups, segments and the fields of `GroupBlocks`
+# Each entry of the library: letters of its arguments, a blank, the letter of what it returns.
+SIGNATURES: dict[str, str] = {
+    "bank_make_block": "PP -",
+    "bank_refresh": "PPi -",
+    "bank_settle": "PPi -",
+    "bank_stand": "PPi -",
+    "bessel_series_slope": "iiDDD -",
+    "bessel_series_sum": "iiDDD -",
+    "core_fingerprint": " i",
+    "core_level": " i",
+    "ears_hear": "FiiFiiIIDDiFFiiiFiF -",
+    "friction_add_reading": "PPPiDiddddD -",
+    "limiter_is_closed": "D i",
+    "limiter_limit": "DiDiii -",
+    "poles_add_unique": f"{_BLOCKS}iCCDDD -",
+    "poles_take_turns": f"{_BLOCKS}iCCIiiCCDDD -",
+    "queue_publish": "I -",
+    "queue_release": "I -",
+    "queue_waiting": "I i",
+    "uncertainty_write_statistics": f"{_BLOCKS}iCCDDDCDD -",
+}
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """Return the library of this processor; None, with one warning, where there is none."""
+    chosen = os.environ.get("STRUCK_CORE", "")
+    if chosen not in {"", *CHOICES}:
+        raise OptionError(
+            f"STRUCK_CORE is {chosen!r}: give one of {', '.join(CHOICES)}, or leave it out"
+        )
+    if chosen == "off":
+        return None
+    try:
+        return _opened(chosen)
+    except OSError as error:
+        _warn(str(error))
+        return None
+
+
+def _opened(chosen: str) -> ctypes.CDLL:
+    """Return the chosen library, or the best one; raise OSError with the reason where none fits."""
+    from struck.core.build import TARGETS, this_platform
+
+    targets = TARGETS.get(this_platform())
+    if not targets:
+        raise OSError(f"there is none for {this_platform()}")
+    lowest = _checked(targets[0].name + targets[0].ending)
+    level = lowest.core_level()
+    if level == 0:
+        return lowest
+    wanted = int(chosen[1:]) if chosen else min(level, 4)
+    if not 2 <= wanted <= level:
+        raise OSError(f"it asks for a processor of x86-64-v{max(wanted, 2)}, this is a v{level}")
+    return _checked(f"core_v{wanted}{targets[0].ending}")
+
+
+def _checked(name: str, folder: Path = _LIBRARIES) -> ctypes.CDLL:
+    """Return the library of a name whose entries and sources are those of this tree."""
+    from struck.core.build import fingerprint
+
+    path = folder / name
+    if not path.is_file():
+        raise OSError(f"{path} is missing")
+    opened = ctypes.CDLL(str(path))
+    try:
+        for entry, signature in SIGNATURES.items():
+            arguments, result = signature.split(" ")
+            function = getattr(opened, entry)
+            function.argtypes = [_TYPES[letter] for letter in arguments]
+            function.restype = _TYPES[result]
+        matches = opened.core_fingerprint() == fingerprint()
+    except AttributeError:
+        matches = False
+    if not matches:
+        raise OSError(f"{path} is of other sources than those beside it")
+    return opened
+
+
+def _warn(reason: str) -> None:
+    warnings.warn(
+        f"sounds are computed in plain NumPy, many times slower, for the compiled core cannot be "
+        f"used: {reason}; install struck again (pip install --force-reinstall struck; in a source "
+        f"tree pip install -e .)",
+        CoreWarning,
+        stacklevel=2,
+    )
+
+
+@cache
+def entry(name: str) -> Callable[..., Any] | None:
+    """Return a compiled loop by its name in the library; None where there is no library."""
+    opened = library()
+    return None if opened is None else getattr(opened, name)
+
+
+def compiled(name: str) -> Callable[..., Any]:
+    """Return a compiled loop for which there is nothing else.
+
+    Raises
+    ------
+    DeviceError
+        Without a compiled core.
+    """
+    function = entry(name)
+    if function is None:
+        raise DeviceError(
+            f"the compiled core is not there on {sys.platform}, and nothing plays or records live "
+            "without it: install struck again, or render to a file"
+        )
+    return function
+
+
+def address(name: str) -> int:
+    """Return the address of a compiled function, for a library that calls it itself.
+
+    Raises
+    ------
+    DeviceError
+        Without a compiled core.
+    """
+    function: Any = compiled(name)
+    return ctypes.cast(function, ctypes.c_void_p).value or 0

@@ -1,0 +1,157 @@
+"""Compilation of the core's C files into shared libraries, by the C compiler in ``ziglang``.
+
+Installation runs this by itself. In a source tree ``python src/struck/core/build.py`` does the same
+again after a C file has changed, and with ``wasm32`` compiles ``libraries/wasm32/core.wasm`` for
+the page; both need ``pip install ziglang``. Only the standard library is used, as the build backend
+runs this file by its path.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+LIBRARIES = HERE / "libraries"
+# Sums may be taken in any order, and products join sums; NaN and infinity stay what they are.
+SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-ffp-contract=fast")
+COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibility=hidden", "-g0")
+WARNINGS = ("-Wall", "-Wextra", "-Werror")
+STRICT = frozenset({"limiter", "queue", "callback", "recorder"})  # rounded as they are written
+PAGE = frozenset({"bank", "block", "delay_lines", "limiter", "version"})  # what the page runs
+# How libraries are linked, by their endings; that of the page imports nothing.
+LINKED = {
+    ".so": ("-shared", "-lm"),
+    ".dylib": ("-shared", "-lm"),
+    ".dll": ("-shared",),
+    ".wasm": ("-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,-z,stack-size=65536", "-lm"),
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor and a system that the core is compiled for."""
+
+    name: str  # of the library, without its ending
+    triple: str  # as zig calls processor, system and C library
+    processor: str  # the least that is asked of it
+    ending: str
+
+
+def _x86(system: str, ending: str) -> list[Target]:
+    return [
+        Target(f"core_v{level}", f"x86_64-{system}", f"x86_64_v{level}", ending)
+        for level in (2, 3, 4)
+    ]
+
+
+TARGETS: dict[str, list[Target]] = {
+    "linux-x86_64": _x86("linux-gnu.2.17", ".so"),
+    "linux-aarch64": [Target("core_arm", "aarch64-linux-gnu.2.17", "generic", ".so")],
+    "macos-x86_64": _x86("macos.12.0", ".dylib"),
+    "macos-arm64": [Target("core_arm", "aarch64-macos.12.0", "apple_m1", ".dylib")],
+    "windows-x86_64": _x86("windows-gnu", ".dll"),
+    "wasm32": [Target("core", "wasm32-wasi", "generic+simd128", ".wasm")],
+}
+
+
+def this_platform() -> str:
+    """Return the name of the platform that Python runs on, as in `TARGETS` or not in it."""
+    system = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower().replace("amd64", "x86_64")
+    if system == "macos" and machine == "aarch64":
+        machine = "arm64"
+    return f"{system}-{machine}"
+
+
+def sources(target: Target) -> list[Path]:
+    """Return the C files that a library is made of."""
+    every = sorted(HERE.glob("*.c"))
+    return [path for path in every if target.ending != ".wasm" or path.stem in PAGE]
+
+
+def fingerprint() -> int:
+    """Return a number of 63 bits that changes with every C file, header and flag."""
+    digest = hashlib.sha256(repr((SUMS, COMMON, sorted(STRICT))).encode())
+    for path in sorted((*HERE.glob("*.c"), *HERE.glob("*.h"))):
+        digest.update(path.name.encode() + path.read_bytes().replace(b"\r\n", b"\n"))
+    return int.from_bytes(digest.digest()[:8], "little") >> 1
+
+
+def compiler() -> list[str]:
+    """Return the command of the C compiler."""
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def build(
+    name: str, folder: Path = LIBRARIES, *, run: Callable[[list[str]], None] | None = None
+) -> list[Path]:
+    """Compile all libraries of a platform into a folder; return their paths.
+
+    Raises
+    ------
+    RuntimeError
+        Where the compiler is missing or finds a fault.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        made = [_library(target, Path(scratch), run or _run) for target in TARGETS.get(name, [])]
+        places = [folder / path.name for path in made]
+        for path, place in zip(made, places, strict=True):
+            part = place.with_name(f".{place.name}.{os.getpid()}")
+            shutil.copyfile(path, part)
+            part.replace(place)
+    return places
+
+
+def _library(target: Target, scratch: Path, run: Callable[[list[str]], None]) -> Path:
+    commands = list(_compilations(target, scratch))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(run, commands))
+    library = scratch / f"{target.name}{target.ending}"
+    # Without the processor: what zig compiles for a system by itself serves all its libraries.
+    link = ["-target", target.triple, "-s", "-o", str(library)]
+    if target.ending == ".dylib":  # which is called as it was made, unless it has a name
+        link += [f"-Wl,-install_name,@rpath/{library.name}"]
+    run([*compiler(), *link, *_objects(target, scratch), *LINKED[target.ending]])
+    return library
+
+
+def _objects(target: Target, scratch: Path) -> Iterator[str]:
+    return (str(scratch / f"{target.name}_{source.stem}.o") for source in sources(target))
+
+
+def _compilations(target: Target, scratch: Path) -> Iterable[list[str]]:
+    for source, made in zip(sources(target), _objects(target, scratch), strict=True):
+        sums = ("-ffp-contract=off",) if source.stem in STRICT else SUMS
+        position = ("-fPIC",) if target.ending in {".so", ".dylib"} else ()
+        options = (*COMMON, *WARNINGS, *sums, *position, f"-DFINGERPRINT={fingerprint()}LL")
+        aim = ("-target", target.triple, f"-mcpu={target.processor}")
+        yield [*compiler(), *aim, *options, "-c", str(source), "-o", made]
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - ours
+    if "No module named ziglang" in done.stderr:
+        raise RuntimeError(
+            "the C compiler of the package ziglang is missing: pip install ziglang (it needs the "
+            "network once), or install a finished wheel of struck"
+        )
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
+
+
+if __name__ == "__main__":
+    chosen = sys.argv[1:] or [this_platform()]
+    for each in chosen:
+        for made in build(each, LIBRARIES if each == this_platform() else LIBRARIES / each):
+            print(made)  # noqa: T201

@@ -1,0 +1,43 @@
+/* The force of a rough surface, read at places that move: between two levels of a table, in each
+   of them by the cubic through the four points about a place (Lagrange).
+
+   With s = k / samples, at sample k the level is levels[0] + s (levels[1] - levels[0]), the weight
+   likewise, and out[k] += weight * value.
+
+   values: periods of all levels, level after level; the one at j has counts[j] points, at least 4,
+   from starts[j] on (levels,). turns, out (samples,): places in periods, and what is added to. */
+#include "core.h"
+
+#include <math.h>
+
+/* The value of one period (count,) at a turn of it. Sums of two values are those of float. */
+static double cubic(const float *values, int64_t count, double turn) {
+  const double place = (turn - floor(turn)) * (double)count;
+  const int64_t whole = place <= (double)count ? (int64_t)place : 0; /* 0: not a number */
+  const double x = place - (double)whole;
+  const int64_t at = whole == count ? 0 : whole;
+  const float before = values[at == 0 ? count - 1 : at - 1], here = values[at];
+  const float after = values[at + 1 < count ? at + 1 : at + 1 - count];
+  const float beyond = values[at + 2 < count ? at + 2 : at + 2 - count];
+  const double slope = after - before / 3.0 - here / 2.0 - beyond / 6.0;
+  const double bend = (before + after) / 2.0 - here;
+  const double twist = (beyond - before) / 6.0 + (here - after) / 2.0;
+  return here + x * (slope + x * (bend + x * twist));
+}
+
+ENTRY void friction_add_reading(const float *values, const int64_t *starts, const int64_t *counts,
+                                int64_t levels, const double *turns, int64_t samples,
+                                double first_level, double last_level, double first_weight,
+                                double last_weight, double *restrict out) {
+  for (int64_t k = 0; k < samples; k++) {
+    const double share = (double)k / (double)samples;
+    const double level = (1 - share) * first_level + share * last_level;
+    if (!(level < (double)levels)) continue; /* too fast to be heard, or not a number */
+    const int64_t low = (int64_t)level;
+    const double blend = level - (double)low;
+    double value = (1 - blend) * cubic(values + starts[low], counts[low], turns[k]);
+    if (low + 1 < levels)
+      value += blend * cubic(values + starts[low + 1], counts[low + 1], turns[k]);
+    out[k] += ((1 - share) * first_weight + share * last_weight) * value;
+  }
+}
