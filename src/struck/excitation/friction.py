@@ -25,16 +25,16 @@ following are simple stand-ins for the inertia of the tip, which would not scale
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.optimize import brentq
 
+from struck.core import entry
 from struck.excitation.excitation import require_at_least_zero, require_positive
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.roughness import Roughness, profile
@@ -50,6 +50,8 @@ _POINTS_A_WAVE = 6  # of the shortest wave of a level
 _FLAT = 2 / 3  # share of a level's band that passes whole
 FADE = 5e-3  # s, in which a moving contact comes on and lifts off
 CHUNK = 64  # samples between two looks at speed and load
+_STEPS = np.arange(1.0, CHUNK + 1)
+_SQUARES = np.square(_STEPS)
 LIGHTEST = 1e-3  # N: the force of lighter contacts is in proportion to this one's
 
 
@@ -135,6 +137,11 @@ class Rung:
     values: NDArray[np.float32]  # (T,), N, level after level
     starts: Index  # (L,), where level j begins, of waves up to `finest` 2^(-j / LEVELS_AN_OCTAVE)
     counts: Index  # (L,), points of a level over the period
+    places: tuple[int, ...] = field(init=False)  # addresses of the three, for the core
+
+    def __post_init__(self) -> None:
+        arrays = self.values, self.starts, self.counts
+        object.__setattr__(self, "places", tuple(array.ctypes.data for array in arrays))
 
 
 @lru_cache(maxsize=16)  # of some 2 MB
@@ -206,19 +213,19 @@ class Reader:
 
     def take(self, length: int, look: Callable[[int], tuple[float, float]]) -> tuple[Array, Array]:
         """Return force, N, and distance, m; `look` gives speed and load after so many chunks."""
-        while len(self._force) < length:
+        forces, distances = [self._force], [self._ways]
+        for _ in range(len(self._force), length, CHUNK):
             self._chunk += 1
             force, ways = self._next(*look(self._chunk))
-            self._force = np.concatenate([self._force, force])
-            self._ways = np.concatenate([self._ways, ways])
-        taken = self._force[:length], self._ways[:length]
-        self._force, self._ways = self._force[length:], self._ways[length:]
-        return taken
+            forces.append(force)
+            distances.append(ways)
+        force, ways = np.concatenate(forces), np.concatenate(distances)
+        self._force, self._ways = force[length:], ways[length:]
+        return force[:length], ways[:length]
 
     def _next(self, speed: float, load: float) -> tuple[Array, Array]:
         speeds, loads = (self._speed, speed), (self._load, load)
-        steps = np.arange(1, CHUNK + 1)
-        gone = steps * speeds[0] + steps**2 * ((speeds[1] - speeds[0]) / 2 / CHUNK)
+        gone = _STEPS * speeds[0] + _SQUARES * ((speeds[1] - speeds[0]) / 2 / CHUNK)
         ways = self._way + gone / self._rate
         self._way, self._speed, self._load = float(ways[-1]), speed, load
         return self._read(ways, speeds, loads), ways
@@ -228,10 +235,7 @@ class Reader:
         turns = (self._offset + ways) / self._rubbed.roughness.length
         levels = self._level(speeds[0]), self._level(speeds[1])
         for number, weights in _rungs(*loads).items():
-            table = rung(self._rubbed, number)
-            add_reading(
-                table.values, table.starts, table.counts, turns, levels, tuple(weights), force
-            )
+            add_reading(rung(self._rubbed, number), turns, levels, weights, force)
         return force
 
     def _level(self, speed: float) -> float:
@@ -265,36 +269,54 @@ def _rungs(begin: float, end: float) -> dict[int, list[float]]:
     return rungs
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def add_reading(values, starts, counts, turns, levels, weights, out):  # noqa: ANN001, ANN201 - compiled
-    """Add to `out` (n,) the values of a `Rung` at `turns` (n,) of its period."""
-    count = len(out)
-    for sample in range(count):
-        share = sample / count
-        level = (1 - share) * levels[0] + share * levels[1]
-        low = int(level)
-        blend = level - low
-        value = 0.0
-        if low < len(counts):
-            value += (1 - blend) * _cubic(values, starts[low], counts[low], turns[sample])
-        if low + 1 < len(counts):
-            value += blend * _cubic(values, starts[low + 1], counts[low + 1], turns[sample])
-        out[sample] += ((1 - share) * weights[0] + share * weights[1]) * value
+def add_reading(
+    table: Rung,
+    turns: Array,
+    levels: Sequence[float],
+    weights: Sequence[float],
+    out: Array,
+) -> None:
+    """Add to `out` (n,) the values of a rung at `turns` (n,) of its period.
+
+    Levels and weights go in a straight line from the first to the last of two.
+    """
+    compiled = entry("friction_add_reading")
+    if compiled is None:
+        add_reading_plainly(table, turns, levels, weights, out)
+        return
+    compiled(*table.places, len(table.counts), turns, len(turns), *levels, *weights, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cubic(values, start, count, turn):  # noqa: ANN001, ANN202 - compiled
-    """Return the cubic through the four points about a place (Lagrange)."""
-    place = (turn - np.floor(turn)) * count
-    whole = int(place)
+def add_reading_plainly(
+    table: Rung,
+    turns: Array,
+    levels: Sequence[float],
+    weights: Sequence[float],
+    out: Array,
+) -> None:
+    """Add the values of a rung as `add_reading` does, in plain NumPy."""
+    share = np.arange(len(out)) / len(out)
+    level = (1 - share) * levels[0] + share * levels[1]
+    heard = level < len(table.counts)
+    level, turns = level[heard], turns[heard]
+    low = level.astype(np.int64)
+    blend = level - low
+    value = (1 - blend) * _cubic(table, low, turns)
+    inner = low + 1 < len(table.counts)
+    value[inner] += blend[inner] * _cubic(table, low[inner] + 1, turns[inner])
+    out[heard] += ((1 - share) * weights[0] + share * weights[1])[heard] * value
+
+
+def _cubic(table: Rung, levels: Index, turns: Array) -> Array:
+    """Return the cubic through the four points about each place (Lagrange)."""
+    starts, counts = table.starts[levels], table.counts[levels]
+    place = (turns - np.floor(turns)) * counts
+    whole = np.where(place <= counts, place, 0).astype(np.int64)
     x = place - whole
-    before = values[start + (whole - 1) % count]
-    here = values[start + whole % count]
-    after = values[start + (whole + 1) % count]
-    beyond = values[start + (whole + 2) % count]
-    return (
-        here
-        + x * (after - before / 3 - here / 2 - beyond / 6)
-        + x * x * ((before + after) / 2 - here)
-        + x * x * x * ((beyond - before) / 6 + (here - after) / 2)
-    )
+    points = (table.values[starts + (whole + ahead) % counts] for ahead in (-1, 0, 1, 2))
+    before, here, after, beyond = points
+    half, sixth = np.float64(1 / 2), np.float64(1 / 6)  # of float64: products are so too
+    slope = after - 2 * sixth * before - half * here - sixth * beyond
+    bend = half * (before + after) - here
+    twist = sixth * (beyond - before) + half * (here - after)
+    return here + x * (slope + x * (bend + x * twist))

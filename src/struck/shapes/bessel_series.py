@@ -1,25 +1,26 @@
 """Bessel functions of many orders as local Chebyshev series: 13 products each, exact to rounding.
 
-scipy.special.jv takes a hundred times as long. Apart from `bessel`, as numba takes its time to
-import.
+scipy.special.jv takes a hundred times as long.
 """
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import chebyshev
 from scipy.special import j0, y0
 
-from struck.model.arrays import Array
+from struck.core import entry
+from struck.errors import OptionError
+from struck.model.arrays import Array, Index
 
-# Over cells one wide: functions whose waves are 2 pi long keep all their digits. An odd number.
+# Over cells one wide: functions whose waves are 2 pi long keep all their digits. As many as in
+# core/bessel_series.c.
 _TERMS = 13
 # Orders above the argument from which the recurrence starts downwards: by then J is below 1e-20.
 _RUN_UP = 30
+_AT_ONCE = 256  # arguments: what their recurrence works on stays near the processor
 
 
 @lru_cache(maxsize=64)
@@ -59,101 +60,81 @@ def _fitted(values: Array) -> Array:
     return table
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def fill(orders: Array, arguments: Array, values: Array) -> None:
-    """Write J_nu(x) Gamma(nu + 1) (2 / x)^nu for arguments (K,) and orders (n,) into (K, n)."""
-    highest = max(orders.max(), arguments.max())
-    work = np.empty(int(highest) + 2 * _RUN_UP + int(3 * highest ** (1 / 3)))
-    for i in range(len(arguments)):
-        for j in range(len(orders)):
-            values[i, j] = _by_recurrence(orders[j], arguments[i], work)
+    """Write J_nu(x) Gamma(nu + 1) (2 / x)^nu for arguments (K,) and orders (n,) into (K, n).
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _by_recurrence(order: float, x: float, work: Array) -> float:
-    steps = math.floor(order)
-    lowest, quarter = order - steps, x * x / 4
-    top = int(max(order, x)) + _RUN_UP + int(3 * x ** (1 / 3))
-    above, here = 0.0, 1.0
-    work[top] = here
-    for n in range(top, 0, -1):
-        above, here = here, here - quarter / ((lowest + n) * (lowest + n + 1)) * above
-        work[n - 1] = here
-        if abs(here) > 1e200:
-            above, here = above * 1e-200, here * 1e-200
-            for m in range(n - 1, top + 1):
-                work[m] *= 1e-200
-    return work[steps] / _neumann_sum(lowest, quarter, top, work)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _neumann_sum(lowest: float, quarter: float, top: int, work: Array) -> float:
-    """Return the sum by which the values of the recurrence must be divided."""
-    total, weight = work[0], quarter / (lowest + 1)
-    for k in range(1, top // 2 + 1):
-        total += weight * work[2 * k]
-        ratio = (lowest + 2 * k + 2) * (lowest + k) / ((lowest + 2 * k) * (k + 1))
-        weight *= ratio * quarter / ((lowest + 2 * k + 1) * (lowest + 2 * k + 2))
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def series(arguments: Array, table: Array) -> Array:
-    """Sum Chebyshev series, one cell (13, n) a unit of argument, at arguments (K,): (K, n).
-
-    By Clenshaw's recurrence (Clenshaw 1955), two terms a turn so that no array changes its name.
+    By the recurrence in nu downwards (Miller), scaled by Neumann's sum (Olver et al. 2010,
+    10.23.15).
+    scipy.special.hyp0f1 is infinite from 170 orders on, and 7e-13 off at 100; jv loses its power of
+    x to underflow.
     """
-    terms, count = table.shape[1:]
-    sums = np.empty((len(arguments), count))
-    other = np.empty(count)
-    for i in range(len(arguments)):
-        cell = int(arguments[i])
-        at = 2 * (arguments[i] - cell) - 1
-        one, here = sums[i], table[cell]
-        for j in range(count):
-            one[j], other[j] = here[terms - 1, j], 0.0
-        for degree in range(terms - 2, 1, -2):
-            for j in range(count):
-                other[j] = 2 * at * one[j] - other[j] + here[degree, j]
-            for j in range(count):
-                one[j] = 2 * at * other[j] - one[j] + here[degree - 1, j]
-        for j in range(count):
-            other[j] = 2 * at * one[j] - other[j] + here[1, j]
-        for j in range(count):
-            one[j] = at * other[j] - one[j] + here[0, j]
+    steps = np.floor(orders).astype(int)
+    for start in range(0, len(arguments), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        highest = float(max(orders.max(), arguments[part].max()))
+        top = int(highest) + _RUN_UP + int(3 * highest ** (1 / 3))
+        quarter = arguments[part, None] ** 2 / 4
+        _recur(orders - steps, steps, quarter, top + top % 2, values[part])
+
+
+def _recur(lowest: Array, steps: Index, quarter: Array, top: int, values: Array) -> None:
+    """Write what orders `lowest + steps` (n,) come to at (x / 2)^2 (K, 1) into values (K, n)."""
+    above, here, work = np.zeros_like(values), np.ones_like(values), np.empty_like(values)
+    total = np.ones_like(values)
+    for n in range(top - 1, -1, -1):
+        np.multiply(quarter, 1 / ((lowest + n + 1) * (lowest + n + 2)), out=work)
+        np.multiply(work, above, out=work)
+        np.subtract(here, work, out=above)
+        above, here = here, above
+        reached = steps == n
+        if reached.any():
+            values[:, reached] = here[:, reached]
+        if n % 2 == 0:  # Neumann's sum from its end: each term contains the next one's weight
+            k = n // 2
+            share = (lowest + k) / (lowest + n) if n else 1.0
+            np.multiply(quarter, share / ((k + 1) * (lowest + n + 1)), out=work)
+            np.multiply(total, work, out=total)
+            np.add(total, here, out=total)
+    values /= total
+
+
+def series(arguments: Array, table: Array) -> Array:
+    """Sum Chebyshev series, one cell (13, n) a unit of argument, at arguments (K,): (K, n)."""
+    compiled, sums = entry("bessel_series_sum"), _room(arguments, table)
+    if compiled is None:
+        at, terms = _within(arguments, table)
+        sums[:] = chebyshev.chebval(at, terms, tensor=False)
+    else:
+        compiled(*sums.shape, arguments, table, sums)
     return sums
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def series_slope(arguments: Array, table: Array) -> Array:
     """Sum the derivatives of Chebyshev series at arguments (K,): (K, n)."""
-    terms, count = table.shape[1:]
-    sums = np.empty((len(arguments), count))
-    for i in range(len(arguments)):
-        cell = int(arguments[i])
-        at = 2 * (arguments[i] - cell) - 1
-        for j in range(count):
-            one, two, slope, older = 0.0, 0.0, 0.0, 0.0
-            for degree in range(terms - 1, 0, -1):
-                slope, older = 2 * one + 2 * at * slope - older, slope
-                one, two = 2 * at * one - two + table[cell, degree, j], one
-            sums[i, j] = 2 * (one + at * slope - older)
-    return sums
+    compiled, slopes = entry("bessel_series_slope"), _room(arguments, table)
+    if compiled is None:
+        at, terms = _within(arguments, table)
+        slopes[:] = 2 * chebyshev.chebval(at, chebyshev.chebder(terms), tensor=False)
+    else:
+        compiled(*slopes.shape, arguments, table, slopes)
+    return slopes
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def pair(arguments: Array, table: Array) -> Array:
-    """Sum two Chebyshev series (cells, terms, 2) at arguments (K, C): (2, K, C)."""
-    rows, columns = arguments.shape
-    sums = np.empty((2, rows, columns))
-    for i in range(rows):
-        for j in range(columns):
-            cell = int(arguments[i, j])
-            at = 2 * (arguments[i, j] - cell) - 1
-            one, two, three, four = 0.0, 0.0, 0.0, 0.0
-            for degree in range(table.shape[1] - 1, 0, -1):
-                one, two = 2 * at * one - two + table[cell, degree, 0], one
-                three, four = 2 * at * three - four + table[cell, degree, 1], three
-            sums[0, i, j] = at * one - two + table[cell, 0, 0]
-            sums[1, i, j] = at * three - four + table[cell, 0, 1]
-    return sums
+    """Sum two Chebyshev series (cells, 13, 2) at arguments (K, C): (2, K, C)."""
+    sums = series(arguments.ravel(), table).reshape(*arguments.shape, 2)
+    return np.moveaxis(sums, -1, 0)
+
+
+def _room(arguments: Array, table: Array) -> Array:
+    """Return an array for sums (K, n) at arguments (K,), which must lie in the table's cells."""
+    least, most = arguments.min(initial=0.0), arguments.max(initial=0.0)
+    if not 0 <= least <= most < len(table):  # what is not a number is not inside either
+        raise OptionError(f"arguments from {least} to {most} for a table of {len(table)} cells")
+    return np.empty((len(arguments), table.shape[2]))
+
+
+def _within(arguments: Array, table: Array) -> tuple[Array, Array]:
+    """Return places from -1 to 1 in the arguments' cells (K, 1) and their terms (13, K, n)."""
+    cells = arguments.astype(np.int64)
+    return (2 * (arguments - cells) - 1)[:, None], np.moveaxis(table[cells], 1, 0)

@@ -20,6 +20,7 @@ import scipy.linalg
 from scipy.special import y1
 
 from struck.model.arrays import Array, Index
+from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
 from struck.shapes.polygon import Polygon, all_over, along_edges, plan_of, scattered
 
 _PLACES_AT_ONCE = 2048
@@ -49,8 +50,6 @@ class Basis:
 
     def sight(self, points: Array, ears: Index) -> Sight:
         """Return the functions at points (K, 2) in ears (K,) of the plan, for any wavenumber."""
-        from struck.shapes.bessel_series import regular
-
         fans = []
         for centre, count in zip(self.centres.tolist(), self.counts.tolist(), strict=True):
             radii, angles = self.plan.polar(centre, points, ears)
@@ -100,8 +99,6 @@ class Sight:
         return np.hstack(parts)
 
     def _irregular(self, wavenumber: float) -> Array:
-        from struck.shapes.bessel_series import irregular, pair
-
         arguments = wavenumber * self._distances
         even = pair(arguments, irregular(int(arguments.max()) + 1))
         return 2 / np.pi * (self._logarithms + np.log(wavenumber)) * even[0] + even[1]
@@ -119,13 +116,9 @@ class _Fan:
     table: Array
 
     def columns(self, wavenumber: float) -> Array:
-        from struck.shapes.bessel_series import series
-
         return self.sines * series(wavenumber * self.radii, self.table)
 
     def slopes(self, wavenumber: float, directions: Array) -> Array:
-        from struck.shapes.bessel_series import series, series_slope
-
         outward = self.apart / self.radii[:, None]
         along = np.sum(outward * directions, axis=1)[:, None]
         around = (outward[:, 0] * directions[:, 1] - outward[:, 1] * directions[:, 0])[:, None]

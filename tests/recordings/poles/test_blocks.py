@@ -10,8 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.projection import labelled
-from struck.recordings.poles.refinement import blocks_around, settled
+from struck.recordings.poles.refinement import blocks_around, labelled, settled
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 

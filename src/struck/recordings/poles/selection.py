@@ -84,7 +84,8 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
     if not ringing.count:
         return energy, share
     blocks = blocks_around(segments, ringing.poles, overlapping(ringing.poles, duration))
-    add_unique(blocks, ringing.poles, np.ascontiguousarray(ringing.gains), energy, share)
+    poles, gains = map(np.ascontiguousarray, (ringing.poles, ringing.gains))
+    add_unique(blocks, poles, gains, energy, share)
     return energy, share
 
 

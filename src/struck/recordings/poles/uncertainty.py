@@ -7,28 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from struck.core import entry
 from struck.model.arrays import AnyComplex, Array, Index
 from struck.model.exponentials import Exponentials
 from struck.recordings.poles.normal_equations import normal_equations
 from struck.recordings.poles.projection import (
     GroupBlocks,
     Projection,
-    chosen,
     cleared,
-    empty_projection,
-    energy,
-    inner,
     inverse_spreads,
-    jitted,
-    jitted_within,
     misfit,
-    orthonormalise,
+    orthonormalised,
     project,
-    rows_of,
+    slopes_of,
     solve_damped,
     span,
-    take_off_all,
-    turns_of,
+    without,
 )
 from struck.recordings.poles.refinement import blocks_around, overlapping
 from struck.recordings.segments import Segment
@@ -61,8 +55,7 @@ def pole_statistics(segments: Sequence[Segment], ringing: Exponentials) -> PoleS
         duration = max(segment.duration for segment in segments)
         blocks = blocks_around(segments, ringing.poles, overlapping(ringing.poles, duration))
         found.order[:] = blocks.members
-        sums = found.energies, found.crossed, found.whole
-        write_statistics(blocks, ringing.poles, gains, found.variances, found.sizes, *sums)
+        write_statistics(blocks, np.ascontiguousarray(ringing.poles), gains, found)
     return found
 
 
@@ -90,118 +83,54 @@ def standard_errors(segments: Sequence[Segment], ringing: Exponentials) -> Stand
     )
 
 
-# The compiled part.
+_REGULAR = 1e-13  # share by which the matrix's diagonal is raised
+_LEAST = 1e-300  # least divisor
 
-_REGULAR = 1e-13
 
-
-@jitted
 def write_statistics(
-    blocks: GroupBlocks,
-    poles: AnyComplex,
-    gains: AnyComplex,
-    variances: Array,
-    sizes: Array,
-    energies: Array,
-    crossed: AnyComplex,
-    whole: Array,
+    blocks: GroupBlocks, poles: AnyComplex, gains: AnyComplex, found: PoleStatistics
 ) -> None:
-    """Write the fields of `PoleStatistics` of all modes; the last three begin as zeros."""
+    """Write the statistics of all modes; energies and sums begin as zeros."""
+    loop = entry("uncertainty_write_statistics")
+    if loop is not None:
+        given, space = blocks.for_core(blocks.starts, len(poles))
+        sums = found.energies, found.crossed, found.whole
+        loop(*given, poles, gains, found.variances, found.sizes, *sums, space)
+        return
     for group in range(len(blocks.starts) - 1):
         members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
-        data = cleared(blocks, group, poles, gains)
-        projection = empty_projection(blocks, group, len(members))
-        cost = project(blocks, group, data, chosen(poles, members), projection)
-        over = misfit(projection, cost)
-        information, _ = normal_equations(blocks, group, projection)
-        own = _inverse_diagonal(information)
-        _write_gain_variances(blocks, group, over, poles, projection, sizes)
-        _add_curvatures(blocks, group, projection, energies, crossed, whole)
-        for m in range(len(members)):
-            variances[members[m]] = over * own[m]
-            energies[members[m]] /= over
+        fits, cost = project(blocks, group, cleared(blocks, group, poles, gains), poles[members])
+        over = misfit(fits, cost)
+        information, _ = normal_equations(blocks, group, fits)
+        found.variances[members] = over * _inverse_diagonal(information)
+        for block, fit in zip(blocks.blocks(group), fits, strict=True):
+            spans = np.abs(span(poles[members], block.length)) ** 2
+            factors = over * inverse_spreads(fit.triangle) / spans
+            found.sizes[block.rows, members] = factors / block.weights[:, None]
+            _add_curvatures(fit, block.weights, blocks.sample_rate, members, found)
+        found.energies[members] /= over
 
 
-@jitted_within
 def _inverse_diagonal(matrix: AnyComplex) -> Array:
     """Return the diagonal of the inverse of a Hermitian matrix, scaled to a diagonal of ones."""
-    count = len(matrix)
-    scale, diagonal = np.empty(count), np.empty(count)
-    for i in range(count):
-        scale[i] = 1 / np.sqrt(max(matrix[i, i].real, 1e-300))
-    scaled = np.empty_like(matrix)
-    for i in range(count):
-        for j in range(count):
-            scaled[i, j] = matrix[i, j] * (scale[i] * scale[j])
-    for i in range(count):
-        unit = np.zeros(count, np.complex128)
-        unit[i] = 1
-        diagonal[i] = solve_damped(scaled, _REGULAR, unit)[i].real * scale[i] ** 2
-    return diagonal
+    scale = 1 / np.sqrt(np.maximum(matrix.diagonal().real, _LEAST))
+    scaled = matrix * np.outer(scale, scale)
+    inverse = solve_damped(scaled, _REGULAR, np.eye(len(matrix), dtype=complex))
+    return inverse.diagonal().real * scale**2
 
 
-@jitted_within
-def _write_gain_variances(
-    blocks: GroupBlocks,
-    group: int,
-    over: float,
-    poles: AnyComplex,
-    projection: Projection,
-    sizes: Array,
-) -> None:
-    members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
-    for segment in range(blocks.numbers.shape[1]):
-        spreads = inverse_spreads(projection.triangles[segment])
-        length = blocks.lengths[blocks.numbers[group, segment]]
-        for m in range(len(members)):
-            factor = over * spreads[m] / abs(span(poles[members[m]], length)) ** 2
-            for row in range(blocks.rows[segment], blocks.rows[segment + 1]):
-                sizes[row, members[m]] = factor / blocks.weights[row, group]
-
-
-@jitted_within
 def _add_curvatures(
-    blocks: GroupBlocks,
-    group: int,
-    projection: Projection,
-    energies: Array,
-    crossed: AnyComplex,
-    whole: Array,
+    fit: Projection, weights: Array, sample_rate: float, members: Index, found: PoleStatistics
 ) -> None:
-    members = blocks.members[blocks.starts[group] : blocks.starts[group + 1]]
-    line, datum = 0, 0
-    for segment in range(blocks.numbers.shape[1]):
-        bins = len(turns_of(blocks, blocks.numbers[group, segment]))
-        first, last = blocks.rows[segment], blocks.rows[segment + 1]
-        lines = rows_of(projection.lines, line, len(members), bins)
-        basis = rows_of(projection.basis, line, len(members), bins)
-        left = rows_of(projection.left, datum, last - first, bins)
-        shapes = _second_derivatives(lines, basis, blocks.sample_rate)
-        for m in range(len(members)):
-            over = 1 / max(energy(shapes[m]), 1e-300)
-            for c in range(len(left)):
-                along = inner(shapes[m], left[c])
-                weight = blocks.weights[first + c, group]
-                residue = projection.residues[m, first + c]
-                energies[members[m]] += abs(along) ** 2 * weight * over
-                crossed[members[m]] += np.conj(residue) * along * (weight * over)
-                whole[members[m]] += abs(residue) ** 2 * weight
-        line += lines.size
-        datum += left.size
+    """Add the residual's energies along second derivatives, and its products with the modes.
 
-
-@jitted_within
-def _second_derivatives(lines: AnyComplex, basis: AnyComplex, sample_rate: float) -> AnyComplex:
-    """Return the lines' second derivatives (M, K) less their fit by lines and first derivatives."""
-    count, bins = lines.shape
-    known, shapes = np.empty((2 * count, bins), np.complex128), np.empty_like(lines)
-    for m in range(count):
-        for k in range(bins):
-            first = (lines[m, k] * lines[m, k] - lines[m, k]) * (1 / sample_rate)
-            known[m, k], known[count + m, k] = basis[m, k], first
-            shapes[m, k] = (2 * lines[m, k] - 1) * first * (1 / sample_rate)
-    directions = np.empty_like(known)
-    orthonormalise(known, directions, np.empty((2 * count, 2 * count), np.complex128))
-    for m in range(count):
-        take_off_all(shapes[m], directions)
-    return shapes
+    The derivatives are taken less their fit by lines and first derivatives.
+    """
+    slopes = slopes_of(fit.lines, sample_rate)
+    known, _ = orthonormalised(np.vstack((fit.basis, slopes)))
+    shapes = without((2 * fit.lines - 1) * slopes / sample_rate, known)
+    over = 1 / np.maximum((np.abs(shapes) ** 2).sum(axis=1), _LEAST)
+    along = shapes.conj() @ fit.left.T
+    found.energies[members] += np.abs(along) ** 2 @ weights * over
+    found.crossed[members] += (fit.residues.conj() * along) @ weights * over
+    found.whole[members] += np.abs(fit.residues) ** 2 @ weights

@@ -1,0 +1,51 @@
+"""Readings of a surface in C, in plain NumPy, and as they were when numba compiled them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from struck.excitation import friction
+from struck.excitation.friction import Rung
+from tests.core.agreement import EXACT, apart, golden
+
+Array = NDArray[np.float64]
+LEVELS = [(0.0, 0.0), (0.3, 2.6), (1.5, 5.7), (9.0, 4.0)]  # of four tabulated ones
+
+
+def read(add_reading: Callable[..., None], levels: tuple[float, float]) -> Array:
+    """Return random readings of a random surface, begun before 0 and gone on beyond its period."""
+    random = np.random.default_rng(1)
+    counts = np.array([45, 32, 18, 8])
+    values = random.standard_normal(counts.sum()).astype(np.float32)
+    table = Rung(values=values, starts=np.cumsum(counts) - counts, counts=counts)
+    turns = np.concatenate([[-1e-20, 0.0, 1.0], random.uniform(-1, 3, 61)])
+    out = random.standard_normal(64)
+    add_reading(table, turns, levels, (0.7, -1.2), out)
+    return out
+
+
+@pytest.mark.parametrize("number", range(len(LEVELS)))
+def test_as_before(number: int) -> None:
+    found = read(friction.add_reading, LEVELS[number])
+    assert apart(found, golden("friction")["out"][number]) <= EXACT
+
+
+@pytest.mark.parametrize("levels", LEVELS)
+def test_as_in_plain_numpy(levels: tuple[float, float]) -> None:
+    plain = read(friction.add_reading_plainly, levels)
+    assert apart(read(friction.add_reading, levels), plain) <= EXACT
+
+
+def test_what_is_not_finite_reads_nothing_beyond_the_table() -> None:
+    out = np.zeros(4)
+    counts = np.array([8])
+    table = Rung(values=np.ones(8, np.float32), starts=0 * counts, counts=counts)
+    friction.add_reading(table, np.array([np.nan, np.inf, -np.inf, 0.5]), (0.0, 0.0), (1, 1), out)
+    assert np.isnan(out[:3]).all()
+    assert out[3] == 1
+    friction.add_reading(table, np.zeros(4), (np.nan, np.inf), (1, 1), out)
+    assert out[3] == 1
