@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.ears import delay_kernels, delay_lines
+from struck.ears import delay_lines
 from struck.ears.delay_lines import READ, DelayLines, Paths
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ def played(
     hear: Callable[..., None], monkeypatch: pytest.MonkeyPatch, block: int = 128, taps: int = 21
 ) -> Array:
     random = np.random.default_rng(3)
-    monkeypatch.setattr(delay_lines, "_hear", lambda: hear)
+    monkeypatch.setattr(delay_lines, "hear", hear)
     count = 6
     delayed = DelayLines(lines=3, paths=count, block=block, longest=900, taps=taps)
     before = random.standard_normal((count, taps)).astype(np.float32)
@@ -44,7 +44,7 @@ def played(
 
 @pytest.mark.parametrize(("block", "taps"), [(128, 21), (64, 256), (1, 8), (1024, 1)])
 def test_compiled_as_in_plain_numpy(monkeypatch: pytest.MonkeyPatch, block: int, taps: int) -> None:
-    compiled = played(delay_kernels.hear, monkeypatch, block, taps)
+    compiled = played(delay_lines.hear, monkeypatch, block, taps)
     plain = played(delay_lines.hear_plainly, monkeypatch, block, taps)
     np.testing.assert_allclose(compiled, plain, atol=2e-6 * np.abs(plain).max())
 

@@ -7,18 +7,19 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from struck.errors import DeviceError
-from tests.live.records import push
 from tests.live.servers import dummy_server
 from tests.live.test_device import Player, PortAudio
 
 
 def main() -> None:
-    player = Player(modes=0)
-    push(player.records, np.zeros(1, dtype=np.int64), np.zeros(128))
+    player = Player()
+    slot = player.records.reserve()
+    assert slot is not None
+    player.fill(*slot)
+    player.records.publish()
     with (
         tempfile.TemporaryDirectory() as folder,
         dummy_server("struck-dying", Path(folder)) as server,

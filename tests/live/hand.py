@@ -45,12 +45,9 @@ class Hand:
     name, sample_rate, channels, load, latency = "a hand", RATE, 2, 0.0, 0.0
     active = True
 
-    def open(self, callback: Any, shared: Shared, block: int) -> None:  # noqa: ANN401 - of numba
+    def open(self, callback: int, shared: Shared, block: int) -> None:
         whole, word, place = ctypes.c_int, ctypes.c_ulong, ctypes.c_void_p
-        self._kept = callback
-        self._call = ctypes.CFUNCTYPE(whole, place, place, word, place, word, place)(
-            callback.address
-        )
+        self._call = ctypes.CFUNCTYPE(whole, place, place, word, place, word, place)(callback)
         self.shared, self._block = shared, block
 
     def start(self) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from numba import njit
-
-from struck.live import ring
-from struck.live.ring import Ring
+from struck.core import compiled
+from struck.live.ring import INTEGERS, READ, REALS, Ring
 from struck.model.arrays import Array, Index
 
 
@@ -19,12 +17,13 @@ def push(records: Ring, integers: Index, reals: Array) -> bool:
     return True
 
 
-@njit(nogil=True)
 def pop(memory: Index, integers: Index, reals: Array) -> bool:
     """Copy out the oldest record and release it; False where there is none."""
-    if ring.waiting(memory) == 0:
+    if compiled("queue_waiting")(memory) == 0:
         return False
-    integers[:] = ring.integers_of(memory, memory[ring.READ])
-    reals[:] = ring.reals_of(memory, memory[ring.READ])
-    ring.release(memory)
+    capacity, (whole, real) = memory[0], memory[[INTEGERS, REALS]]
+    slot, head = memory[READ] % capacity, 48
+    integers[:] = memory[head + slot * whole :][:whole]
+    reals[:] = memory[head + capacity * whole + slot * real :][:real].view(float)
+    compiled("queue_release")(memory)
     return True

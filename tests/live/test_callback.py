@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from struck.live import callback, limiter
@@ -18,19 +17,16 @@ Array = NDArray[np.float64]
 RATE, BLOCK, CHANNELS = 48000, 128, 2
 
 
-@njit
-def play_the_force(
-    arena: Array,
-    integers: NDArray[np.int64],
-    reals: Array,
-    fresh: bool,  # noqa: FBT001 - compiled: positional
-    outputs: Array,
-) -> None:
+@ctypes.CFUNCTYPE(
+    None, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int64),
+    ctypes.POINTER(ctypes.c_double), ctypes.c_int64, ctypes.POINTER(ctypes.c_double), ctypes.c_int64
+)  # fmt: skip
+def play_the_force(arena, integers, reals, fresh, outputs, _channels):  # noqa: ANN001, ANN201, PLR0917, RUF100 - as C calls it
     """Play a record's reals left and their negative right; note which record, fresh or not."""
     arena[0] = integers[0]
     arena[1] += fresh
-    for place in range(reals.size):  # loops compile in a fraction of the time of whole rows
-        outputs[0, place], outputs[1, place] = reals[place], -reals[place]
+    for place in range(BLOCK):
+        outputs[place], outputs[BLOCK + place] = reals[place], -reals[place]
 
 
 class Device:
@@ -41,12 +37,12 @@ class Device:
         self.arena = np.zeros(2)
         limited = limiter.limiter(sample_rate=RATE, channels=CHANNELS)
         self.shared = Shared(
-            records=self.records, limited=limited, arena=self.arena, process=play_the_force,
-            channels=CHANNELS, block=BLOCK,
+            records=self.records, limited=limited, arena=self.arena, channels=CHANNELS, block=BLOCK,
+            process=ctypes.cast(play_the_force, ctypes.c_void_p).value,
         )  # fmt: skip
         whole, word, place = ctypes.c_int, ctypes.c_ulong, ctypes.c_void_p
         prototype = ctypes.CFUNCTYPE(whole, place, place, word, place, word, place)
-        self._call = prototype(callback.compiled().address)
+        self._call = prototype(callback.play())
         self.answer = CONTINUE
 
     def play(self, flags: int = 0) -> NDArray[np.float32]:

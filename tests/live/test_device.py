@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
 import subprocess
@@ -16,70 +17,60 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import njit
 from numpy.typing import NDArray
 
 from struck.errors import DeviceError, MissingDependencyError
 from struck.live import callback, limiter
 from struck.live import device as binding
-from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
+from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared, arena
 from struck.live.device import Device, PortAudio, Stream, choose
 from struck.live.player import Feeder
-from struck.live.ring import Ring
+from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, ON, Layout, Ring
+from struck.synth.poles import Poles
+from struck.synth.resonators import Stepped
 from tests.live.servers import BLOCK, RATE, Server, judge
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-MODES = 2000
+MODES = 20_000
 
 
-@njit(nogil=True)
-def ring_and_push(
-    arena: Array,
-    integers: Integers,
-    reals: Array,
-    fresh: bool,  # noqa: FBT001 - compiled: positional
-    outputs: Array,
-) -> None:
-    """Work as a synthesis does: some modes, each a two-pole under the record's force."""
-    modes = arena.reshape(-1, 3)
-    for sample in range(outputs.shape[1]):
-        force = reals[sample] if fresh else 0.0
-        value = 0.0
-        for turn in range(integers[0]):
-            mode = turn % MODES
-            new = modes[mode, 0] * modes[mode, 1] - 0.9999 * modes[mode, 2] + force
-            modes[mode, 2] = modes[mode, 1]
-            modes[mode, 1] = new
-            value += new
-        outputs[:, sample] = 1e-4 * value
+@ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
+def take_too_long(*_: object) -> None:
+    """Make no sound in the time of two blocks."""
+    time.sleep(2 * BLOCK / RATE)
 
 
 class Player:
     """All that plays: memory, callback, feeder."""
 
-    def __init__(self, modes: int) -> None:
-        self.records = Ring(capacity=4, integers=1, reals=BLOCK)
-        self.arena = np.zeros((MODES, 3))
-        turns = np.linspace(0.01, 3, MODES)
-        self.arena[:, 0] = 1.9999 * np.cos(turns)
-        limited = limiter.limiter(sample_rate=RATE, channels=2)
+    def __init__(self, modes: int = 1, process: int | None = None) -> None:
+        poles = -1.0 + 2j * np.pi * np.linspace(50.0, 15_000.0, modes)
+        bank = Stepped(
+            [Poles(values=poles)], points=1, block=BLOCK, voices=1, sample_rate=RATE, quiet=0.0
+        )
+        self.memory = bank.memory
+        self._layout = Layout.of(bank.memory, 1)
+        self.records = Ring(capacity=4, integers=self._layout.integers, reals=self._layout.reals)
+        self._kept = bank, arena(bank, volume=1e-4)
         self.shared = Shared(
-            records=self.records, limited=limited, arena=self.arena.reshape(-1),
-            process=ring_and_push, channels=2, block=BLOCK,
+            records=self.records, limited=limiter.limiter(sample_rate=RATE, channels=2),
+            arena=self._kept[1], process=process, channels=2, block=BLOCK,
         )  # fmt: skip
-        self.callback = callback.compiled()
         self.feeder = Feeder(self.records, self.fill, seconds=BLOCK / RATE)
-        self._modes = modes
 
     def fill(self, integers: Integers, reals: Array) -> None:
-        integers[0] = self._modes
-        reals[:] = 0
-        reals[0] = 1e-3
+        """Push all modes by one sample, heard alike."""
+        record = self._layout.record(integers, reals)
+        record.volume[0] = 1e-4
+        record.bodies[0] = NEW_OUTPUTS | FIRST_OUTPUTS
+        record.voices[0] = ON, 0, 1
+        record.forces[0], record.drives[0], record.outputs[0, 0] = 0.0, 1.0, 1.0
+        record.forces[0, 0] = 1e-3
 
     def open(self, portaudio: PortAudio, **options: Any) -> Stream:  # noqa: ANN401 - of `open`
         return portaudio.open(
-            self.callback.address, self.shared.address,
+            callback.play(), self.shared.address,
             **{"sample_rate": RATE, "block": BLOCK, "channels": 2, **options},
         )  # fmt: skip
 
@@ -195,7 +186,7 @@ def test_a_server_is_listed_with_its_rate_and_channels(jack: Server) -> None:
 @pytest.mark.usefixtures("jack")
 @pytest.mark.parametrize("wrong", [{"sample_rate": 96000.0}, {"channels": 64}, {"inputs": 64}])
 def test_a_refused_stream_names_the_reason_and_what_there_is(wrong: dict[str, float]) -> None:
-    player = Player(modes=0)
+    player = Player()
     with PortAudio() as portaudio, pytest.raises(DeviceError, match="refuses") as caught:
         player.open(portaudio, **wrong)
     assert "0: system (JACK" in str(caught.value)
@@ -204,7 +195,7 @@ def test_a_refused_stream_names_the_reason_and_what_there_is(wrong: dict[str, fl
 
 @pytest.mark.usefixtures("jack")
 def test_a_stream_states_its_latency_and_says_when_it_is_closed() -> None:
-    player = Player(modes=0)
+    player = Player()
     with PortAudio() as portaudio:
         stream = player.open(portaudio, inputs=2)
         assert 0 <= stream.latency < 0.1
@@ -236,14 +227,14 @@ def test_beside_a_busy_interpreter_nothing_underflows(
         if not underflows:
             break
     assert 0 < load < 0.8
-    assert np.isfinite(player.arena).all()
+    assert np.isfinite(player.memory.modes).all()
     judge(underflows, calls)
     assert missed < 0.01 * calls
     assert calls == pytest.approx(5 * RATE / BLOCK, rel=0.02)
 
 
 def test_a_callback_that_takes_too_long_is_counted(jack: Server) -> None:
-    player = Player(modes=20 * MODES)
+    player = Player(process=ctypes.cast(take_too_long, ctypes.c_void_p).value)
     with PortAudio() as portaudio:
         stream = player.open(portaudio)
         player.play(stream, 0.2)

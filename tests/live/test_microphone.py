@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from struck.core import address
 from struck.errors import DeviceError, OptionError
 from struck.excitation.force_track import ForceTrack
 from struck.live import recorder
@@ -55,10 +56,14 @@ def test_a_microphone_is_opened_for_input_alone_on_the_default_input() -> None:
             return whole(*given)
 
         library.Pa_OpenStream = open_stream
-        kept = recorder._callback()
         table = np.array([0, 0, 0, 1, 0])
         portaudio.open(
-            kept.address, table.ctypes.data, sample_rate=RATE, block=256, channels=0, inputs=1
+            address("recorder_take"),
+            table.ctypes.data,
+            sample_rate=RATE,
+            block=256,
+            channels=0,
+            inputs=1,
         ).close()
         usual = library.Pa_GetDefaultInputDevice()
     [(_, source, output, *_)] = opened

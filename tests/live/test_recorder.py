@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from struck.core import address
 from struck.errors import DeviceError, RecordingError
-from struck.live import recorder
 from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW
 from struck.live.recorder import DeviceRecorder
 from struck.recordings.capture import CapturedTake
@@ -26,8 +26,7 @@ def test_interleaved_blocks_are_kept_until_there_are_enough() -> None:
     samples = np.zeros((100, 3), np.float32)
     table = np.array([samples.ctypes.data, 100, 0, 3, 0])
     signature = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_ulong, c_void_p, c_ulong, c_void_p)
-    callback = recorder._callback()
-    record = signature(callback.address)
+    record = signature(address("recorder_take"))
     heard = np.random.default_rng(1).standard_normal((192, 3)).astype(np.float32)
     codes = [
         record(heard[k : k + 64].ctypes.data, None, 64, None, flags, table.ctypes.data)

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
+
+from struck.synth import resonators
+from struck.synth.resonators import Resonators
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -23,6 +28,12 @@ class Bank:
     def turns(self) -> Complex:
         """What a sample turns each mode by."""
         return np.exp((-self.decays + 2j * np.pi * self.frequencies) / RATE)
+
+
+def reference(*given: Any, **options: Any) -> Resonators:  # noqa: ANN401 - of `Resonators`
+    """Return resonators in plain NumPy, as where the core is missing."""
+    with mock.patch.object(resonators, "entry", return_value=None):
+        return Resonators(*given, **options)
 
 
 def bank(

@@ -8,12 +8,13 @@ it is, with its Doppler shift; responses fade from those of its begin to those o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from struck.core import entry
+from struck.errors import OptionError
 from struck.model.arrays import Array, Index, Single
 
 READ = 32  # samples that a value between samples is made of
@@ -94,7 +95,7 @@ class DelayLines:
         copies[:, :, start : start + count] = samples[:, None, : half - start]
         copies[:, :, : max(0, start + count - half)] = samples[:, None, half - start :]
         heard = np.zeros((ears, count), np.float32)
-        _hear()(
+        hear(
             *(self._lines, self._now, between(), paths.lines, paths.ears, paths.delays),
             *(paths.gains, self._padded(paths.before), self._padded(paths.after)),
             *(since, paths.stretch, self._history, heard),
@@ -109,14 +110,53 @@ class DelayLines:
         return np.pad(responses, ((0, 0), (0, taps - responses.shape[1])))
 
 
-@cache
-def _hear() -> Callable[..., None]:
-    """Return the compiled loop, or plain NumPy where numba is missing."""
-    try:
-        from struck.ears.delay_kernels import hear
-    except ImportError:  # numba comes late to new versions of Python
-        return hear_plainly
-    return hear
+def hear(
+    lines: Single,
+    now: int,
+    between: Single,
+    line_of: Index,
+    ear_of: Index,
+    delays: Array,
+    gains: Array,
+    before: Single,
+    after: Single,
+    since: int,
+    stretch: int,
+    history: Single,
+    heard: Single,
+) -> None:
+    """Read all paths and add what they sound like at the ears.
+
+    Parameters
+    ----------
+    lines : array (L, 2 H)
+        Each line twice, one after the other; sample n stands at n modulo H. H is a power of two.
+    now : int
+        Number of the block's first sample.
+    between : array (S + 1, READ)
+        As the function `between` returns it.
+    line_of, ear_of, delays, gains, before, after
+        As in `Paths`; responses of a multiple of four taps.
+    since, stretch : int
+        Samples of the stretch that are over, and of all of it.
+    history : array (P, taps - 1 + block or more)
+        What was read in the blocks before.
+    heard : array (ears, block)
+        Added to.
+    """
+    compiled = entry("ears_hear")
+    if compiled is None:
+        plain = lines, now, between, line_of, ear_of, delays, gains, before, after
+        hear_plainly(*plain, since, stretch, history, heard)
+        return
+    if history.shape[1] < before.shape[1] - 1 + heard.shape[1]:
+        raise OptionError(f"{heard.shape[1]} samples at a time are more than there is room for")
+    compiled(
+        *(lines, lines.shape[1] // 2, now, between, len(between) - 1),
+        *(len(line_of), line_of, ear_of, delays, gains),
+        *(before.shape[1], before, after, since, stretch, heard.shape[1]),
+        *(history, history.shape[1], heard),
+    )
 
 
 def hear_plainly(
@@ -134,7 +174,7 @@ def hear_plainly(
     history: Single,
     heard: Single,
 ) -> None:
-    """Read all paths and add their sound at the ears, in plain NumPy; see `delay_kernels.hear`."""
+    """Read all paths and add their sound at the ears as `hear` does, in plain NumPy."""
     block, taps = heard.shape[1], before.shape[1]
     u = np.arange(since + 1, since + block + 1) / stretch
     parabola = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)])

@@ -446,9 +446,7 @@ def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float
 
 def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
     outputs = [body.outputs(listener)[None]]
-    modes = Resonators(
-        [body.model], sample_rate=sample_rate, block=_BLOCK, voices=1, engine="stepped"
-    )
+    modes = Resonators([body.model], sample_rate=sample_rate, block=_BLOCK, voices=1)
     pushing = Strike().begin(body.model, sample_rate)
     peak = 0.0
     for _ in range(round(_LISTENED * sample_rate / _BLOCK)):

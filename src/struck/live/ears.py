@@ -1,75 +1,39 @@
 """A listener's ears while bodies are played: the feeder finds the delays, the callback hears.
 
-What the callback needs lies in three pieces of memory, laid out once; `struck.ears.delay_lines`
-says what it does with them.
+What the callback needs lies in arrays that are laid out once; `struck.ears.delay_lines` says what
+it does with them.
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from struck.ears.delay_kernels import hear
 from struck.ears.delay_lines import between
 from struck.ears.listeners import Listener, Trajectory
 from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.errors import ContactError, OptionError
-from struck.live.ring import NEW_WAYS, SINCE, Record, jitted_within
-from struck.model.arrays import Array, Index, Single
+from struck.live.ring import NEW_WAYS, SINCE, Record
+from struck.model.arrays import Array
 from struck.model.model import ModalModel
 from struck.scene.body import centre_of, emitter_at
-from struck.synth.memory import part
 
 FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
 _GROUP = 8  # taps in a vector
-_STANDING = 1 << 32  # times as long, a stretch does not move within a block
-
-# At the front of the whole numbers.
-_LINES, _LENGTH, _PATHS, _TAPS, _EARS, _BLOCK, _STRETCH, _NOW, _ROWS, _HEADER = range(10)
 
 
-class Ears(NamedTuple):
-    """The arrays that the callback hears with, all float32 unless stated."""
+class EarsMemory(ctypes.Structure):
+    """What the callback hears with; `callback.h` in the core has the same fields."""
 
-    lines: Single  # these six as `struck.ears.delay_kernels.hear` takes them
-    between: Single
-    before: Single
-    after: Single
-    history: Single
-    heard: Single
-    ways: Array  # (2, paths, 3): delays and gains of the stretch
-    sizes: Index  # numbers at the front of the whole ones
-    line_of: Index  # (paths,)
-    ear_of: Index  # (paths,)
-
-
-def _seen(singles: Single, reals: Array, wholes: Index) -> Ears:
-    """Return the arrays that lie in the three pieces of memory."""
-    lines, length, paths, taps = wholes[_LINES], wholes[_LENGTH], wholes[_PATHS], wholes[_TAPS]
-    ears, block, rows = wholes[_EARS], wholes[_BLOCK], wholes[_ROWS]
-    a = lines * length
-    b = a + rows * 32
-    c = b + paths * taps
-    d = c + paths * taps
-    e = d + paths * (taps - 1 + block)
-    return Ears(
-        part(singles, 0, (lines, length)),
-        part(singles, a, (rows, 32)),
-        part(singles, b, (paths, taps)),
-        part(singles, c, (paths, taps)),
-        part(singles, d, (paths, taps - 1 + block)),
-        part(singles, e, (ears, block)),
-        part(reals, 0, (2, paths, 3)),
-        part(wholes, 0, (_HEADER,)),
-        part(wholes, _HEADER, (paths,)),
-        part(wholes, _HEADER + paths, (paths,)),
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("lines", "length", "fine", "paths", "taps")),
+        *((name, ctypes.c_int64) for name in ("ears", "block", "stretch", "now")),
+        *((name, ctypes.c_void_p) for name in ("line", "between", "before", "after", "history")),
+        *((name, ctypes.c_void_p) for name in ("heard", "ways", "line_of", "ear_of")),
     )
-
-
-seen = jitted_within(_seen)  # for compiled code
 
 
 class Following:
@@ -141,24 +105,37 @@ class LiveEars:
         """Length of the ears' responses, padded to whole vectors."""
         return -(-self.propagation.paths.after.shape[1] // _GROUP) * _GROUP
 
-    @property
-    def memory(self) -> tuple[Single, Array, Index]:
-        """Float32, float64 and int64 memory of the callback, which must outlive it."""
-        return self._singles, self._reals, self._wholes
-
     def _lay_out(self) -> None:
         paths, taps, block, found = self.paths, self.taps, self._block, self.propagation
-        table, ears, lines = between(), found.ears, found.lines
         longest = FARTHEST / 340.0 * self._rate + found.lead + block + 64
         length = 2 << int(np.ceil(np.log2(longest)))
-        sizes = (lines, length, paths, taps, ears, block, self._stretch, 0, len(table))
-        self._wholes = np.array([*sizes, *found.paths.lines, *found.paths.ears], np.int64)
-        held = paths * (3 * taps - 1 + block)
-        self._singles = np.zeros(lines * length + table.size + held + ears * block, np.float32)
-        self._reals = np.zeros(6 * paths)
-        parts = _seen(self._singles, self._reals, self._wholes)
-        parts.between[:] = table
-        parts.after[:, : found.paths.after.shape[1]] = found.paths.after
+        after = np.zeros((paths, taps), np.float32)
+        after[:, : found.paths.after.shape[1]] = found.paths.after
+        table = between()
+        # Kept, as the callback has but their addresses.
+        self._arrays = {
+            "line": np.zeros((found.lines, length), np.float32),
+            "between": table,
+            "before": np.zeros_like(after),
+            "after": after,
+            "history": np.zeros((paths, taps - 1 + block), np.float32),
+            "heard": np.zeros((found.ears, block), np.float32),
+            "ways": np.zeros((2, paths, 3)),
+            "line_of": np.array(found.paths.lines, np.int64),
+            "ear_of": np.array(found.paths.ears, np.int64),
+        }
+        self.memory = EarsMemory(
+            lines=found.lines,
+            length=length,
+            fine=len(table) - 1,
+            paths=paths,
+            taps=taps,
+            ears=found.ears,
+            block=block,
+            stretch=self._stretch,
+            now=0,
+            **{name: array.ctypes.data for name, array in self._arrays.items()},
+        )
 
     def listen(self, listener: Listener) -> None:
         """Move the listener, from the next stretch on."""
@@ -204,49 +181,3 @@ def _emitter(model: ModalModel) -> Emitter:
             "a body with a timbre field is played for a bare position, or rendered for two ears"
         )
     return emitter_at(model, Trajectory.of("position", centre_of(model)))
-
-
-@jitted_within
-def take(ears: Ears, record: Record) -> None:
-    """Take over new delays, gains and responses from a record."""
-    if record.stretch[NEW_WAYS]:  # number by number: whole arrays take seconds to compile
-        for path in range(ears.after.shape[0]):
-            for place in range(3):
-                ears.ways[0, path, place] = record.ways[0, path, place]
-                ears.ways[1, path, place] = record.ways[1, path, place]
-            for tap in range(ears.after.shape[1]):
-                ears.before[path, tap] = ears.after[path, tap]
-                ears.after[path, tap] = np.float32(record.responses[path, tap])
-
-
-@jitted_within
-def listen(ears: Ears, sounds: Array, since: int, held: int) -> None:
-    """Write what bodies sound like (bodies, rows, block) to the lines and hear it.
-
-    Where nothing new is known, `held`, all stays as it was at the end of the block before.
-    """
-    now, half, stretch = ears.sizes[_NOW], ears.lines.shape[1] // 2, ears.sizes[_STRETCH]
-    if held:
-        since, stretch = (since + sounds.shape[2]) * _STANDING, stretch * _STANDING
-    for line in range(ears.lines.shape[0]):
-        for k in range(sounds.shape[2]):
-            place = (now + k) % half
-            sample = np.float32(sounds[line, 0, k])
-            ears.lines[line, place] = ears.lines[line, place + half] = sample
-    ears.heard[:] = np.float32(0)
-    hear(
-        ears.lines,
-        now,
-        ears.between,
-        ears.line_of,
-        ears.ear_of,
-        ears.ways[0],
-        ears.ways[1],
-        ears.before,
-        ears.after,
-        since,
-        stretch,
-        ears.history,
-        ears.heard,
-    )
-    ears.sizes[_NOW] = now + sounds.shape[2]

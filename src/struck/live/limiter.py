@@ -23,8 +23,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from struck.core import entry
 from struck.errors import OptionError
 from struck.model.arrays import Array
 
@@ -90,12 +90,27 @@ def _check(sample_rate: float, channels: int, *amounts: float) -> None:
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 - compiled: positional
+def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 - as the callback calls it
     """Limit samples (channels, block) in place while the output opens (or stays open) or closes.
 
     Samples that are not finite become 0 and are counted in `state[REPLACED]`.
     """
+    if len(samples) != state[CHANNELS]:
+        raise OptionError(f"{len(samples)} channels for a limiter of {int(state[CHANNELS])}")
+    compiled = entry("limiter_limit")
+    if compiled is None:
+        limit_plainly(state, samples, opened)
+    else:
+        compiled(state, state.size, samples, *samples.shape, opened)
+
+
+def is_closed(state: Array) -> bool:
+    """Return whether nothing is heard any more."""
+    return bool(state[OPENING] == 0.0)
+
+
+def limit_plainly(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 - as `limit`
+    """Limit samples as `limit` does, without the core."""
     state[LEAST_GAIN] = 1.0
     for sample in range(samples.shape[1]):
         peak = _loudest(state, samples, sample)
@@ -106,13 +121,6 @@ def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 -
         state[TIME] += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def is_closed(state: Array) -> bool:
-    """Return whether nothing is heard any more."""
-    return state[OPENING] == 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _loudest(state: Array, samples: Array, sample: int) -> float:
     peak = 0.0
     for channel in range(samples.shape[0]):
@@ -123,7 +131,6 @@ def _loudest(state: Array, samples: Array, sample: int) -> float:
     return peak
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _held(state: Array, wanted: float) -> float:
     """Return the least gain wanted of late; the queue holds times and gains that both rise."""
     size = int(state[HELD])
@@ -140,14 +147,12 @@ def _held(state: Array, wanted: float) -> float:
     return gains[oldest % size]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _released(state: Array, wanted: float) -> float:
     gain = state[RELEASED] + state[RELEASE] * (wanted - state[RELEASED])
     state[RELEASED] = wanted if wanted - gain < _NEARLY_OPEN else gain
     return state[RELEASED]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _smoothed(state: Array, gain: float) -> float:
     """Return the mean of the means of the last gains."""
     first, second = int(state[FIRST_LENGTH]), int(state[SECOND_LENGTH])
@@ -162,8 +167,7 @@ def _smoothed(state: Array, gain: float) -> float:
     return state[SECOND_SUM] / (first * second * state[UNIT])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fade(state: Array, opened: bool) -> float:  # noqa: FBT001 - compiled: positional
+def _fade(state: Array, opened: bool) -> float:  # noqa: FBT001
     """Return the next gain of the fade: a raised cosine, 0 to 1."""
     step = state[FADE_STEP] if opened else -state[FADE_STEP]
     state[OPENING] = min(1.0, max(0.0, state[OPENING] + step))
@@ -172,7 +176,6 @@ def _fade(state: Array, opened: bool) -> float:  # noqa: FBT001 - compiled: posi
     return math.sin(0.5 * math.pi * state[OPENING]) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _play(state: Array, samples: Array, sample: int, gain: float, fade: float) -> None:
     """Exchange a sample of each channel for the one that entered the delay before it."""
     delay = int(state[DELAY])

@@ -26,7 +26,7 @@ from struck.excitation.pulses import LEAD, Samples, sampled
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
-from struck.live.callback import OPEN, PEAK, Shared, sound
+from struck.live.callback import OPEN, Shared
 from struck.live.commands import Host, default_listener, listening
 from struck.live.device import TO_FILE, PortAudio, Stream, keep
 from struck.live.ring import Ring
@@ -97,7 +97,6 @@ class Player:
             records=self._host.records,
             limited=self._limited,
             arena=self._host.arena,
-            process=sound,
             channels=outlet.channels,
             block=block,
         )
@@ -105,7 +104,7 @@ class Player:
             self._host.records, self._host.fill, seconds=block / rate, ahead=ahead
         )
         self._stopped = False
-        outlet.open(callback.compiled(), self._shared, block)
+        outlet.open(callback.play(), self._shared, block)
 
     def strike(self, strike: Strike | None = None, *, body: int = 0, **given: Any) -> None:  # noqa: ANN401 - of `Strike`
         """Strike a body.
@@ -346,7 +345,7 @@ class Player:
     @property
     def peak(self) -> float:
         """The loudest sample so far before the limiter; 1.0 is full scale."""
-        return float(self._host.arena[PEAK])
+        return self._host.arena.peak
 
     def _require_playing(self) -> None:
         if not self.active:
@@ -497,8 +496,8 @@ class Outlet(Protocol):
     sample_rate: float  # Hz
     channels: int
 
-    def open(self, callback: object, shared: Shared, block: int) -> None:
-        """Get ready to call a compiled callback (its `address`) for each block."""
+    def open(self, callback: int, shared: Shared, block: int) -> None:
+        """Get ready to call the callback at an address for each block."""
         ...
 
     def start(self) -> None:
@@ -540,13 +539,13 @@ class DeviceOutlet:
         self.channels = min(2, chosen.outputs)
         self._number = chosen.number
         self._stream: Stream | None = None
-        self._used: tuple[object, Shared] | None = None
+        self._used: Shared | None = None
 
-    def open(self, callback: object, shared: Shared, block: int) -> None:
+    def open(self, callback: int, shared: Shared, block: int) -> None:
         """Open the stream; DeviceError where the device refuses."""
-        self._used = callback, shared
+        self._used = shared
         self._stream = self._portaudio.open(
-            callback.address,  # type: ignore[attr-defined] # numba's class has no type
+            callback,
             shared.address,
             sample_rate=self.sample_rate,
             block=block,
@@ -579,7 +578,7 @@ class DeviceOutlet:
         """Fade out and close; a device that no longer answers is left alone."""
         stream, self._stream = self._stream, None
         if stream is not None and self._used is not None:
-            self._end(stream, self._used[1])
+            self._end(stream, self._used)
             if not stream.close():
                 keep(self._used)
         self._portaudio.close()

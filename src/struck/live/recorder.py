@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numba import cfunc, types
-from numba.np.numpy_support import carray
 
+from struck.core import address
 from struck.errors import DeviceError, OptionError
 from struck.files.sound import Sound
-from struck.live.callback import SIGNATURE
-from struck.live.device import COMPLETE, CONTINUE, INPUT_OVERFLOW, TO_FILE, PortAudio, keep
+from struck.live.device import TO_FILE, PortAudio, keep
 from struck.model.arrays import Index, Single
 from struck.recordings.capture import CapturedTake
-from struck.synth.memory import singles_at
 
 SETTLING = 0.3  # s of a take that are left out while the device settles
 _BLOCK = 256
 _LONGEST = 600.0  # s
 _PATIENCE, _LOOK = 3.0, 0.005  # s: how late a device may be, and between two looks at it
-# Table of the callback: address of the samples, frames wanted and done, channels, blocks lost.
-_TO, _WANTED, _DONE, _CHANNELS, _LOST, _PLACES = range(6)
+# Numbers of `recorder.c`: address of the samples, frames wanted and done, channels, blocks lost.
+_TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
 
 
 def microphone(
@@ -89,7 +86,7 @@ class DeviceRecorder:
             raise
         self.channels = channels
         self.sample_rate = sample_rate or self.device.sample_rate
-        self._callback = _callback()
+        self._callback = address("recorder_take")
 
     def __enter__(self) -> Self:
         return self
@@ -136,7 +133,7 @@ class DeviceRecorder:
         samples = np.zeros((count, self.channels), np.float32)
         table = np.array([samples.ctypes.data, count, 0, self.channels, 0])
         stream = self._portaudio.open(
-            self._callback.address,
+            self._callback,
             table.ctypes.data,
             sample_rate=self.sample_rate,
             block=_BLOCK,
@@ -152,7 +149,7 @@ class DeviceRecorder:
             stream.stop()
         finally:
             if not stream.close():
-                keep((self._callback, table, samples))
+                keep((table, samples))
         return samples[skipped:], int(table[_LOST])
 
     def _wait(self, table: Index, frames: int, way_out: str) -> None:
@@ -165,22 +162,3 @@ class DeviceRecorder:
                     f"no more: {way_out}"
                 )
             time.sleep(_LOOK)
-
-
-def _callback() -> Any:  # noqa: ANN401 - numba's class has no type
-    @cfunc(SIGNATURE, error_model="numpy")
-    def record(heard, _played, frames, _times, flags, data):  # noqa: ANN001, ANN202, PLR0917, RUF100 - SIGNATURE types it
-        table = carray(data, (_PLACES,), np.int64)
-        channels = table[_CHANNELS]
-        samples = singles_at(table[_TO], table[_WANTED] * channels)
-        count = min(types.int64(frames), table[_WANTED] - table[_DONE])
-        source = carray(heard, (types.int64(frames) * channels,), np.float32)
-        first = table[_DONE] * channels
-        for n in range(count * channels):
-            samples[first + n] = source[n]
-        if flags & INPUT_OVERFLOW and table[_DONE]:
-            table[_LOST] += 1
-        table[_DONE] += count
-        return COMPLETE if table[_DONE] == table[_WANTED] else CONTINUE
-
-    return record

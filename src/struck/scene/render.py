@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -238,10 +238,10 @@ class DrivenBody:
     def __post_init__(self) -> None:
         self._holds = [each for each in self.actions if isinstance(each, Hold)]
         excitations: list[Excitation] = [e for e in self.actions if not isinstance(e, Hold)]
-        self._resonators = _resonators(
-            self.model,
-            # A hand may damp modes more than the block transform bears.
-            engine="stepped" if self._holds else "auto",
+        from struck.synth.resonators import Resonators  # strikes alone need none
+
+        self._resonators = Resonators(
+            (self.model,),
             points=len(self.outputs),
             voices=max(1, len(excitations)),
             sample_rate=self.sample_rate,
@@ -303,17 +303,6 @@ class DrivenBody:
                 "shall be with seconds="
             )
         return None
-
-
-def _resonators(model: ModalModel, *, engine: str, **options: Any) -> Any:  # noqa: ANN401 - either kind
-    """Return compiled resonators for a body, or plain NumPy's where numba is missing."""
-    try:
-        from struck.synth.resonators import Resonators
-    except ImportError:  # numba comes late to new versions of Python
-        from struck.synth.reference import ReferenceResonators
-
-        return ReferenceResonators((model,), **options)
-    return Resonators((model,), engine=engine, **options)
 
 
 # Attack and noise of recorded models.

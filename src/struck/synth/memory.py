@@ -1,112 +1,21 @@
 """Where everything lives that changes while sound plays: two pieces of memory, laid out once.
 
 Real numbers lie in one array and whole numbers in another, so that a function without Python,
-such as the callback of an audio device, needs two addresses and nothing else.
+such as the callback of an audio device, needs two addresses and nothing else. The core has the
+same names and numbers in `memory.h`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
-from numba.core import cgutils
-from numba.core.errors import TypingError
-from numba.extending import intrinsic as _intrinsic
-from numba.extending import overload
-from numba.np.numpy_support import carray
-from numpy.typing import NDArray
 
 from struck.model.arrays import AnyArray, Array, Index
-from struck.synth.sample_loop import OUTPUTS, jitted
 
-Typed = tuple[Any, Callable[..., Any]]  # signature of an intrinsic, and what generates its code
-# Called, an intrinsic takes no context: not what its definition says.
-intrinsic: Any = _intrinsic
-
-
-@intrinsic
-def pointer_to(_context: object, address: types.Type) -> Typed:
-    """Return an address held as an integer as an untyped pointer."""
-    if not isinstance(address, types.Integer):
-        raise TypingError(f"an address is an integer, not {address}")
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401 - numba has no types
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.voidptr(address), generate
-
-
-@njit(nogil=True, error_model="numpy")
-def integers_at(address: int, count: int) -> NDArray[np.int64]:
-    """Return the int64 array (count,) that begins at an address; it must outlive its use."""
-    return carray(pointer_to(address), (count,), np.int64)
-
-
-@njit(nogil=True, error_model="numpy")
-def reals_at(address: int, count: int) -> NDArray[np.float64]:
-    """Return the float64 array (count,) that begins at an address; it must outlive its use."""
-    return carray(pointer_to(address), (count,), np.float64)
-
-
-@njit(nogil=True, error_model="numpy")
-def singles_at(address: int, count: int) -> NDArray[np.float32]:
-    """Return the float32 array (count,) that begins at an address; it must outlive its use."""
-    return carray(pointer_to(address), (count,), np.float32)
-
-
-def part(array: AnyArray, first: int, shape: tuple[int, ...]) -> AnyArray:
-    """Return the numbers of a contiguous array from the first on, in a shape."""
-    return array[first : first + math.prod(shape)].reshape(shape)
-
-
-@overload(part)
-def _part(array: AnyArray, first: int, shape: tuple[int, ...]) -> Callable[..., AnyArray]:  # noqa: ARG001 - numba asks by types
-    def compiled(array: AnyArray, first: int, shape: tuple[int, ...]) -> AnyArray:
-        address = array.ctypes.data + array.itemsize * first
-        return carray(pointer_to(address), shape, array.dtype)
-
-    return compiled
-
-
-def address_of(function: Any, arguments: tuple[types.Type, ...]) -> int:  # noqa: ANN401 - numba has no types
-    """Return the address of a compiled function, which must outlive its use."""
-    made = _made(function, arguments)
-    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
-
-
-def result_of(function: Any, arguments: tuple[types.Type, ...]) -> types.Type:  # noqa: ANN401 - numba has no types
-    """Return the type that a compiled function returns for these argument types."""
-    return _made(function, arguments).signature.return_type
-
-
-def _made(function: Any, arguments: tuple[types.Type, ...]) -> Any:  # noqa: ANN401 - numba has no types
-    function.compile(arguments)
-    return function.overloads[arguments]
-
-
-def _calling(result: types.Type) -> Any:  # noqa: ANN401 - numba has no types
-    @intrinsic
-    def call(_context: object, address: types.Type, arguments: types.BaseTuple) -> Typed:
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401 - numba has no types
-            kinds = signature.args[1].types
-            pointed = context.call_conv.get_function_type(result, kinds).as_pointer()
-            pointer = builder.inttoptr(values[0], pointed)
-            parts = cgutils.unpack_tuple(builder, values[1])
-            _, value = context.call_conv.call_function(builder, pointer, result, kinds, parts)
-            return context.get_dummy_value() if result == types.none else value
-
-        return result(address, arguments), generate
-
-    return call
-
-
-call = _calling(types.none)  # call(address, arguments) of a compiled function that returns nothing
-call_for_integer = _calling(types.int64)  # the same of one that returns an int64
-
+OUTPUTS = (1, 2, 4, 8)  # outputs that the core makes at a time
 _LINE = 8  # real numbers in a cache line
 
 
@@ -187,15 +96,6 @@ class Voice(IntEnum):
     NEXT = 3  # the body's next voice
 
 
-class Run(IntEnum):
-    """Entries of `Memory.run`."""
-
-    ADDRESS = 0  # of the machine code that `blocks.run` calls
-    OUTPUTS = 1  # taken at once
-    PUSHES = 2  # taken at once
-    SAMPLES = 3  # a block is to be a multiple of for one steady push
-
-
 class Level(IntEnum):
     """Entries at the front of `Memory.levels`."""
 
@@ -215,17 +115,17 @@ class Memory(NamedTuple):
     levels: Array  # (Level, then the loudest so far of each body)
     bodies: Index  # (bodies, BodyColumn)
     voices: Index  # (voices + 1, Voice)
-    run: Index  # (Run,)
+    turned: Index  # (1,): whether outputs are complex
 
 
 # Numbers at the front of the whole ones.
-_BODIES, _MODES, _ROWS, _VOICES, _WIDTH, _BLOCK, _HEADER = range(7)
+_BODIES, _MODES, _ROWS, _VOICES, _WIDTH, _BLOCK, _TURNED, _HEADER = range(8)
 _PER_MODE, _PER_OUTPUT, _PER_DRIVE = len(Mode), len(Output), len(Drive)
-_PER_BODY, _PER_VOICE, _RUN, LEVELS = len(BodyColumn), len(Voice), len(Run), len(Level)
+_PER_BODY, _PER_VOICE, _LEVELS = len(BodyColumn), len(Voice), len(Level)
 
 
 def rows_for(points: int) -> int:
-    """Return how many output rows kernels need for this number of outputs."""
+    """Return how many output rows the core needs for this number of outputs."""
     most = OUTPUTS[-1]
     return next((n for n in OUTPUTS if n >= points), -(-points // most) * most)
 
@@ -244,8 +144,8 @@ def laid_out(
         block,
     )
     bodies, modes, rows, slots, width, _ = sizes
-    wholes = np.zeros(_HEADER + bodies * _PER_BODY + slots * _PER_VOICE + _RUN, np.int64)
-    wholes[:_HEADER] = sizes
+    wholes = np.zeros(_HEADER + bodies * _PER_BODY + slots * _PER_VOICE, np.int64)
+    wholes[: len(sizes)] = sizes
     table = wholes[_HEADER : _HEADER + bodies * _PER_BODY].reshape(bodies, _PER_BODY)
     ends = np.cumsum(padded)
     table[:, BodyColumn.FIRST], table[:, BodyColumn.LAST] = ends - padded, ends
@@ -255,7 +155,7 @@ def laid_out(
         + _lines(slots * block)
         + _lines(2 * slots * rows)
         + _lines(bodies * rows * block)
-        + LEVELS
+        + _LEVELS
         + bodies
     )
     return aligned(reals, np.float64), wholes
@@ -279,11 +179,16 @@ def seen(reals: Array, wholes: Index) -> Memory:
         part(reals, c, (slots, block)),
         part(reals, d, (2, slots, rows)),
         part(reals, e, (bodies, rows, block)),
-        part(reals, f, (LEVELS + bodies,)),
+        part(reals, f, (_LEVELS + bodies,)),
         part(wholes, _HEADER, (bodies, _PER_BODY)),
         part(wholes, table, (slots, _PER_VOICE)),
-        part(wholes, table + slots * _PER_VOICE, (_RUN,)),
+        part(wholes, _TURNED, (1,)),
     )
+
+
+def part(array: AnyArray, first: int, shape: tuple[int, ...]) -> AnyArray:
+    """Return the numbers of a contiguous array from the first on, in a shape."""
+    return array[first : first + math.prod(shape)].reshape(shape)
 
 
 def _row(count: int) -> int:
@@ -301,8 +206,3 @@ def aligned(count: int, kind: type) -> AnyArray:
     raw = np.zeros(count + 16, kind)
     start = -raw.ctypes.data % 64 // raw.itemsize
     return raw[start : start + count]
-
-
-_lines = jitted(_lines)
-view = jitted(seen)  # for compiled code
-NUMBERS = (types.float64[::1], types.int64[::1])  # types of the real and the whole numbers

@@ -7,21 +7,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.core import compiled, entry
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
 from struck.model.arrays import Array, Complex
-from struck.synth.block_transform import Transformed, fits_transform, gains_by_transform
-from struck.synth.blocks import make_block, refresh, runner, settle, stand, wake
 from struck.synth.memory import (
     BodyColumn,
     Drive,
     Level,
     Mode,
     Output,
-    Run,
     Voice,
     laid_out,
-    rows_for,
     seen,
 )
 from struck.synth.poles import (
@@ -33,7 +30,7 @@ from struck.synth.poles import (
     require_session,
     voices_for,
 )
-from struck.synth.reference import Piece
+from struck.synth.reference import Tables
 
 QUIET = 1e-6  # of its loudest, below which a body may fall asleep: -120 dB
 
@@ -52,16 +49,20 @@ class Stepped:
         quiet: float = QUIET,
     ) -> None:
         self._counts = [len(each.values) for each in poles]
-        self._points, self._rate, self._rows = points, sample_rate, rows_for(points)
+        self._points, self._rate = points, sample_rate
         sizes = {"points": points, "voices": voices, "block": block}
         self._reals, self._wholes = laid_out(tuple(self._counts), **sizes)
         self.memory = seen(self._reals, self._wholes)
         self.memory.levels[Level.RATE], self.memory.levels[Level.QUIET] = sample_rate, quiet
-        self.turned, self._first = False, True
+        self._first = True
         self._forces = list(self.memory.forces)
         self._slots: dict[Key, int] = {}
         self._drives: dict[Key, Array] = {}
-        self._free, self._voices = list(range(voices)), voices
+        self._free = list(range(voices))
+        # Arguments of the core: what takes an address costs no check in every block.
+        self._places = self._reals.ctypes.data, self._wholes.ctypes.data
+        core = (compiled(f"bank_{name}") for name in ("make_block", "settle", "refresh", "stand"))
+        self._make_block, self._settle, self._refresh, self._stand = core
         for body, each in enumerate(poles):
             self.take_poles(body, each)
 
@@ -77,8 +78,7 @@ class Stepped:
 
     def states(self, body: int) -> Complex:
         """Return c of a body's modes after the last block; wakes it."""
-        settle(self.memory, body)
-        wake(self.memory, body)
+        self._settle(*self._places, body)
         modes = self.memory.modes[:, self._range(body)]
         return modes[Mode.STATE_RE] + 1j * modes[Mode.STATE_IM]
 
@@ -93,15 +93,8 @@ class Stepped:
         for key, (force, drive) in pushes.items():
             self._take_push(key, force, drive)
         self._first = False
-        if not self.memory.run[Run.ADDRESS]:
-            self.compile()
-        make_block(self._reals, self._wholes)
+        self._make_block(*self._places)
         return self.memory.sounds[:, : self._points]
-
-    def compile(self, *, turned: bool = False) -> None:
-        """Choose and compile kernels; `next_block` does it if need be."""
-        self.turned |= turned
-        self.memory.run[:] = runner(self._rows, turned=self.turned, voices=self._voices)
 
     def _range(self, body: int) -> slice:
         first = int(self.memory.bodies[body, BodyColumn.FIRST])
@@ -109,13 +102,12 @@ class Stepped:
 
     def take_poles(self, body: int, poles: Poles) -> None:
         """Replace a body's poles and all that follows from them; states stay."""
-        settle(self.memory, body)
-        wake(self.memory, body)
+        self._settle(*self._places, body)
         values, memory, modes = poles.values, self.memory, self._range(body)
         memory.modes[Mode.LOG_RE, modes] = values.real / self._rate
         memory.modes[Mode.LOG_IM, modes] = values.imag / self._rate
         memory.modes[Mode.STATE_RE : Mode.STATE_IM + 1, modes] *= values != 0
-        refresh(memory, body)
+        self._refresh(*self._places, body)
         memory.bodies[body, BodyColumn.MOVED] = 1
         memory.voices[memory.voices[:, Voice.BODY] == body, Voice.MOVED] = 1
 
@@ -125,11 +117,9 @@ class Stepped:
         layers[Output.TARGET_RE], layers[Output.TARGET_IM] = gains.real, gains.imag
         if self._first:
             layers[Output.RE], layers[Output.IM] = gains.real, gains.imag
-            stand(memory, body)
+            self._stand(*self._places, body)
         memory.bodies[body, BodyColumn.MOVED] = 1
-        if not self.turned and gains.imag.any():
-            self.turned = True
-            self.memory.run[Run.ADDRESS] = 0
+        memory.turned[0] |= bool(gains.imag.any())
 
     def _free_slots(self, pushes: Mapping[Key, tuple[Array, Array]]) -> None:
         for key in self._slots.keys() - pushes.keys():
@@ -158,9 +148,6 @@ class Stepped:
         self._drives[key] = drive
 
 
-ENGINES = ("auto", "stepped", "transformed")
-
-
 class Resonators:
     """Modes of all bodies, pushed and heard block after block.
 
@@ -180,9 +167,6 @@ class Resonators:
     quiet : float
         A body that nothing pushes falls asleep once it can be no louder than this share of the
         loudest that it was, and costs nothing more; it wakes as the one it would have been.
-    engine : str
-        "stepped": sample by sample; "transformed": by the block transform, for bodies of thousands
-        of modes; "auto": for each body whichever is faster. Their sounds differ by at most -120 dB.
 
     Raises
     ------
@@ -206,7 +190,6 @@ class Resonators:
         points: int = 1,
         voices: int | None = None,
         quiet: float = QUIET,
-        engine: str = "auto",
     ) -> None:
         require_session(sample_rate, block, points)
         if not models:
@@ -214,17 +197,9 @@ class Resonators:
         self.sample_rate, self.block, self.points = sample_rate, block, points
         self._poles = [Poles.of(model, sample_rate) for model in models]
         self._voices = voices_for(len(models), voices)
-        large = [_by_transform(engine, poles, sample_rate, block) for poles in self._poles]
-        self._large = {
-            body: Transformed(
-                self._poles[body], points=points, block=block, sample_rate=sample_rate, quiet=quiet
-            )
-            for body in np.flatnonzero(large).tolist()
-        }
-        small = [body for body, other in enumerate(large) if not other]
-        self._place = {body: place for place, body in enumerate(small)}
-        self._stepped = Stepped(
-            [self._poles[body] for body in small],
+        engine = Stepped if entry("bank_make_block") else Tables
+        self._engine = engine(
+            self._poles,
             points=points,
             block=block,
             voices=self._voices,
@@ -232,8 +207,6 @@ class Resonators:
             quiet=quiet,
         )
         self._last: dict[Key, tuple[Array, Array]] = {}
-        self._arranged: dict[Key, tuple[Array, Array]] = {}
-        self._first = True
 
     @property
     def dropped(self) -> tuple[int, ...]:
@@ -243,18 +216,11 @@ class Resonators:
     @property
     def asleep(self) -> NDArray[np.bool_]:
         """Which bodies are asleep (bodies,)."""
-        asleep, stepped = np.zeros(len(self._poles), np.bool_), self._stepped.asleep
-        for body, place in self._place.items():
-            asleep[body] = stepped[place]
-        for body, modes in self._large.items():
-            asleep[body] = modes.asleep
-        return asleep
+        return self._engine.asleep
 
     def states(self, body: int) -> Complex:
         """Return c of a body's modes after the last block (M,)."""
-        if body in self._large:
-            return self._large[body].states
-        return self._stepped.states(self._place[body])
+        return self._engine.states(body)
 
     def process(
         self, pushes: Sequence[Push] = (), outputs: Sequence[NDArray[np.generic] | None] = ()
@@ -283,11 +249,8 @@ class Resonators:
         """
         checked = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
         gains = require_outputs(outputs, self._poles, self.points)
-        if self._large:
-            samples = self._with_large(checked, gains)
-        else:
-            samples = self._stepped.next_block(checked, gains)
-        self._last, self._first = checked, False
+        samples = self._engine.next_block(checked, gains)
+        self._last = checked
         return samples
 
     def change(self, body: int, model: Ringing) -> None:
@@ -299,70 +262,9 @@ class Resonators:
         Raises
         ------
         OptionError
-            When the model is not fit to ring, has another number of modes, or decays too much
-            within a block of the block transform.
+            When the model is not fit to ring, or has another number of modes.
         """
         poles = Poles.of(model, self.sample_rate)
         self._poles[body].require_size(poles.values, "the changed model")
-        if body in self._large:
-            _require_fit(poles, self.sample_rate, self.block)
-            self._large[body].take(poles)
-            for key in self._arranged.keys() & {(body, voice) for _, voice in self._arranged}:
-                drive = self._arranged[key][0]
-                self._arranged[key] = drive, self._large[body].kept(drive)
-        else:
-            self._stepped.take_poles(self._place[body], poles)
+        self._engine.take_poles(body, poles)
         self._poles[body] = poles
-
-    def _with_large(
-        self, pushes: Mapping[Key, tuple[Array, Array]], outputs: Mapping[int, Complex]
-    ) -> Array:
-        samples = np.zeros((len(self._poles), self.points, self.block))
-        if self._place:
-            samples[list(self._place)] = self._stepped.next_block(
-                {
-                    (self._place[body], voice): push
-                    for (body, voice), push in pushes.items()
-                    if body in self._place
-                },
-                {self._place[body]: gain for body, gain in outputs.items() if body in self._place},
-            )
-        pieces = self._pieces(pushes)
-        for body, modes in self._large.items():
-            gains = outputs.get(body)
-            wanted = None if gains is None else modes.arranged(gains)
-            if self._first and wanted is not None:
-                modes.outputs, wanted = wanted, None
-            samples[body] = modes.next_block(pieces.get(body, []), wanted)
-        return samples
-
-    def _pieces(self, pushes: Mapping[Key, tuple[Array, Array]]) -> dict[int, list[Piece]]:
-        """Return what pushes large bodies, with drives in their own order."""
-        pieces: dict[int, list[Piece]] = {body: [] for body in self._large}
-        arranged: dict[Key, tuple[Array, Array]] = {}
-        for key, (force, drive) in pushes.items():
-            if key[0] in self._large:
-                before = self._arranged.get(key)
-                same = before is not None and before[0] is drive
-                now = before[1] if before and same else self._large[key[0]].kept(drive)
-                arranged[key] = drive, now
-                pieces[key[0]].append((force, before[1] if before else now, now))
-        self._arranged = arranged
-        return pieces
-
-
-def _by_transform(engine: str, poles: Poles, sample_rate: float, block: int) -> bool:
-    if engine not in ENGINES:
-        raise OptionError(f"engine is {engine!r}: give one of {', '.join(ENGINES)}")
-    if engine == "transformed":
-        _require_fit(poles, sample_rate, block)
-        return True
-    return engine == "auto" and gains_by_transform(poles, sample_rate, block)
-
-
-def _require_fit(poles: Poles, sample_rate: float, block: int) -> None:
-    if not fits_transform(poles, sample_rate, block):
-        raise OptionError(
-            f"some modes die within a block of {block} samples, or it is shorter than the block "
-            "transform's 16: take another block, or engine='stepped'"
-        )
