@@ -10,16 +10,13 @@ from itertools import cycle
 
 import numpy as np
 import peak
-from numba import njit
 from numpy.typing import NDArray
 from peers import BLOCK, RATE, Call, Measure
 
+from struck import core
 from struck.excitation.excitation import Push
-from struck.model.arrays import Index
-from struck.synth.blocks import make_block
 from struck.synth.poles import Poles
 from struck.synth.resonators import Resonators, Stepped
-from struck.synth.sample_loop import kernel, samples_of
 
 Array = NDArray[np.float64]
 TURN = 2e-3
@@ -114,44 +111,6 @@ def described(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bo
     )
 
 
-def spread(count: int, length: int) -> Array:
-    """Return rows of zeros that begin with a cache line, and not at the same place of a page."""
-    line = 8
-    width = (-(-length // line) + 3) * line
-    room = np.zeros(count * width + line)
-    skipped = (-room.ctypes.data // room.itemsize) % line
-    return room[skipped : skipped + count * width].reshape(count, width)[:, :length]
-
-
-def bare(
-    modes: int,
-    pushes: int = 1,
-    outputs: int = 1,
-    *,
-    turned: bool = False,
-    ramped: bool = False,
-    unit: bool = False,
-) -> Contender:
-    """Let a kernel alone play."""
-    gains = (0 if unit else pushes) + outputs * (2 if turned else 1)
-    rung = bank(modes)
-    radii, turns = np.exp(-rung.decays / RATE), 2 * np.pi * rung.frequencies / RATE
-    rows = spread(4 + 2 * gains, modes)
-    rows[0], rows[1], rows[4 : 4 + gains] = 2 * radii * np.cos(turns), -(radii**2), 1 / modes
-    forces = np.random.default_rng(3).standard_normal((pushes, BLOCK))
-    played = kernel(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
-    frames = BLOCK // samples_of(pushes, outputs, turned=turned, ramped=ramped)
-    used = rows if ramped else rows[: 4 + gains]
-    arguments = (*used, *forces, *np.zeros((outputs, BLOCK)))
-    what = described(pushes, outputs, turned=turned, ramped=ramped, unit=unit)
-    return Contender(
-        name=f"{KERNEL}, {what}",
-        modes=modes,
-        operations=operations(pushes, outputs, turned=turned),
-        measure=repeated(lambda: played(frames, *arguments)),
-    )
-
-
 def compiled(modes: int, block: int = BLOCK) -> Contender:
     """Let the engine play as an audio device's callback has it: whole, without Python."""
     rung = bank(modes)
@@ -162,19 +121,15 @@ def compiled(modes: int, block: int = BLOCK) -> Contender:
     engine.next_block({(0, 0): (force, drive)}, {0: np.ones((1, modes), np.complex128)})
     engine.next_block({(0, 0): (force, drive)}, {})  # from here on nothing moves
     blocks = 16
+    make_block = core.compiled("bank_make_block")
+    places = [numbers.ctypes.data for numbers in engine.numbers]
     return Contender(
         name=ENGINE,
         modes=modes,
         block=block,
         operations=operations(1, 1, turned=False),
-        measure=repeated(lambda: _several(*engine.numbers, blocks), blocks),
+        measure=repeated(lambda: peak.blocks(make_block, *places, blocks), blocks),
     )
-
-
-@njit
-def _several(reals: Array, wholes: Index, blocks: int) -> None:
-    for _ in range(blocks):
-        make_block(reals, wholes)
 
 
 def whole(
@@ -183,12 +138,11 @@ def whole(
     pushes: int = 1,
     outputs: int = 1,
     *,
-    engine: str = "stepped",
     moving: bool = False,
 ) -> Contender:
     """Let `Resonators.process` play, with all its Python; `moving`: other gains every block."""
     random = np.random.default_rng(3)
-    resonators = Resonators([bank(modes)], block=block, points=outputs, engine=engine)
+    resonators = Resonators([bank(modes)], block=block, points=outputs)
     forces = random.standard_normal((pushes, block))
     gains = [random.uniform(0.5, 1.0, (pushes + outputs, modes)) for _ in range(2)]
     voices = [
@@ -198,11 +152,10 @@ def whole(
     resonators.process(voices[0], [gains[0][pushes:]])
     turns = cycle((each, [g[pushes:]]) for each, g in zip(voices, gains, strict=True))
     still = voices[0], ()
-    name = WHOLE if engine == "stepped" else f'{WHOLE}, engine="{engine}"'
     return Contender(
-        name=f"{name}, {described(pushes, outputs, turned=False, ramped=moving)}",
+        name=f"{WHOLE}, {described(pushes, outputs, turned=False, ramped=moving)}",
         modes=modes,
         block=block,
-        operations=operations(pushes, outputs, turned=False) if engine == "stepped" else 0,
+        operations=operations(pushes, outputs, turned=False),
         measure=repeated(lambda: resonators.process(*(next(turns) if moving else still))),
     )

@@ -8,11 +8,9 @@ channels for each step that is tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -23,26 +21,21 @@ _GONE = -27.6
 _SETTLED = 1e-9
 _TRIES = 5
 _SLOWEST = 0.02
-_compiled: Callable[..., Callable[..., None]] = njit(cache=True, fastmath=True)
 
 
-@_compiled
 def _correlate(
     ratios: Complex, samples: Array, interval: float, plain: Complex, timed: Complex
 ) -> None:
     """Sum conj(z)^n x[n], and the same times n interval, into (C, M) each."""
-    channels, length = samples.shape
-    for mode in range(len(ratios)):
-        ratio, power = np.conj(ratios[mode]), 1.0 + 0.0j
-        last = min(length, int(_GONE / np.log(abs(ratio))) + 2)
-        for channel in range(channels):
-            plain[channel, mode] = timed[channel, mode] = 0
-        for n in range(last):
-            for channel in range(channels):
-                part = power * samples[channel, n]
-                plain[channel, mode] += part
-                timed[channel, mode] += part * (n * interval)
-            power *= ratio
+    numbers = np.arange(samples.shape[1])
+    for mode, log in enumerate(np.log(np.conj(ratios))):
+        last = int(_GONE / log.real) + 2
+        powers = np.exp(log * numbers[:last])
+        products = np.stack([powers, powers * (numbers[:last] * interval)], axis=1)
+        parts = np.hstack([products.real, products.imag])  # real products with real samples
+        sums = samples[:, :last] @ parts
+        plain[:, mode] = sums[:, 0] + 1j * sums[:, 2]
+        timed[:, mode] = sums[:, 1] + 1j * sums[:, 3]
 
 
 def _moments(ratios: Complex, length: int, interval: float) -> tuple[Complex, Complex, Complex]:

@@ -178,7 +178,7 @@ def positions(rounds: int) -> None:
     chance = np.random.default_rng(1)
     off = chance.standard_normal((2, len(truth.poles))).T @ np.array([0.2, 0.2j])
     start = truth.poles + truth.decays * off
-    dense.refined(start[:2], samples[:2], noise[:2], RATE, steps=1)  # compiles
+    dense.refined(start[:2], samples[:2], noise[:2], RATE, steps=1)  # warms up
     whole, bare = [], []
     for _ in range(rounds):
         begun = time.thread_time()
@@ -211,7 +211,7 @@ def whole_prototype() -> None:
     sys.path.insert(0, str(PROTOTYPE))
     prototype: Any = importlib.import_module("gfit")
     take = table_of_positions()
-    prototype.fit(take.samples[:1], LEAD, RATE, lm_iters=1)  # compiles
+    prototype.fit(take.samples[:1], LEAD, RATE, lm_iters=1)  # warms up
 
     def by_prototype(job: Job) -> Modes:
         poles, gains, _ = prototype.fit(job.samples, job.lead, job.sample_rate)

@@ -1,4 +1,4 @@
-"""How many modes a core plays in real time: of the core's peak, beside others, by either engine.
+"""How many modes a core plays in real time: of the core's peak, beside others.
 
 All contenders take turns, round by round, in one process and on one thread; what counts is the
 processor time of the thread (of the whole process for separate programs). Whatever else the machine
@@ -27,9 +27,7 @@ from contenders import ENGINE, KERNEL, WHOLE, Contender, bare, compiled, repeate
 from peers import BLOCK
 
 FEW, GRID, MANY = 256, 1024, 8192
-SCENES = ((1024, 128), (4096, 128), (16384, 128), (16384, 512), (65536, 512))
 PEERS = {peers.FAUST: 8.0, peers.KLANK: 6.0, peers.CSOUND: 25.0, peers.LFILTER: 400.0}
-TRANSFORM = {(16384, 128): 1.7, (65536, 512): 4.0}
 SHARE, SECOND = 0.90, 1.30
 NEAR = 0.75  # of the ratio at the core's peak, where the peak itself is slower than the target
 # Multiply-adds a mode and sample that a share of the peak counts, and the fewest there can be.
@@ -76,13 +74,6 @@ def others(folder: Path, *, quick: bool) -> Iterator[Contender]:
             yield Contender(name=name, modes=peers.MODES, measure=program(folder))
 
 
-def scenes(*, quick: bool) -> Iterator[Contender]:
-    """Yield the two engines, scene by scene."""
-    for modes, block in SCENES[:3] if quick else SCENES:
-        for engine in ("stepped", "transformed"):
-            yield whole(modes, block, engine=engine)
-
-
 def take_turns(contenders: Sequence[Contender], rounds: int) -> None:
     """Measure all of them so many times."""
     for turn in range(rounds):
@@ -93,7 +84,7 @@ def take_turns(contenders: Sequence[Contender], rounds: int) -> None:
 
 def show_machine() -> None:
     """Print what all this ran on."""
-    names = ("numpy", "scipy", "numba", "llvmlite")
+    names = ("numpy", "scipy", "ziglang")
     versions = (f"{name} {importlib.metadata.version(name)}" for name in names)
     load = ", ".join(f"{each:.1f}" for each in os.getloadavg())
     print(f"{peak.machine()}, {os.cpu_count()} cores, load {load} (others may share it)")
@@ -130,12 +121,12 @@ def verdict(claim: str, value: float, *, met: bool) -> None:
     print(f"{claim}: {value:.2f}, {'met' if met else 'MISSED'}")
 
 
-def find(contenders: Iterable[Contender], name: str, modes: int, block: int = BLOCK) -> Contender:
+def find(contenders: Iterable[Contender], name: str, modes: int) -> Contender:
     """Return the first whose name begins so."""
     return next(
         each
         for each in contenders
-        if each.name.startswith(name) and (each.modes, each.block) == (modes, block)
+        if each.name.startswith(name) and (each.modes, each.block) == (modes, BLOCK)
     )
 
 
@@ -149,12 +140,6 @@ def show_targets(contenders: Sequence[Contender]) -> None:
     ratio = two.times(one)
     verdict(f"two outputs at most {SECOND:g} times one", ratio, met=ratio <= SECOND)
     show_peers(contenders)
-    for (modes, block), target in TRANSFORM.items():
-        if any((each.modes, each.block) == (modes, block) for each in contenders):
-            stepped = find(contenders, f"{WHOLE}, 1 in", modes, block)
-            ratio = stepped.times(find(contenders, f"{WHOLE}, engine", modes, block))
-            claim = f"{modes} modes, blocks of {block}: transformed at least {target:g} times"
-            verdict(f"{claim} faster than stepped", ratio, met=ratio >= target)
 
 
 def show_peers(contenders: Sequence[Contender]) -> None:
@@ -188,11 +173,7 @@ def main() -> None:
     quick: bool = arguments.quick
     show_machine()
     with tempfile.TemporaryDirectory() as folder:
-        contenders = [
-            *ours(quick=quick),
-            *others(Path(folder), quick=quick),
-            *scenes(quick=quick),
-        ]
+        contenders = [*ours(quick=quick), *others(Path(folder), quick=quick)]
         take_turns(contenders, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     show(contenders)
     show_targets(contenders)

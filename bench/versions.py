@@ -25,7 +25,7 @@ ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS
 
 def everyday_work(folder: Path) -> dict[str, Callable[[], object]]:
     """Return what is timed, by name: only calls that both versions offer."""
-    return bodies(folder) | sounds(folder) | ears_and_files(folder)
+    return bodies(folder) | sounds(folder) | ears_and_files(folder) | blocks()
 
 
 def bodies(folder: Path) -> dict[str, Callable[[], object]]:
@@ -113,6 +113,47 @@ def ears_and_files(folder: Path) -> dict[str, Callable[[], object]]:
         "twenty files": lambda: [keep() for _ in range(20)],
         "picture": lambda: struck.show(bar, folder / "bar.png"),
     }
+
+
+def blocks() -> dict[str, Callable[[], object]]:
+    """Return blocks of resonators: modes, samples, outputs, one steady or moving push."""
+    import numpy as np
+
+    from struck.excitation import Push
+    from struck.synth import Resonators
+
+    def played(
+        modes: int, block: int, points: int = 1, *, moving: bool = False
+    ) -> Callable[[], None]:
+        engine = Resonators([Bank(modes)], block=block, points=points)
+        gains = np.ones((2, modes)) * [[1.0], [0.9]]
+        pushes = [[Push(force=np.ones(block), drive=drive)] for drive in gains]
+        engine.process(pushes[0], [np.ones((points, modes))])
+        count = round(3e7 / (modes * block))
+
+        def run() -> None:
+            for number in range(count):
+                engine.process(pushes[number % 2 if moving else 0])
+
+        return run
+
+    return {
+        "256 modes by 64": played(256, 64),
+        "1024 modes by 128": played(1024, 128),
+        "8192 modes by 128": played(8192, 128),
+        "the same, 2 outputs": played(8192, 128, 2),
+        "1024 modes, moving": played(1024, 128, moving=True),
+    }
+
+
+class Bank:
+    """What rings: Hz and 1/s."""
+
+    def __init__(self, modes: int) -> None:
+        import numpy as np
+
+        self.frequencies = np.geomspace(30.0, 18e3, modes)
+        self.decays = np.geomspace(0.5, 200.0, modes)
 
 
 def serve() -> None:

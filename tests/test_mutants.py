@@ -19,7 +19,8 @@ LONGEST = 300.0  # s: a fault may also never end
 
 def holder(mutant: dict[str, Any]) -> Path:
     """Return the only file of the sources that holds what a mutant changes."""
-    sources = sorted((ROOT / "src").rglob("*.py"))
+    kinds = (".py", ".c", ".h")
+    sources = sorted(path for path in (ROOT / "src").rglob("*") if path.suffix in kinds)
     counts = {path: path.read_text(encoding="utf-8").count(mutant["find"]) for path in sources}
     assert sum(counts.values()) == 1, f"stands {sum(counts.values())} times: {mutant['find']!r}"
     return max(sources, key=counts.__getitem__)
@@ -59,6 +60,9 @@ def test_mutant_is_caught(mutant: dict[str, Any], tmp_path: Path) -> None:
     changed = tmp_path / path.relative_to(ROOT)
     text = changed.read_text(encoding="utf-8")
     changed.write_text(text.replace(mutant["find"], mutant["replace"]), encoding="utf-8")
+    if path.suffix != ".py":
+        build = tmp_path / "src/struck/core/build.py"
+        subprocess.run([sys.executable, build], check=True, capture_output=True)
     assert run(mutant["tests"], tmp_path / "src") == 1  # failed: not missing, not misspelt
 
 
