@@ -10,7 +10,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 # Before NumPy is imported: two workers with a thread pool each would fight for the same cores.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Tests of the cache name a folder of their own; nobody's real one is touched.
@@ -19,31 +19,18 @@ os.environ["STRUCK_CACHE"] = "off"
 hypothesis.settings.register_profile("struck", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("struck")
 
-# Each of these takes loops that take long to compile: one worker does, the other need not. And two
-# sound servers at once get into each other's way: JACK then refuses clients of either.
-_TOGETHER = {
-    "sound": (
-        "tests/ears/",
-        "tests/excitation/",
-        "tests/live/",
-        "tests/scene/test_mix",
-        "tests/synth/",
-    ),
-    "fit": (
-        "tests/cli/test_calibrate",
-        "tests/cli/test_compare",
-        "tests/cli/test_fit",
-        "tests/model/test_",
-        "tests/recordings/",
-        "tests/report/",
-    ),
-}
+# Two sound servers at once get into each other's way: JACK then refuses clients of either.
+_SOUND = "tests/live/"
+_PAGES = "tests/test_documents.py"  # few and long: by themselves
 
 
 class _Scheduling(LoadScopeScheduling):
+    """A file's tests go to one worker, as they share what takes long to make."""
+
     def _split_scope(self, nodeid: str) -> str:
-        alike = (name for name, places in _TOGETHER.items() if nodeid.startswith(places))
-        return next(alike, nodeid)
+        if nodeid.startswith(_PAGES):
+            return nodeid
+        return _SOUND if nodeid.startswith(_SOUND) else nodeid.partition("::")[0]
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:

@@ -32,7 +32,7 @@ from tests.live.servers import BLOCK, RATE, Server, judge
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-MODES = 20_000
+MODES = 4_000
 
 
 @ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
