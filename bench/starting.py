@@ -54,6 +54,7 @@ def use(): struck.fit([sound], cache=False)
 _BEFORE = """
 import time, numpy as np, scipy.signal, scipy.spatial.transform
 import struck, struck.live, struck.recordings
+struck.synth.Resonators, struck.Scrape, struck.Roll
 from struck.shapes import Bar
 shape = Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
 bar = struck.analyze(shape, "steel")
