@@ -21,7 +21,7 @@ from struck.synth.resonators import Resonators, Stepped
 Array = NDArray[np.float64]
 TURN = 2e-3
 """About what a turn takes, s."""
-KERNEL, ENGINE, WHOLE = "kernel", "engine, compiled", "Resonators.process"
+ENGINE, WHOLE = "engine, compiled", "Resonators.process"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,33 +102,35 @@ def operations(pushes: int, outputs: int, *, turned: bool) -> int:
     return 2 + pushes + (2 * outputs if turned else outputs)
 
 
-def described(pushes: int, outputs: int, *, turned: bool, ramped: bool, unit: bool = False) -> str:
-    """Return in words what a kernel does."""
+def described(pushes: int, outputs: int, *, turned: bool = False, moving: bool = False) -> str:
+    """Return in words what is played."""
     gains = "complex" if turned else "real"
-    options = {"ramped": ramped, "steady": unit}
-    return ", ".join(
-        [f"{pushes} in {outputs} out", gains, *(name for name, on in options.items() if on)]
-    )
+    return f"{pushes} in {outputs} out, {gains}{', moving' if moving else ''}"
 
 
-def compiled(modes: int, block: int = BLOCK) -> Contender:
+def compiled(
+    modes: int, block: int = BLOCK, pushes: int = 1, outputs: int = 1, *, turned: bool = False
+) -> Contender:
     """Let the engine play as an audio device's callback has it: whole, without Python."""
-    rung = bank(modes)
     engine = Stepped(
-        [Poles.of(rung, RATE)], points=1, block=block, voices=16, sample_rate=float(RATE)
+        [Poles.of(bank(modes), RATE)],
+        points=outputs,
+        block=block,
+        voices=16,
+        sample_rate=float(RATE),
     )
-    force, drive = np.random.default_rng(3).standard_normal(block), np.ones(modes)
-    engine.next_block({(0, 0): (force, drive)}, {0: np.ones((1, modes), np.complex128)})
-    engine.next_block({(0, 0): (force, drive)}, {})  # from here on nothing moves
+    drive, random = np.ones(modes), np.random.default_rng(3)
+    push = {(0, n): (random.standard_normal(block), drive) for n in range(pushes)}
+    engine.next_block(push, {0: np.full((outputs, modes), 1 + 1j * turned)})
+    engine.next_block(push, {})  # from here on nothing moves
     blocks = 16
-    make_block = core.compiled("bank_make_block")
-    places = [numbers.ctypes.data for numbers in engine.numbers]
+    make_block = core.address("bank_make_block")
     return Contender(
-        name=ENGINE,
+        name=f"{ENGINE}, {described(pushes, outputs, turned=turned)}",
         modes=modes,
         block=block,
-        operations=operations(1, 1, turned=False),
-        measure=repeated(lambda: peak.blocks(make_block, *places, blocks), blocks),
+        operations=operations(pushes, outputs, turned=turned),
+        measure=repeated(lambda: peak.blocks(make_block, *engine.numbers, blocks), blocks),
     )
 
 
@@ -153,7 +155,7 @@ def whole(
     turns = cycle((each, [g[pushes:]]) for each, g in zip(voices, gains, strict=True))
     still = voices[0], ()
     return Contender(
-        name=f"{WHOLE}, {described(pushes, outputs, turned=False, ramped=moving)}",
+        name=f"{WHOLE}, {described(pushes, outputs, moving=moving)}",
         modes=modes,
         block=block,
         operations=operations(pushes, outputs, turned=False),

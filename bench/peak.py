@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from struck.core.build import compiler
+from struck.model.arrays import AnyArray as Array
 
 _TURNS = 20_000
 
@@ -50,10 +51,10 @@ def wait() -> None:
     LIBRARY.wait_for(ctypes.c_int64(_TURNS))
 
 
-def blocks(make: object, reals: int, wholes: int, count: int) -> None:
-    """Let a compiled function make so many blocks from the numbers at two addresses."""
-    places = (ctypes.c_void_p(each) for each in (reals, wholes))
-    LIBRARY.blocks(make, *places, ctypes.c_int64(count))
+def blocks(make: int, reals: Array, wholes: Array, count: int) -> None:
+    """Let the function at an address make so many blocks from real and whole numbers."""
+    places = (ctypes.c_void_p(each) for each in (make, reals.ctypes.data, wholes.ctypes.data))
+    LIBRARY.blocks(*places, ctypes.c_int64(count))
 
 
 def machine() -> str:
