@@ -140,7 +140,7 @@ def _compilations(target: Target, scratch: Path) -> Iterable[list[str]]:
 
 
 def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - ours
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - zig
     if "No module named ziglang" in done.stderr:
         raise RuntimeError(
             "the C compiler of the package ziglang is missing: pip install ziglang (it needs the "
@@ -154,4 +154,4 @@ if __name__ == "__main__":
     chosen = sys.argv[1:] or [this_platform()]
     for each in chosen:
         for made in build(each, LIBRARIES if each == this_platform() else LIBRARIES / each):
-            print(made)  # noqa: T201
+            print(made)  # noqa: T201 - a command
