@@ -37,12 +37,11 @@ class CoreHook(BuildHookInterface[Any]):
         # What is built here runs here, whatever the system calls itself.
         tag = TAGS[name] if asked else next(sys_tags()).platform
         build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag}"
-        if version == "editable":
-            core["build"](name)
-            return
         self._scratch = tempfile.TemporaryDirectory()
-        for library in core["build"](name, Path(self._scratch.name)):
-            build_data["force_include"][str(library)] = f"struck/core/libraries/{library.name}"
+        folder = [] if version == "editable" else [Path(self._scratch.name)]
+        for library in (*core["build"](name, *folder), *core["build"](core["PAGES"], *folder)):
+            if folder:
+                build_data["force_include"][str(library)] = f"struck/core/libraries/{library.name}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what the wheel has taken in."""

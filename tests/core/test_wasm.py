@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from struck import core
 from struck.core import SIGNATURES
-from struck.core.build import build, fingerprint
+from struck.core.build import LIBRARIES, fingerprint
 from struck.ears import delay_lines
 from struck.live import limiter
 from struck.synth import resonators
@@ -32,7 +32,6 @@ class Page:
     def __init__(self, store: wasmtime.Store, module: wasmtime.Module) -> None:
         self.store, self.module = store, module
         self.exports = wasmtime.Instance(store, module, []).exports(store)
-        self.exports["_initialize"](self.store)
         memory = self.exports["memory"]
         self.next = memory.grow(self.store, PAGES) * PAGE
         size = memory.data_len(self.store)
@@ -71,8 +70,8 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[wasmtime.Store, wasmtime.Module]:
-    (path,) = build("wasm32", tmp_path_factory.mktemp("page"))
+def made() -> tuple[wasmtime.Store, wasmtime.Module]:
+    path = LIBRARIES / "core.wasm"  # which an installation has compiled
     assert path.stat().st_size < 160_000
     store = wasmtime.Store()
     return store, wasmtime.Module.from_file(store.engine, str(path))
@@ -96,11 +95,7 @@ def page(made: tuple[wasmtime.Store, wasmtime.Module], monkeypatch: pytest.Monke
 def test_it_is_of_these_sources_and_needs_nothing(page: Page) -> None:
     assert not page.module.imports
     assert page.entry("core_fingerprint")() == fingerprint()
-    entries = {each.name for each in page.module.exports} - {
-        "memory",
-        "__stack_pointer",
-        "_initialize",
-    }
+    entries = {each.name for each in page.module.exports} - {"memory", "__stack_pointer"}
     assert entries == {name for name in SIGNATURES if name.startswith(ROOMS)}
 
 

@@ -1,9 +1,9 @@
 """Compilation of the core's C files into shared libraries, by the C compiler in ``ziglang``.
 
 Installation runs this by itself. In a source tree ``python src/struck/core/build.py`` does the same
-again after a C file has changed, and with ``wasm32`` compiles ``libraries/wasm32/core.wasm`` for
-the page; both need ``pip install ziglang``. Only the standard library is used, as the build backend
-runs this file by its path.
+again after a C file has changed, for this machine and for the page (``core.wasm``); it needs
+``pip install ziglang``. Only the standard library is used, as the build backend runs this file by
+its path.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibili
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
 STRICT = frozenset({"limiter", "queue", "callback", "recorder"})  # rounded as they are written
 PAGE = frozenset({"bank", "block", "delay_lines", "limiter", "version"})  # what the page runs
-# How libraries are linked, by their endings; that of the page imports nothing.
+PAGES = "wasm32"  # its platform
+# How libraries are linked, by their endings; that of the page imports nothing, and so needs no C
+# library, which would take a minute to compile.
 LINKED = {
     ".so": ("-shared", "-lm"),
     ".dylib": ("-shared", "-lm"),
     ".dll": ("-shared",),
-    ".wasm": ("-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,-z,stack-size=65536", "-lm"),
+    ".wasm": ("-nostdlib", "-lcompiler_rt", "-Wl,--no-entry,--export-dynamic,-z,stack-size=65536"),
 }
 
 
@@ -60,7 +62,7 @@ TARGETS: dict[str, list[Target]] = {
     "macos-x86_64": _x86("macos.12.0", ".dylib"),
     "macos-arm64": [Target("core_arm", "aarch64-macos.12.0", "apple_m1", ".dylib")],
     "windows-x86_64": _x86("windows-gnu", ".dll"),
-    "wasm32": [Target("core", "wasm32-wasi", "generic+simd128", ".wasm")],
+    PAGES: [Target("core", "wasm32-wasi", "generic+simd128", ".wasm")],
 }
 
 
@@ -119,7 +121,8 @@ def _library(target: Target, scratch: Path, run: Callable[[list[str]], None]) ->
         list(threads.map(run, commands))
     library = scratch / f"{target.name}{target.ending}"
     # Without the processor: what zig compiles for a system by itself serves all its libraries.
-    link = ["-target", target.triple, "-s", "-o", str(library)]
+    system = target.triple.replace("wasi", "freestanding")
+    link = ["-target", system, "-s", "-o", str(library)]
     if target.ending == ".dylib":  # which is called as it was made, unless it has a name
         link += [f"-Wl,-install_name,@rpath/{library.name}"]
     run([*compiler(), *link, *_objects(target, scratch), *LINKED[target.ending]])
@@ -151,7 +154,7 @@ def _run(command: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or [this_platform()]
-    for each in chosen:
-        for made in build(each, LIBRARIES if each == this_platform() else LIBRARIES / each):
+    here = [this_platform(), PAGES]
+    for each in sys.argv[1:] or here:
+        for made in build(each, LIBRARIES if each in here else LIBRARIES / each):
             print(made)  # noqa: T201 - a command
