@@ -490,6 +490,7 @@ def test_a_chime_rings_as_converged_elasticity() -> None:
         assert np.abs(found / reference - 1).min() < 5e-4
 
 
+@pytest.mark.prove
 def test_rod_twists_at_the_closed_form() -> None:
     # Torsion of a round rod has no dispersion: f = c_s / (2 length), exactly.
     exact = SHEAR_SPEED / (2 * 0.2)

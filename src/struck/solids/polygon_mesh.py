@@ -7,6 +7,7 @@ rounds instead of one point at a time).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from struck.model.arrays import Array, Index, Mask
 Pairs = Sequence[Sequence[float]] | Array
 Loops = tuple[Array, ...]
 Ends = tuple[Array, Array]
+_AT_ONCE = 2**16  # pairs of edges, to bound the memory
 
 
 def as_points(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
@@ -32,9 +34,11 @@ def as_points(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
 def crossing(polygon: Array) -> Array | None:
     """Return a place where edges of the closed `polygon` (n, 2) meet that should not, or None."""
     count, edges = len(polygon), _ends(polygon)
-    for edge in range(count - 2):
-        others = np.arange(edge + 2, count - (edge == 0))  # the first and last edge are neighbours
-        place = _meeting(edges, np.full(len(others), edge), edges, others)
+    for some in np.array_split(np.arange(count), math.ceil(count**2 / _AT_ONCE)):
+        first, second = np.repeat(some, count), np.tile(np.arange(count), len(some))
+        # Neighbours meet, and so do the first edge and the last.
+        apart = (second >= first + 2) & (second - first < count - 1)
+        place = _meeting(edges, first[apart], edges, second[apart])
         if place is not None:
             return place
     return None
