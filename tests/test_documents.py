@@ -20,12 +20,15 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 # Each takes seconds, and shows what a test elsewhere samples: make prove runs them.
 DEAR = {
     "docs/how-to/closed_forms.md",
+    "docs/how-to/fit_recordings.md",
     "docs/how-to/long_work.md",
     "docs/how-to/use_a_mesh_file.md",
     "examples/a_broken_file.py",
     "examples/hollow_figurine.py",
     "examples/model_of_a_recording.py",
     "examples/one_body_many_materials.py",
+    "examples/sounds_of_shapes.py",
+    "examples/touch_a_plate.py",
     "examples/tune_a_chime.py",
 }
 BLOCK = re.compile(

@@ -286,6 +286,7 @@ def test_an_interruption_while_keeping_leaves_all_or_nothing(
     assert bits(Stages(cache=cache).kept(MODES, some_modes, band=1.0)) == bits(some_modes())
 
 
+@pytest.mark.prove
 def test_a_file_changed_while_it_is_read_is_not_kept(cache: Cache, egg: Path) -> None:
     def load() -> Mesh:
         mesh = load_mesh(egg)
@@ -390,6 +391,7 @@ def test_another_option_takes_up_all_that_does_not_depend_on_it(egg: Path, tmp_p
     assert stages_kept(egg, STEEL, cache, size=0.15) == set()
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     ("body", "options"),
     [

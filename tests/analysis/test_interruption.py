@@ -201,6 +201,7 @@ def test_fifty_kills_at_random_moments_change_nothing(
     assert resumed >= 5
 
 
+@pytest.mark.prove
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for other processes")
 def test_control_c_keeps_what_is_finished_and_leaves_no_part(body: Path, tmp_path: Path) -> None:
     analysis = prepared(body, tmp_path / "run")

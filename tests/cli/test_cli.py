@@ -45,6 +45,7 @@ def _analyze(*arguments: str) -> int:
     return main(["analyze", *arguments, "--accuracy", "preview"])
 
 
+@pytest.mark.prove
 def test_a_mesh_file_becomes_a_sound_and_a_picture(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

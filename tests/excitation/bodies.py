@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import trimesh
 
@@ -15,6 +17,7 @@ SIZE = np.array([0.4, 0.3, 0.02])
 WAVENUMBERS = np.array([20.0, 45.0, 90.0])
 
 
+@cache
 def plate(cells: int = 80) -> ModalModel:
     """Return a plate whose shapes are waves along x, across the plate: cos(q x + 0.3)."""
     xs, ys = (np.linspace(-half, half, cells + 1) for half in SIZE[:2] / 2)

@@ -18,7 +18,6 @@ from struck.files.wav import Recording, encode
 from tests.excitation.bodies import SIZE, plate
 from tests.excitation.pulse_laws import transform
 
-PLATE = plate(20)
 RATE = 48000.0
 PLACE = (0.05, 0.03, SIZE[2] / 2)
 
@@ -26,7 +25,7 @@ PLACE = (0.05, 0.03, SIZE[2] / 2)
 def force(
     excitation: Excitation, length: int = 8192, block: int = 128, start: int = -64
 ) -> np.ndarray:
-    pushing = excitation.begin(PLATE, RATE, start=start)
+    pushing = excitation.begin(plate(20), RATE, start=start)
     blocks = []
     for _ in range(length // block):
         push = pushing.advance(block)
@@ -60,7 +59,7 @@ def test_force_does_not_depend_on_the_blocks(excitation: Excitation) -> None:
 
 
 def test_there_is_no_push_where_there_is_no_force() -> None:
-    pushing = Strike(at=PLACE, impulse=0.02, time=0.01).begin(PLATE, RATE)
+    pushing = Strike(at=PLACE, impulse=0.02, time=0.01).begin(plate(20), RATE)
     pushes = [pushing.advance(17) for _ in range(60)]
     with_force = [number for number, push in enumerate(pushes) if push is not None]
     assert with_force == [(480 - LEAD) // 17, (480 + LEAD) // 17]
@@ -108,7 +107,7 @@ def test_the_transient_repeats_by_its_seed() -> None:
 
 def test_a_patch_drives_less_than_a_point() -> None:
     point, disc = (
-        Strike(at=PLACE, impulse=0.1, patch=patch).begin(PLATE, RATE).advance(128).drive
+        Strike(at=PLACE, impulse=0.1, patch=patch).begin(plate(20), RATE).advance(128).drive
         for patch in (0.0, 0.03)
     )
     assert np.all(np.abs(disc) < np.abs(point))
@@ -189,4 +188,4 @@ def test_impossible_pushes_are_refused(
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan])
 def test_impossible_rates_are_refused(rate: float) -> None:
     with pytest.raises(OptionError, match="sample_rate is"):
-        Strike(at=PLACE, impulse=1.0).begin(PLATE, rate)
+        Strike(at=PLACE, impulse=1.0).begin(plate(20), rate)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
 
 from struck.errors import ContactError, OptionError
 from struck.excitation.path import Path
+from struck.model.model import ModalModel
 from tests.excitation.bodies import of
 
-SPHERE = of(trimesh.creation.icosphere(subdivisions=4))
+
+@cache
+def sphere() -> ModalModel:
+    return of(trimesh.creation.icosphere(subdivisions=4))
 
 
 def box(*size: float, divided: int = 3) -> trimesh.Trimesh:
@@ -20,14 +26,16 @@ def box(*size: float, divided: int = 3) -> trimesh.Trimesh:
     return solid
 
 
-BOX = of(box(0.3, 0.2, 0.1))
+@cache
+def block() -> ModalModel:
+    return of(box(0.3, 0.2, 0.1))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_on_a_sphere_it_is_a_great_circle(seed: int) -> None:
     begin, end = np.random.default_rng(seed).normal(size=(2, 3))
     begin, end = begin / np.linalg.norm(begin), end / np.linalg.norm(end)
-    path = Path.over(SPHERE, [begin, end])
+    path = Path.over(sphere(), [begin, end])
     assert path.length == pytest.approx(np.arccos(begin @ end), rel=0.01)
     across = np.cross(begin, end) / np.linalg.norm(np.cross(begin, end))
     assert np.abs(path.points @ across).max() < 0.03
@@ -36,7 +44,7 @@ def test_on_a_sphere_it_is_a_great_circle(seed: int) -> None:
 
 def test_on_a_plane_it_is_a_straight_line() -> None:
     begin, end = np.array([0.1, 0.05, 0.05]), np.array([-0.12, -0.07, 0.05])
-    path = Path.over(BOX, [begin, end])
+    path = Path.over(block(), [begin, end])
     assert path.length == pytest.approx(np.linalg.norm(end - begin), rel=1e-6)
     assert path.at(path.length / 4) == pytest.approx(begin + (end - begin) / 4, abs=1e-6)
     assert path.normal(0.01) == pytest.approx([0, 0, 1])
@@ -61,7 +69,7 @@ def test_it_goes_round_a_thin_plate_and_not_through_it() -> None:
 def test_there_and_back_and_round_and_round() -> None:
     places = [(0.1, 0.05, 0.05), (-0.1, 0.05, 0.05), (-0.1, -0.05, 0.05)]
     once, back, loop = (
-        Path.over(BOX, places, repeat=repeat) for repeat in ("once", "back", "loop")
+        Path.over(block(), places, repeat=repeat) for repeat in ("once", "back", "loop")
     )
     assert once.length == pytest.approx(0.3, rel=1e-6)
     assert once.at(1.0) == pytest.approx(places[-1], abs=1e-9)
@@ -72,7 +80,7 @@ def test_there_and_back_and_round_and_round() -> None:
 
 
 def test_it_moves_without_leaps() -> None:
-    path = Path.over(SPHERE, [(0, 0, 1), (1, 0, 0)])
+    path = Path.over(sphere(), [(0, 0, 1), (1, 0, 0)])
     ways = np.linspace(0, path.length, 1000)
     steps = np.linalg.norm(np.diff([path.at(way) for way in ways], axis=0), axis=1)
     assert steps == pytest.approx(path.length / 999, rel=0.02)
@@ -80,13 +88,13 @@ def test_it_moves_without_leaps() -> None:
 
 def test_impossible_paths_are_refused() -> None:
     with pytest.raises(OptionError, match="give two places or more"):
-        Path.over(BOX, [(0.1, 0.05, 0.05)])
+        Path.over(block(), [(0.1, 0.05, 0.05)])
     with pytest.raises(OptionError, match="repeat is 'twice'"):
-        Path.over(BOX, [(0.1, 0.05, 0.05), (0, 0, 0.05)], repeat="twice")
+        Path.over(block(), [(0.1, 0.05, 0.05), (0, 0, 0.05)], repeat="twice")
     with pytest.raises(OptionError, match="one and the same"):
-        Path.over(BOX, [(0.1, 0.05, 0.05), (0.1, 0.05, 0.05)])
+        Path.over(block(), [(0.1, 0.05, 0.05), (0.1, 0.05, 0.05)])
     with pytest.raises(ContactError, match="off the body"):
-        Path.over(BOX, [(0.1, 0.05, 0.05), (1, 0, 0)])
+        Path.over(block(), [(0.1, 0.05, 0.05), (1, 0, 0)])
     other = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((0.5, 0, 0))
     two = of(trimesh.util.concatenate([box(0.3, 0.2, 0.1), other]))
     with pytest.raises(ContactError, match="separate parts"):

@@ -14,7 +14,6 @@ from struck.excitation.scrape import Roll, Scrape
 from tests.excitation.bodies import SIZE, plate
 from tests.yardstick import transforms
 
-PLATE = plate(40)
 RATE = 48000.0
 TOP = SIZE[2] / 2
 ENDS = [(-0.15, 0.0, TOP), (0.15, 0.05, TOP)]
@@ -28,7 +27,7 @@ def scrape(**changes: object) -> Scrape:
 
 
 def force(excitation: Scrape | Roll, seconds: float = 1.0, block: int = 1024) -> np.ndarray:
-    pushing = excitation.begin(PLATE, RATE)
+    pushing = excitation.begin(plate(40), RATE)
     blocks = []
     for _ in range(round(seconds * RATE) // block):
         push = pushing.advance(block)
@@ -165,14 +164,14 @@ def test_force_does_not_depend_on_the_blocks(
 
 def test_a_later_start_joins_in() -> None:
     whole = force(scrape(time=0.01), 0.5)
-    pushing = scrape(time=0.01).begin(PLATE, RATE, start=5000)
+    pushing = scrape(time=0.01).begin(plate(40), RATE, start=5000)
     late = np.concatenate([pushing.advance(100).force for _ in range(50)])
     assert np.array_equal(late, whole[5000:10000])
 
 
 def test_it_ends_where_the_path_ends_and_comes_and_goes_softly() -> None:
     short = scrape(path=[(0, 0, TOP), (0.02, 0, TOP)], repeat="once", speed=0.2)
-    pushing = short.begin(PLATE, RATE)
+    pushing = short.begin(plate(40), RATE)
     signal = np.zeros(9600)
     for begin in range(0, 9600, 128):
         push = pushing.advance(128)
@@ -184,10 +183,10 @@ def test_it_ends_where_the_path_ends_and_comes_and_goes_softly() -> None:
 
 
 def test_the_drive_moves_along_the_path() -> None:
-    pushing = scrape(path=[(-0.1, 0, TOP), (0.1, 0, TOP)], speed=1.0).begin(PLATE, RATE)
+    pushing = scrape(path=[(-0.1, 0, TOP), (0.1, 0, TOP)], speed=1.0).begin(plate(40), RATE)
     for block in range(1, 20):
         place = np.array([-0.1 + block * 128 / RATE, 0, TOP])
-        expected = PLATE.gains.at(place[None], np.array([[0, 0, -1.0]]))[0, 0]
+        expected = plate(40).gains.at(place[None], np.array([[0, 0, -1.0]]))[0, 0]
         assert pushing.advance(128).drive == pytest.approx(expected, abs=1e-4)
 
 
@@ -199,7 +198,7 @@ def test_seeds_repeat() -> None:
 
 def test_a_block_takes_little_time() -> None:
     """Usually 0.05 transforms."""
-    pushing = scrape().begin(PLATE, RATE)
+    pushing = scrape().begin(plate(40), RATE)
     pushing.advance(128)
     assert transforms(lambda: pushing.advance(128), turns=100) < 0.3
 
@@ -248,7 +247,7 @@ def test_impossible_rolls_are_refused(changes: dict[str, object], message: str) 
 
 
 def test_a_speed_that_goes_bad_on_the_way_is_an_error_and_no_sample() -> None:
-    pushing = scrape(speed=lambda t: 0.1 if t < 0.01 else np.nan).begin(PLATE, RATE)
+    pushing = scrape(speed=lambda t: 0.1 if t < 0.01 else np.nan).begin(plate(40), RATE)
     assert np.isfinite(pushing.advance(384).force).all()
     with pytest.raises(OptionError, match="speed is nan"):
         pushing.advance(384)

@@ -170,6 +170,7 @@ def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:
         return player.underflows, jack.late() - before, player.late, robot.strikes
 
 
+@pytest.mark.prove
 def test_a_soak_of_two_seconds(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
     # A shared machine now and then stops everybody, the server's clock too: three attempts.
     blocks = round(2 * RATE / BLOCK)

@@ -70,7 +70,13 @@ def test_devices_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("jack")
-@pytest.mark.parametrize("ears", [(), ("--hrtf", "kemar")], ids=["one ear", "kemar"])
+@pytest.mark.parametrize(
+    "ears",
+    [
+        pytest.param((), id="one ear"),
+        pytest.param(("--hrtf", "kemar"), marks=pytest.mark.prove, id="kemar"),
+    ],
+)
 def test_it_plays_without_a_terminal_and_tells_how_it_went(
     model: str, ears: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:

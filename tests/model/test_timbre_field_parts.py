@@ -243,6 +243,7 @@ def test_the_nearest_product_is_that_of_the_singular_value_decomposition() -> No
         assert parts.rank_errors[mode] == pytest.approx(np.sqrt(rest), rel=1e-6)
 
 
+@pytest.mark.prove
 def test_expected_errors_are_those_that_come() -> None:
     drives, outputs = table(22)
     gains, chance = drives[:, None] * outputs[None], default_rng(23)

@@ -167,6 +167,7 @@ class Products(Gains):
         return np.concatenate([outputs, 1j * outputs], axis=1)
 
 
+@pytest.mark.prove
 @each_threshold
 def test_the_bound_holds_for_sums_of_products(threshold: float) -> None:
     body = ball()

@@ -70,6 +70,7 @@ def test_order_of_linear_tetrahedra_with_consistent_mass() -> None:
     assert orders((6, 12), quadratic=False)[-1] >= 1.8
 
 
+@pytest.mark.prove
 def test_order_of_linear_tetrahedra_with_lumped_mass() -> None:
     assert orders((7, 14), quadratic=False, lumped=True)[-1] >= 1.7
 

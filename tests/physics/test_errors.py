@@ -40,6 +40,7 @@ def check(known: Known, accuracy: str) -> None:
     assert not large.any() or np.median(model.errors[large] / true[large]) <= 5
 
 
+@pytest.mark.prove
 def test_errors_of_a_sphere() -> None:
     check(BODIES["sphere"], "preview")
 

@@ -187,6 +187,7 @@ def test_the_view_is_right_handed_and_shows_up_as_up(up: str) -> None:
     assert view[1, axis] > 0.8
 
 
+@pytest.mark.prove
 def test_fine_surfaces_are_drawn_with_fewer_faces_and_say_so() -> None:
     ball = trimesh.creation.icosphere(subdivisions=5)
     fine = model(ball, ball.vertices * [0.0, 0.0, 1.0])

@@ -111,6 +111,7 @@ def test_mass_centre_and_inertia_are_of_the_body(model: struck.ModalModel) -> No
     np.testing.assert_allclose(model.inertia, inertia, rtol=1e-6, atol=1e-9 * inertia.max())
 
 
+@pytest.mark.prove
 def test_a_drum_of_another_film_keeps_its_tension() -> None:
     shape, material, highest = BODIES["drum"]
     other = struck.analyze(shape, material, band=(20, highest)).made_of(WOOD)

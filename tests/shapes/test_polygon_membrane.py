@@ -170,6 +170,7 @@ def test_direction_and_straight_corners_do_not_matter() -> None:
     assert shapes == pytest.approx(others, abs=1e-8)
 
 
+@pytest.mark.prove
 def test_size_tension_and_density_scale_frequencies(l_shape: Vibration) -> None:
     body = PolygonMembrane.l_shape(side=0.4, thickness=0.0004, tension=750.0)
     heavy = Material(density=4 * 1390.0, youngs_modulus=1.0, poisson_ratio=0.0)
@@ -291,6 +292,7 @@ def test_lengths_and_tension_must_be_positive(name: str, value: float) -> None:
         PolygonMembrane.l_shape(**{"side": 0.2, **THIN, name: value})
 
 
+@pytest.mark.prove
 def test_bands_without_modes_and_with_too_many_are_refused() -> None:
     lowest = 9.63972384402194**0.5 / 0.2 * (3000.0 / 0.0002 / 1390.0) ** 0.5 / (2 * np.pi)
     assert len(L_SHAPE.vibration(MYLAR, 0.999 * lowest).frequencies) == 0

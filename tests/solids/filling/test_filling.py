@@ -131,6 +131,7 @@ def test_a_smooth_body_has_about_the_nodes_asked_for() -> None:
     assert len(half.nodes) < 0.7 * most < 0.9 * most < len(whole.nodes) <= most
 
 
+@pytest.mark.prove
 def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
     most = ACCURACIES["preview"].most
     creased = FilledBody(mesh=cached_bird(), wall=0.0063)
@@ -142,7 +143,7 @@ def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
     ("wall", "ratio"),
     [
         (0.003, 1.5),
-        (0.001, 4.0),
+        pytest.param(0.001, 4.0, marks=pytest.mark.prove),
         (0.001, 9.0),
         pytest.param(0.001, 1.5, marks=pytest.mark.prove),
     ],

@@ -59,6 +59,7 @@ def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
     assert found == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.prove
 def test_a_slot_narrower_than_the_lattice_stays_open() -> None:
     solid = Extrusion(outline=SLOTTED, height=0.03)
     filling = filled(FilledBody(mesh=surface_of(solid)), "standard")
