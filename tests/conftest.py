@@ -33,5 +33,10 @@ class _Scheduling(LoadScopeScheduling):
         return _SOUND if nodeid.startswith(_SOUND) else nodeid.partition("::")[0]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first, so that no worker waits for it at the end."""
+    items.sort(key=lambda item: not item.nodeid.startswith(_PAGES))
+
+
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
     return _Scheduling(config, log)

@@ -21,6 +21,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DEAR = {
     "docs/how-to/closed_forms.md",
     "docs/how-to/fit_recordings.md",
+    "docs/how-to/hear_in_space.md",
     "docs/how-to/long_work.md",
     "docs/how-to/use_a_mesh_file.md",
     "examples/a_broken_file.py",
@@ -30,6 +31,8 @@ DEAR = {
     "examples/sounds_of_shapes.py",
     "examples/touch_a_plate.py",
     "examples/tune_a_chime.py",
+    "examples/two_ears.py",
+    "examples/walk_past.py",
 }
 BLOCK = re.compile(
     r"^```(?P<kind>python|console)(?P<words>[^\n]*)\n(?P<code>.*?)^```$",

@@ -364,6 +364,7 @@ def stages_kept(body: object, material: Material, cache: Path, **options: object
     return {stage.removesuffix(" (kept)") for stage in told if stage.endswith("(kept)")}
 
 
+@pytest.mark.prove
 def test_another_material_takes_up_the_elements_alone(tmp_path: Path) -> None:
     cache, band = tmp_path / "cache", (20.0, 1000.0)
     assert not stages_kept(TUBE, STEEL, cache, band=band)

@@ -89,6 +89,7 @@ def test_strikes_at_times_and_points_add_up() -> None:
     assert np.abs(both - first - second).max() < 1e-6 * np.abs(both).max()
 
 
+@pytest.mark.prove
 def test_tune_tells_the_length(capsys: pytest.CaptureFixture[str]) -> None:
     wanted = ["--vary", "length", "--lowest", "600", "--accuracy", "preview", "--json"]
     assert main(["tune", TUBE, "--material", "aluminium", *wanted]) == 0

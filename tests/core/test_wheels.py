@@ -197,6 +197,7 @@ def test_a_build_without_ziglang_names_it(tmp_path: Path) -> None:
     assert "pip install ziglang" in caught.value.stderr.splitlines()[-1]
 
 
+@pytest.mark.prove
 def test_an_unknown_machine_gets_struck_without_a_core_that_says_so_once(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text("import platform; platform.machine = lambda: 'x'")
     path = built(tmp_path, "", tmp_path)

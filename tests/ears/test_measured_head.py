@@ -250,12 +250,13 @@ def test_beyond_three_metres_next_to_nothing_changes(kemar: MeasuredFilters) -> 
     assert np.ptp(levels, axis=0).max() < 0.7
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "way",
     [
         "over both poles",
-        pytest.param("level", marks=pytest.mark.prove),
-        pytest.param("tilted", marks=pytest.mark.prove),
+        "level",
+        "tilted",
     ],
 )
 def test_nothing_jumps_when_a_source_turns(kemar: MeasuredFilters, way: str) -> None:

@@ -16,7 +16,7 @@ from tests.live.records import pop, push
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
 MANY = 10**6
-FEW = 5 * 10**4
+FEW = 10**4
 
 
 def count_spoiled(

@@ -135,6 +135,7 @@ each_threshold = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.prove
 @each_threshold
 def test_the_bound_holds_on_a_round_body_of_flat_faces(threshold: float) -> None:
     found, bound = apart(ball(), threshold, seed=1)

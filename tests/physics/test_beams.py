@@ -41,6 +41,7 @@ def test_clamped_bar_bends_as_timoshenko_says() -> None:
     assert (bending(model)[:2] > expected).all()
 
 
+@pytest.mark.prove
 def test_a_slender_bar_tends_to_euler_and_bernoulli() -> None:
     ratios = []
     for thickness in (0.008, 0.004, 0.002):

@@ -36,6 +36,7 @@ def check(mesh: VolumeMesh) -> None:
     assert multiplicities(found) == [multiplicity for _, multiplicity in CUBE]
 
 
+@pytest.mark.prove
 def test_twelve_triangles_at_preview_are_as_good_as_promised_at_fine() -> None:
     check(filled(FilledBody(mesh=box(1, 1, 1)), "preview").mesh)
 

@@ -125,13 +125,14 @@ def test_disk_against_ritz() -> None:
     assert 2 * np.pi * disk(highest) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     ("hole", "highest", "count"),
     [
-        pytest.param(0.05, 42.0, 80, marks=pytest.mark.prove),
-        pytest.param(0.3, 45.0, 50, marks=pytest.mark.prove),
+        (0.05, 42.0, 80),
+        (0.3, 45.0, 50),
         (0.6, 60.0, 30),
-        pytest.param(0.9, 130.0, 25, marks=pytest.mark.prove),
+        (0.9, 130.0, 25),
     ],
 )
 def test_rings_against_ritz(hole: float, highest: float, count: int) -> None:

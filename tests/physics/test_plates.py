@@ -37,6 +37,7 @@ def test_free_square_plate() -> None:
     assert found == pytest.approx(reference.SQUARE_PLATE, rel=2e-3)
 
 
+@pytest.mark.prove
 def test_free_circular_plate() -> None:
     profile = [(0.0, 0.0), (0.5, 0.0)]
     disc = Revolution(profile=profile, wall=0.003, smooth=False, elements=(48, 14, 1))

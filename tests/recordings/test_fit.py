@@ -246,6 +246,7 @@ def test_what_modes_leave_is_played_with_a_strike(hissing: tuple[Take, Fitting, 
     assert np.std(np.diff(alone[later])) < np.std(np.diff(original[later]))
 
 
+@pytest.mark.prove
 def test_a_softer_blow_takes_the_treble_off_the_residual_too(
     hissing: tuple[Take, Fitting, Fitting],
 ) -> None:

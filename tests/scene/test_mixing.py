@@ -93,6 +93,7 @@ def sided(gains: ShapeGains = BLOCK.gains, right: float = 0.1) -> ShapeGains:
     return Sided(**{name: getattr(gains, name) for name in gains.__dataclass_fields__}, right=right)
 
 
+@pytest.mark.prove
 def test_a_timbre_field_is_heard_by_two_ears_and_by_no_head() -> None:
     soft = replace(STRIKE, shape="gaussian")
     model = replace(BLOCK, gains=sided())

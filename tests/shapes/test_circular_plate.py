@@ -66,10 +66,8 @@ def test_values_are_the_same_for_one_place_and_many(edge: str) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "edge",
-    ["free", *(pytest.param(e, marks=pytest.mark.prove) for e in EDGES if e != "free")],
-)
+@pytest.mark.prove
+@pytest.mark.parametrize("edge", EDGES)
 def test_forms_of_very_high_order_are_stable(edge: str) -> None:
     thin = CircularPlate(radius=1.0, thickness=0.0005, edge=edge)
     forms = thin.vibration(STEEL, 9000.0).forms

@@ -224,6 +224,7 @@ def test_band_below_the_first_mode_is_refused_with_its_frequency(body: Shape) ->
         body.modes(MYLAR, (20.0, 0.99 * lowest))
 
 
+@pytest.mark.prove
 @names
 def test_mode_at_the_very_end_of_a_band_is_in_it(body: Shape) -> None:
     """Whatever rounding does, a band never fails for ending on a mode."""
@@ -239,6 +240,7 @@ def test_too_many_modes_are_refused(body: Shape) -> None:
         body.vibration(MYLAR, 1e6)
 
 
+@pytest.mark.prove
 @names
 def test_four_hundred_modes_are_quick(body: Shape) -> None:
     """Usually 10 to 110 transforms for the frequencies, and for the forms at 5,000 places."""

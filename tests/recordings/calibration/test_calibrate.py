@@ -94,7 +94,8 @@ def test_material_of_a_recorded_plate(plate: ModalModel, seed: int) -> None:
     assert found.losses.law.decays(1000.0) == pytest.approx(np.pi + 1, rel=5e-3)
 
 
-@pytest.mark.parametrize("fits", [6, pytest.param(12, marks=pytest.mark.prove)])
+@pytest.mark.prove
+@pytest.mark.parametrize("fits", [6, 12])
 def test_confidence_covers_the_truth(fits: int) -> None:
     """Errors over standard errors, of fits with errors of 1 cent."""
     ratios = []

@@ -73,12 +73,13 @@ def right(fitted: Modes, pairing: Pairing) -> np.ndarray:
     return fitted.truth[pairing.fitted] == pairing.computed
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     ("cents", "share"),
     [
-        pytest.param(0.01, 1.0, marks=pytest.mark.prove),
+        (0.01, 1.0),
         (1.0, 0.97),
-        pytest.param(5.0, 0.9, marks=pytest.mark.prove),
+        (5.0, 0.9),
     ],
 )
 def test_a_fifth_missing_and_a_fifth_extra(plate: ModalModel, cents: float, share: float) -> None:

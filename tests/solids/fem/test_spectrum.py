@@ -94,11 +94,12 @@ def test_a_count_that_contradicts_the_modes_is_refused(monkeypatch: pytest.Monke
         sliced(values, 200.5, 20)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "mesh",
-    [pytest.param(BODY, id="box"), pytest.param(CUBE, id="cube", marks=pytest.mark.prove)],
+    [pytest.param(BODY, id="box"), pytest.param(CUBE, id="cube")],
 )
-@pytest.mark.parametrize("slice_limit", [20, pytest.param(45, marks=pytest.mark.prove)])
+@pytest.mark.parametrize("slice_limit", [20, 45])
 def test_sliced_is_unsliced_is_dense(mesh: VolumeMesh, slice_limit: int) -> None:
     whole, parts, dense = (
         vibration_modes(mesh, UNIT, HIGHEST, solver=solver)

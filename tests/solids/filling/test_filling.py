@@ -113,6 +113,7 @@ def test_tetrahedra_are_of_good_shape() -> None:
     assert angles.max() < 160
 
 
+@pytest.mark.prove
 def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
     thin, thick = (
         filled(FilledBody(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.02)

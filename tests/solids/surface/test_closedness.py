@@ -184,6 +184,7 @@ def test_outward_shell_within_a_body_is_refused() -> None:
         require_closed(joined(ball(), ball(0.5)))
 
 
+@pytest.mark.prove
 def test_thousands_of_pores_are_one_body() -> None:
     steps = np.arange(-10, 11) * 0.06
     places = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)[:8000]

@@ -196,6 +196,7 @@ def pushed_through(scale: float) -> Repair:
     return closed_repair(mesh(box(1e-3, 1e-3, 1e-3), rod).scaled(scale))
 
 
+@pytest.mark.prove
 def test_rod_pushed_through_a_block() -> None:
     result = pushed_through(1.0)
     assert result.volume_after == pytest.approx(1.24e-9, rel=0.005)
