@@ -9,8 +9,8 @@
    so a real output takes four operations a sample and a complex one five. Under one steady push the
    pair is kept in units of the gain, v / gain: that push then needs no product of its own. A kernel
    takes a frame of several samples and loops over the modes inside, a vector of modes at a time,
-   with one sum for each sample and output in registers: a state crosses memory once a frame. Gains
-   may change linearly from sample to sample. */
+   with one sum for each sample and output in registers: a state crosses the nearest cache once a
+   frame, and memory once a block. Gains may change linearly from sample to sample. */
 #include "bank.h"
 
 #if defined(__AVX512F__)
@@ -21,6 +21,7 @@ enum { WIDE = 4 };
 enum { WIDE = 2 };
 #endif
 typedef double vector __attribute__((vector_size(8 * WIDE)));
+enum { NEARBY = 512 }; /* modes that go through a block together: the nearest cache holds them */
 
 #define UNROLLED _Pragma("clang loop unroll(full)")
 #define INLINED static inline __attribute__((always_inline))
@@ -103,10 +104,12 @@ INLINED void step_gains(struct gains *x, int pushes, int outputs, int turned) {
   }
 }
 
-/* One frame of all modes; all but `g` and `first` are constants where it is used. */
-INLINED void frame(const struct group *g, int64_t first, int pushes, int outputs, int turned,
-                   int ramped, int unit, int samples) {
+/* One frame of the modes from `begin` to `end`; the arguments from `pushes` on are constants where
+   it is used. */
+INLINED void frame(const struct group *given, int64_t begin, int64_t end, int64_t first, int pushes,
+                   int outputs, int turned, int ramped, int unit, int samples) {
 #pragma clang fp reassociate(off) /* what the last sample made comes into the next one last */
+  const struct group copy = *given, *g = &copy; /* which no store can change: read once */
   vector sums[16] = {0};
   double forces[8 * PUSHES];
   UNROLLED for (int p = 0; p < pushes; p++)
@@ -114,7 +117,7 @@ INLINED void frame(const struct group *g, int64_t first, int pushes, int outputs
   const double *feedback = g->feedback, *loss = g->loss;
   double *latest = g->latest, *previous = g->previous;
   const int driven = unit ? 0 : pushes;
-  for (int64_t n = 0; n < g->modes; n += WIDE) {
+  for (int64_t n = begin; n < end; n += WIDE) {
     struct gains x;
     read_gains(g, &x, n, first + 1, driven, outputs, turned, ramped);
     const vector p1 = loaded(feedback + n), p2 = loaded(loss + n);
@@ -143,8 +146,11 @@ INLINED int64_t frames(const struct group *g, int pushes, int outputs, int turne
                        int unit) {
   const int samples = frame_of(pushes, outputs, turned, ramped);
   const int64_t made = g->block / samples * samples;
-  for (int64_t first = 0; first < made; first += samples)
-    frame(g, first, pushes, outputs, turned, ramped, unit, samples);
+  for (int64_t begin = 0; begin < g->modes; begin += NEARBY) {
+    const int64_t end = begin + NEARBY < g->modes ? begin + NEARBY : g->modes;
+    for (int64_t first = 0; first < made; first += samples)
+      frame(g, begin, end, first, pushes, outputs, turned, ramped, unit, samples);
+  }
   return made;
 }
 
@@ -156,7 +162,7 @@ INLINED int64_t frames(const struct group *g, int pushes, int outputs, int turne
 /* What is left over when a block is no multiple of a frame, sample by sample: steps may be zero. */
 #define REMAINDER(o, t) \
   static void remainder_##o##_##t(const struct group *g, int64_t first) { \
-    for (; first < g->block; first++) frame(g, first, PUSHES, o, t, 1, 0, 1); \
+    for (; first < g->block; first++) frame(g, 0, g->modes, first, PUSHES, o, t, 1, 0, 1); \
   }
 #define PUSHED(o, t) \
   REMAINDER(o, t) \
