@@ -25,7 +25,7 @@ following are simple stand-ins for the inertia of the tip, which would not scale
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -246,6 +246,8 @@ class Reader:
 
 def fading(numbers: Array, fade: int, last: int | None) -> Array:
     """Return factors that fade a contact in over `fade` samples, and out after its last one."""
+    if numbers[0] >= fade and (last is None or numbers[-1] <= last):
+        return np.ones(len(numbers))
     rising = np.clip((numbers + 1) / fade, 0, 1)
     falling = 1.0 if last is None else np.clip((last + fade - numbers) / fade, 0, 1)
     return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
@@ -256,7 +258,8 @@ def rung_at(load: float) -> int:
     return math.floor(RUNGS_AN_OCTAVE * math.log2(max(load, LIGHTEST)))
 
 
-def _rungs(begin: float, end: float) -> dict[int, list[float]]:
+@lru_cache(maxsize=64)  # as most loads are steady
+def _rungs(begin: float, end: float) -> Mapping[int, Sequence[float]]:
     """Return the tabulated loads about two loads, and their weights in each."""
     rungs: dict[int, list[float]] = {}
     for which, load in enumerate((begin, end)):
