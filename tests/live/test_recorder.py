@@ -75,7 +75,7 @@ def test_the_command_records_from_the_device_and_refuses_its_silence(
     plan.write_text(
         "seconds = 0.1\nlead_in = 0.05\npatience = 0.1\ntries = 2\ncontacts = [[1.0]]\n"
     )
-    for _ in range(5):  # a machine that stands still loses samples, which is refused as such
+    for _ in range(15):  # a machine that stands still loses samples, which is refused as such
         monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
         with pytest.raises(RecordingError, match="refused 2 times") as refused:
             struck_record(plan, "--device", "system")
