@@ -88,6 +88,7 @@ def test_poisson_slopes_are_those_of_fresh_decompositions() -> None:
     assert middle.poisson_slopes == pytest.approx(expected, abs=1e-5)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("kind", ["hex8", "wedge6"])
 def test_poisson_slopes_on_other_elements(kind: str) -> None:
     mesh, step = grid(kind, (6, 2, 2), (0.2, 0.034, 0.023)).promoted(), 1e-4

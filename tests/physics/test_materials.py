@@ -65,6 +65,7 @@ def test_same_poisson_ratio_is_exact(name: str) -> None:
         assert drives[0][:count] == pytest.approx(drives[1][:count], rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.prove
 @each_body
 def test_steel_to_glass_is_within_its_stated_error(name: str) -> None:
     made, fresh = both(name, GLASS)

@@ -101,6 +101,7 @@ def test_of_a_dense_body_all_that_is_heard_and_apart_is_found(seed: int) -> None
     assert score(scene.truth, poles_of(result), result.gains).false == 0
 
 
+@pytest.mark.prove
 def test_the_gate_is_what_keeps_noise_out() -> None:
     chance, rate = default_rng(9), 8000
     frequencies = np.array([300.0, 700.0, 1100.0, 1800.0, 2900.0])

@@ -165,6 +165,7 @@ def test_a_second_hit_keeps_its_own_moment_among_triggered_takes() -> None:
     assert heard_at.max() < 1.1 * np.abs(gains(0.1 * np.arange(5))).max()
 
 
+@pytest.mark.prove
 def test_a_force_sensor_may_sit_in_any_channel() -> None:
     """It needs no place, and is no microphone."""
     pulse = np.zeros(RATE)

@@ -112,6 +112,7 @@ def test_a_wrong_contact_takes_no_mode_for_a_stranger(bar: ModalModel) -> None:
     assert not len(found.extra)
 
 
+@pytest.mark.prove
 def test_takes_and_files_are_as_good_as_sounds(bar: ModalModel, tmp_path: Path) -> None:
     sound = struck.render(bar, replace(ONE, time=0.3), seconds=1.2, sample_rate=RATE)
     sound.save(tmp_path / "bar.wav")

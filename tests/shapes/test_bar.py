@@ -71,6 +71,7 @@ def test_none_of_400_modes_is_missed_or_doubled(ends: tuple[str, str]) -> None:
     assert frequencies == pytest.approx(expected[:400], rel=1e-8, abs=1e-9 * highest)
 
 
+@pytest.mark.prove
 def test_a_mode_at_the_very_frequency_where_waves_of_shear_begin_to_travel() -> None:
     def beyond(length: float) -> float:
         bar = Bar(length=length, width=0.05, thickness=0.1, ends="clamped")

@@ -117,6 +117,7 @@ def test_chosen_forms_are_those_asked_for(body: Shape) -> None:
     assert forms.chosen(order[:0]).values(places).shape == (300, 0)
 
 
+@pytest.mark.prove
 def test_forms_of_very_high_order_are_stable() -> None:
     forms = DRUM.vibration(MYLAR, 30_000.0).forms
     assert isinstance(forms, RoundForms)
