@@ -1,12 +1,14 @@
-"""Start of the command `struck`: what must be settled before NumPy is imported."""
+"""Start of the command `struck`: Ctrl-C, and what must be settled before NumPy is imported."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Mapping
-from pathlib import Path
+from types import FrameType
 
+INTERRUPTED = 130  # the exit code of what SIGINT has ended, as shells have it
 _VARIABLE = "OPENBLAS_CORETYPE"
 _ZEN_5 = 0x1A
 
@@ -32,19 +34,59 @@ def blas_kernels(processor: str, environment: Mapping[str, str]) -> str | None:
     return "SkylakeX" if zen_5 and "avx512f" in facts.get("flags", "").split() else None
 
 
+class Interruption:
+    """Ctrl-C in a process that is struck's own.
+
+    Libraries turn it into errors of their own while they are imported, and Python drops it where it
+    comes amid a finalizer: so it is kept in mind that it came, and what was dropped comes again.
+    """
+
+    def __init__(self) -> None:
+        self.came = False
+        if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as of a job in the background
+            signal.signal(signal.SIGINT, self._take)
+        sys.unraisablehook = self._again
+
+    def _take(self, _number: int, _frame: FrameType | None) -> None:
+        self.came = True
+        raise KeyboardInterrupt
+
+    @staticmethod
+    def _again(what: sys.UnraisableHookArgs) -> None:
+        if isinstance(what.exc_value, KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        else:
+            sys.__unraisablehook__(what)
+
+
 def main() -> int:
     """Run the command in a process of its own."""
-    if sys.platform == "linux" and "numpy" not in sys.modules:
-        try:
-            processor = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            processor = ""
-        kernels = blas_kernels(processor, os.environ)
-        if kernels is not None:
-            os.environ[_VARIABLE] = kernels
-    from struck.cli import main as run
+    interruption = Interruption()
+    try:
+        _choose_kernels()
+        from struck.cli import main as run
 
-    return run()
+        return run()
+    except BaseException:
+        if not interruption.came:
+            raise
+        sys.stderr.write("struck: interrupted\n")
+        return INTERRUPTED
+    finally:  # the work is done or told of: while Python ends, nothing is left to interrupt
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _choose_kernels() -> None:
+    if sys.platform != "linux" or "numpy" in sys.modules:
+        return
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:  # noqa: PTH123 - sooner there
+            processor = file.read()
+    except OSError:
+        return
+    kernels = blas_kernels(processor, os.environ)
+    if kernels is not None:
+        os.environ[_VARIABLE] = kernels
 
 
 if __name__ == "__main__":

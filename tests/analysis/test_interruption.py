@@ -21,7 +21,7 @@ from struck.cli import main
 from struck.files import model_file
 from struck.files.cache import Cache
 
-SHELL = "import sys; from struck.cli import main; sys.exit(main())"
+SHELL = "import sys; from struck.__main__ import main; sys.exit(main())"
 COMMAND = ["analyze", "egg.stl", "--material", "steel", "--accuracy", "preview"]
 STAGES = 6  # surface, filling and modes, both coarse and fine, and model
 

@@ -31,11 +31,10 @@ COMMANDS = {
     "demo": "make a gallery of sounds and pictures",
 }
 BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 2 on bad input, 130 when interrupted."""
+    """Run one command and return its exit code: 0, or 2 on bad input."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     options = _parser(words).parse_args(words)
     progress = TerminalProgress()
@@ -43,14 +42,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings_in_one_line():
             result = options.run(options, progress)
     except StruckError as error:
-        progress.close()
+        progress.close()  # before what is said of it
         print(f"struck: {error}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
+    finally:
         progress.close()
-        print("struck: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    progress.close()
     return _told(json.dumps(result.facts, indent=2) if options.json else result.text)
 
 

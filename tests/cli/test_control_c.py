@@ -1,0 +1,103 @@
+"""Ctrl-C at any moment of any command: one line, 130, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import cycle, islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import struck
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for others")
+BEGUN = b"."
+# What the command `struck` does, which tells first that it begins.
+SHELL = (
+    f"import os, sys; from struck.__main__ import main; os.write(1, {BEGUN!r}); sys.exit(main())"
+)
+STRING = "--shape string --length 0.65 --radius 2e-4 --tension 60 --material steel"
+# About how long each takes, s, and its words.
+COMMANDS = [
+    (0.3, "materials"),
+    (0.4, "info bar.struck"),
+    (0.6, "render bar.struck --strike 0.02 --seconds 60 -o made.wav"),
+    (1.2, "show bar.struck -o made.png"),
+    (1.5, "sound-map bar.struck --threshold 6 -o made.png"),
+    (0.6, f"analyze {STRING} -o made.struck"),
+    (2.5, "analyze ball.stl --material steel --accuracy preview -o made.struck"),
+    (1.5, "fit tap.wav -o made.struck"),
+    (2.0, "compare bar.struck tap.wav"),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a model, a recording of it and a mesh."""
+    folder = tmp_path_factory.mktemp("interrupted")
+    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+    struck.save(bar, folder / "bar.struck")
+    sound = struck.render(bar, struck.Strike(at=(0.02,), time=0.5), seconds=1.5)
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(sound.samples.shape)
+    taken = (0.5 * sound.samples / sound.peak + noise).astype(np.float32)
+    struck.Sound(samples=taken, sample_rate=48_000).save(folder / "tap.wav")
+    trimesh.creation.icosphere(subdivisions=2, radius=0.08).export(folder / "ball.stl")
+    return folder
+
+
+def interrupted(folder: Path, words: str, moment: float) -> tuple[int, str]:
+    """Press Ctrl-C so long after a command's first line; return its exit code and what it said."""
+    before = sorted(folder.iterdir())
+    process = subprocess.Popen(
+        [sys.executable, "-c", SHELL, *words.split()],
+        cwd=folder,
+        env={**os.environ, "STRUCK_CACHE": "off"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.read(1) == BEGUN
+    time.sleep(moment)
+    asked = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    if process.returncode == 0:  # it was finished before
+        for path in set(folder.iterdir()) - set(before):
+            path.unlink()
+    else:
+        assert time.perf_counter() - asked < 20  # 5 s of an idle machine
+    assert sorted(folder.iterdir()) == before
+    return process.returncode, said.decode()
+
+
+def moments(count: int, seed: int) -> Iterator[tuple[str, float]]:
+    """Yield commands in turn, each with a moment of its course by chance."""
+    chance = np.random.default_rng(seed)
+    for longest, words in islice(cycle(COMMANDS), count):
+        yield words, float(chance.uniform(0, longest))
+
+
+def require_interruptions(folder: Path, count: int, seed: int) -> None:
+    codes = []
+    for words, moment in moments(count, seed):
+        code, said = interrupted(folder, words, moment)
+        codes.append(code)
+        assert code in {0, 130}, (words, moment, said)
+        assert code == 0 or said == "struck: interrupted\n", (words, moment, said)
+    assert codes.count(130) > 0.6 * count  # else the moments are too late to tell anything
+
+
+def test_a_dozen_moments(folder: Path) -> None:
+    require_interruptions(folder, 12, 1)
+
+
+@pytest.mark.prove
+def test_three_hundred_moments(folder: Path) -> None:
+    require_interruptions(folder, 300, 2)
