@@ -67,5 +67,9 @@ class LossWarning(UserWarning):
     """A file was written that cannot keep all of a model: what it leaves out."""
 
 
+class ScaleWarning(UserWarning):
+    """A body has so many modes that its lengths may not be in metres: which unit may be meant."""
+
+
 class RepairWarning(UserWarning):
     """A surface was repaired: what was wrong with it, and what was changed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,8 @@ from numpy.typing import ArrayLike
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
-from struck.errors import OptionError, StruckError
+from struck.analysis.forecast import Forecast
+from struck.errors import OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask
 from struck.model.gains import Radiation
@@ -107,6 +109,7 @@ def analyze(
     solver = _solver(method, backend)
     progress("mesh", 0.0)
     source = discretise(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
+    _require_scale(source, chosen, highest, held=fixed is not None)
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )
@@ -232,6 +235,16 @@ class _Work:
             fixed=held,
             solver=self.solver,
         )
+
+
+def _require_scale(
+    source: Discretisation, material: Material, highest: float, *, held: bool
+) -> None:
+    """Refuse or warn of a body of a size that can hardly be meant, before it is cut."""
+    forecast = Forecast.of(source.outline, material, source.wall)
+    told = forecast.require_reasonable(highest, held=held)
+    if told:
+        warnings.warn(told, ScaleWarning, stacklevel=4)
 
 
 def _require_band(band: tuple[float, float]) -> tuple[float, float]:

@@ -84,6 +84,12 @@ class GivenElements:
 
     mesh: VolumeMesh
     error: float | None = None  # of frequencies to aim at: these elements cannot be chosen by it
+    wall: float | None = None
+
+    @property
+    def outline(self) -> Mesh:
+        """Surface of the body."""
+        return self.mesh.surface()[0]
 
     def coarse(self, _stages: Stages, /) -> Elements | None:
         """Return None: there is no second set."""
@@ -101,6 +107,12 @@ class StructuredSolid:
     solid: Solid
     accuracy: str
     error: float | None = None
+    wall: float | None = None
+
+    @property
+    def outline(self) -> Mesh:
+        """Surface of the body, roughly."""
+        return self.solid.volume_mesh("preview").surface()[0]
 
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return the elements of the accuracy below."""
@@ -137,6 +149,11 @@ class FilledSurface:
     def error(self) -> float | None:
         """Error of frequencies to aim at."""
         return accuracy_named(self.accuracy).error
+
+    @property
+    def outline(self) -> Mesh:
+        """Surface of the body, or the sheet that is given a wall."""
+        return self.repair.mesh
 
     @property
     def _body(self) -> FilledBody | WalledSheet:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from struck.errors import CacheWarning, LossWarning, RepairWarning
+from struck.errors import CacheWarning, LossWarning, RepairWarning, ScaleWarning
 
 
 class Result:
@@ -19,7 +19,7 @@ class Result:
         self.facts = facts
 
 
-_TOLD = (CacheWarning, LossWarning, RepairWarning)
+_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 
 
 @contextmanager

@@ -1,0 +1,149 @@
+"""What is told of a body before it is cut: against counts of modes, true sizes and wrong units."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import struck
+from struck.analysis.forecast import MOST_MODES, Forecast
+from struck.errors import OptionError, ScaleWarning
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.shapes import CircularPlate, RectangularPlate
+from struck.solids import Block, Tube
+from struck.solids.revolution import bell, bowl, wine_glass
+
+STEEL, BRONZE, GLASS = (Material.named(name) for name in ("steel", "bronze", "glass"))
+
+
+def forecast(solid: trimesh.Trimesh, material: Material = STEEL) -> Forecast:
+    return Forecast.of(Mesh(points=solid.vertices, faces=solid.faces), material)
+
+
+@pytest.mark.parametrize(
+    ("plate", "highest"),
+    [
+        (RectangularPlate(length=0.4, width=0.3, thickness=0.003, edges="free"), 20_000.0),
+        (CircularPlate(radius=0.15, thickness=0.002, edge="free"), 20_000.0),
+        (CircularPlate(radius=0.5, thickness=0.002, edge="free"), 5_000.0),
+    ],
+)
+def test_plates_have_as_many_modes_as_their_closed_forms(
+    plate: RectangularPlate | CircularPlate, highest: float
+) -> None:
+    outline = plate.solid().volume_mesh("preview").surface()[0]
+    expected = len(plate.modes(STEEL, (1.0, highest)).frequencies)
+    assert 0.9 < Forecast.of(outline, STEEL).modes(highest) / expected < 1.4
+
+
+def test_a_bulk_has_as_many_modes_as_weyl_says() -> None:
+    """Far above its lowest mode: V omega^3 (2 / c_T^3 + 1 / c_L^3) / (6 pi^2)."""
+    omega, ball = 2 * np.pi * 20_000, trimesh.creation.icosphere(subdivisions=3, radius=20.0)
+    shear, bulk = (np.sqrt(each / STEEL.density) for each in (
+        STEEL.shear_modulus, STEEL.first_lame + 2 * STEEL.shear_modulus))  # fmt: skip
+    weyl = ball.volume * omega**3 / (6 * np.pi**2) * (2 / shear**3 + 1 / bulk**3)
+    assert forecast(ball).modes(20_000) == pytest.approx(weyl, rel=0.05)
+
+
+BODIES = {
+    "chime": Tube(length=0.505, radius=0.0125, wall=0.001),
+    "pipe": Tube(length=0.3, radius=0.05, wall=0.003),
+    "rod": Tube(length=0.2, radius=0.01, wall=0.01),
+    "bar": Block(size=(0.3, 0.03, 0.005)),
+    "beam": Block(size=(1.0, 0.01, 0.01)),
+    "cube": Block(size=(0.2, 0.2, 0.2)),
+    "brick": Block(size=(0.3, 0.2, 0.1)),
+    "slab": Block(size=(0.3, 0.2, 0.02)),
+    "bowl": bowl(),
+    "bell": bell(),
+    "wine glass": wine_glass(),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["bar", *(pytest.param(each, marks=pytest.mark.prove) for each in BODIES if each != "bar")],
+)
+def test_forecasts_are_within_a_factor_of_two(name: str) -> None:
+    solid = BODIES[name]
+    found = struck.analyze(solid, STEEL, accuracy="preview", band=(1, 20_000), cache=False)
+    told = Forecast.of(solid.volume_mesh("preview").surface()[0], STEEL)
+    assert 0.5 < told.modes(20_000) / len(found.frequencies) < 2
+    assert told.lowest / found.frequencies[0] < 2  # else bodies with modes would be refused
+
+
+def nut(size: float) -> trimesh.Trimesh:
+    return trimesh.creation.annulus(r_min=0.25 * size, r_max=0.5 * size, height=0.4 * size)
+
+
+# A body in its file's numbers, with what it should say if they are taken as metres.
+IN_MILLIMETRES = {
+    "nut": nut(46),
+    "coin": trimesh.creation.cylinder(radius=12.5, height=2),
+    "ball": trimesh.creation.icosphere(subdivisions=2, radius=50),
+    "brick": trimesh.creation.box((300, 60, 30)),
+    "nail": trimesh.creation.cylinder(radius=2, height=100),
+    "plate": trimesh.creation.box((300, 200, 3)),
+    "torus": trimesh.creation.torus(major_radius=30, minor_radius=12),
+}
+
+
+@pytest.mark.parametrize("name", IN_MILLIMETRES)
+def test_millimetres_taken_for_metres_are_told_at_once(name: str) -> None:
+    solid = IN_MILLIMETRES[name]
+    begun = time.process_time()
+    with pytest.raises(OptionError, match=rf"about \S+ modes.*at most {MOST_MODES:,}.*units='mm'"):
+        struck.analyze(Mesh(points=solid.vertices, faces=solid.faces), "steel", cache=False)
+    assert time.process_time() - begun < 2
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-5, 1e-4])
+def test_metres_taken_for_less_are_told_at_once(size: float) -> None:
+    with pytest.raises(OptionError, match=r"no mode below 20000 Hz.*check its units"):
+        struck.analyze(Block(size=(size, size, size / 2)), "steel")
+
+
+def test_a_size_that_is_too_large_is_told(tmp_path: Path) -> None:
+    trimesh.creation.icosphere(subdivisions=2).export(tmp_path / "ball.obj")
+    with pytest.raises(OptionError, match="modes below 20000 Hz"):
+        struck.analyze(tmp_path / "ball.obj", "steel", size=100, accuracy="preview")
+
+
+def test_what_takes_long_is_warned_of_with_the_band_that_does_not() -> None:
+    hull = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))
+    with (
+        pytest.warns(ScaleWarning, match=r"takes long:.*band=\(20, \d+\)"),
+        pytest.raises(OptionError, match="stopped"),
+    ):
+        struck.analyze(hull, "oak", progress=stopped, cache=False)
+
+
+def stopped(stage: str, _fraction: float) -> None:
+    if stage == "assemble":
+        raise OptionError("stopped")
+
+
+TRUE = {
+    "church bell": (trimesh.creation.capsule(height=1.0, radius=0.7), BRONZE, 0.08),
+    "girder": (trimesh.creation.box((12, 0.3, 0.02)), STEEL, None),
+    "gong": (trimesh.creation.cylinder(radius=0.5, height=0.004), BRONZE, None),
+    "rail": (trimesh.creation.box((2, 0.07, 0.15)), STEEL, None),
+    "table": (trimesh.creation.box((1.6, 0.9, 0.03)), Material.named("oak"), None),
+    "window": (trimesh.creation.box((1.2, 0.8, 0.004)), GLASS, None),
+    "anvil": (trimesh.creation.box((0.6, 0.2, 0.3)), STEEL, None),
+    "die": (trimesh.creation.box((0.016, 0.016, 0.016)), Material.named("oak"), None),
+    "triangle": (trimesh.creation.cylinder(radius=0.005, height=0.6), STEEL, None),
+    "crystal glass": (trimesh.creation.capsule(height=0.06, radius=0.03), GLASS, 0.001),
+}
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_true_bodies_draw_no_error(name: str) -> None:
+    solid, material, wall = TRUE[name]
+    told = Forecast.of(Mesh(points=solid.vertices, faces=solid.faces), material, wall)
+    told.require_reasonable(20_000)
