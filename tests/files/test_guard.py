@@ -298,11 +298,28 @@ def speaking(program: str, **limits: float) -> Guard:
     ],
 )
 def test_reader_that_fails(tetrahedron: Path, program: str, message: str) -> None:
-    guard = speaking(program, seconds=0.5)
+    guard = speaking(program, wall=0.5)
     started = time.perf_counter()
     assert message in refused(guard, tetrahedron)
     assert time.perf_counter() - started < 10
     assert guard.process_id is None
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer of processor time here")
+def test_the_time_of_a_reader_is_what_it_has_worked_and_not_what_others_have(
+    tetrahedron: Path, tmp_path: Path
+) -> None:
+    guard = Guard(ReadingLimits(seconds=0.1))
+    guard._running()
+    os.kill(guard.process_id or 0, signal.SIGSTOP)  # nobody lets it work
+    asleep = threading.Timer(0.5, os.kill, (guard.process_id, signal.SIGCONT))
+    asleep.start()
+    assert guard.contents(tetrahedron).parts
+    corners = "".join(f"v {n} {n * n % 7} {n % 5}\n" for n in range(300_000))
+    slow = saved(tmp_path / "slow.obj", corners + "f 1 2 3\n" * 100_000)
+    assert "more than 0.1 s of the processor: simplify" in refused(guard, slow)
+    assert guard.contents(tetrahedron).parts  # by another reader
+    guard.close()
 
 
 ARRAYS = "np.zeros((4, 3)), np.zeros((1, 3), int)"

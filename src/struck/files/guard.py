@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -42,6 +43,8 @@ import sys, types
 package = sys.modules["struck"] = types.ModuleType("struck")
 package.__path__ = [{str(Path(__file__).resolve().parents[1])!r}]
 """
+# Exit code of a reader that the system has ended for its processor time.
+_WORKED_TOO_LONG = -signal.SIGPROF if hasattr(signal, "SIGPROF") else None
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _LONGEST_START = 60.0  # s
@@ -118,7 +121,7 @@ class Guard:
     def _frame(self, question: dict[str, str]) -> Frame:
         process = self._running()
         questions, answers = _pipes(process)
-        with _deadline(process, self.limits.seconds) as passed:
+        with _deadline(process, self.limits.wall) as passed:
             try:
                 write_frame(questions, question)
                 return read_frame(answers, largest=self.limits.answer)
@@ -173,10 +176,13 @@ class Guard:
                 process.wait(1)
         code = process.returncode
         self.close()
-        if timed_out:
+        limit = f"longer than {self.limits.wall:g} s" if timed_out else ""
+        if code == _WORKED_TOO_LONG:
+            limit = f"more than {self.limits.seconds:g} s of the processor"
+        if limit:
             raise MeshError(
-                f"reading it took longer than {self.limits.seconds:g} s: simplify the surface "
-                "(decimate it), or export it in a binary format"
+                f"reading it took {limit}: simplify the surface (decimate it), or export it in a "
+                "binary format"
             )
         if code == OUT_OF_MEMORY:
             raise MeshError(

@@ -37,12 +37,22 @@ def main() -> None:
         while True:
             question = read_frame(sys.stdin.buffer, largest=0).content
             # The asker ends this process in time, unless it has died itself.
-            faulthandler.dump_traceback_later(limits.seconds + _GRACE, exit=True)
+            faulthandler.dump_traceback_later(limits.wall + _GRACE, exit=True)
+            _give(limits.seconds)
             try:
                 write_frame(answers, *_answer(question, limits))
             except MemoryError:
                 os._exit(OUT_OF_MEMORY)
+            _give(0)
             faulthandler.cancel_dump_traceback_later()
+
+
+def _give(seconds: float) -> None:
+    """End this process after so much processor time from now on; 0 is no end."""
+    if hasattr(signal, "setitimer"):
+        # By the system itself: compiled code would not let Python end it.
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
 def _confine(memory: int) -> None:
