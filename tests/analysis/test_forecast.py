@@ -10,12 +10,12 @@ import pytest
 import trimesh
 
 import struck
-from struck.analysis.forecast import MOST_MODES, Forecast
 from struck.errors import OptionError, ScaleWarning
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes import CircularPlate, RectangularPlate
 from struck.solids import Block, Tube
+from struck.solids.resolution import MOST_MODES, Forecast
 from struck.solids.revolution import bell, bowl, wine_glass
 
 STEEL, BRONZE, GLASS = (Material.named(name) for name in ("steel", "bronze", "glass"))

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
-from struck.analysis.forecast import Forecast
 from struck.errors import OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask
@@ -40,6 +39,7 @@ from struck.solids.fem.error_estimates import (
 )
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
+from struck.solids.resolution import Forecast
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)

@@ -1,6 +1,15 @@
-"""How many elements a solid of simple form is cut into, and which dimensions it may have.
+"""How many modes a body will have, and how many elements a solid of simple form is cut into.
 
-The counts come from convergence studies of chimes, bowls, glasses, bars and plates: one layer of
+Modes are counted as waves that fit into a body of volume V, surface S, length a and width b, as if
+it were a plate of area S / 2 and thickness h = 2 V / S: bending waves of wavenumber
+k = (omega sqrt(12) / (c h))^(1/2), with the rim's share of free plates, waves in its plane, and
+waves through the bulk by Weyl's law (Cremer, Heckl & Petersson 2005, Structure-Borne Sound,
+section 4.5; Xie, Thompson & Jones 2004, J. Sound Vib. 274, 551, for the rim). Walls that are curved
+by a radius R have fewer bending waves below their ring frequency c / (2 pi R), in proportion to its
+square root (Szechenyi 1971, J. Sound Vib. 19, 65). The lowest mode is taken from a free beam of
+that length and thickness, which no other body of them is much below.
+
+Counts of elements come from convergence studies of chimes, bowls, glasses, bars and plates: one layer of
 20-node hexahedra carries the bending of a wall; along it, elements are counted by the waves that
 the accuracy should still resolve.
 """
@@ -8,9 +17,17 @@ the accuracy should still resolve.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
 
 from struck.errors import OptionError
+from struck.model.arrays import Array
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 
 ACCURACIES = ("preview", "standard", "fine")
 
@@ -143,3 +160,127 @@ def extrusion_edge(area: float, height: float, accuracy: str) -> float:
 def _extrusion_nodes(area: float, height: float, edge: float) -> float:
     layers = max(1, round(height / edge))
     return (area / edge**2) * (3 * (layers + 1) + layers)
+
+
+MOST_MODES = 100_000
+"""That an analysis takes on: of a body that has more, the scale is wrong."""
+MANY_MODES = 5_000
+"""From which on one is told: most such bodies were meant a thousand times smaller."""
+_LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
+_HELD = 7.0  # clamped at one end it is so many times lower than free
+_CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved
+_UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+_SMALL, _LARGE = 5e-3, 3.0  # m: lengths of things that are struck
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forecast:
+    """What is to be expected of a body before it is cut into elements."""
+
+    material: Material
+    volume: float  # m^3
+    surface: float  # m^2, both sides of a wall
+    sides: tuple[float, ...]  # (3,): of the body along its own axes, m, the longest first
+
+    @classmethod
+    def of(cls, mesh: Mesh, material: Material, wall: float | None = None) -> Self:
+        """Return the forecast of a closed surface, or of walls along a surface."""
+        area = float(mesh.areas.sum())
+        thick = wall is None
+        return cls(
+            material=material,
+            volume=abs(mesh.volume) if thick else area * wall,
+            surface=area if thick else 2 * area,
+            sides=_sides(mesh),
+        )
+
+    @cached_property
+    def thickness(self) -> float:
+        """Mean thickness, m."""
+        return 2 * self.volume / max(self.surface, math.ulp(0.0))
+
+    @property
+    def lowest(self) -> float:
+        """Lowest frequency of the free body, Hz, of which the true one is seldom below half."""
+        fastest = math.sqrt(self.material.youngs_modulus / self.material.density)
+        return 1.028 * fastest * self.thickness / self.sides[0] ** 2
+
+    def modes(self, highest: float) -> float:
+        """Return about how many modes there are up to a frequency, Hz."""
+        omega, (a, b, _) = 2 * math.pi * highest, self.sides
+        material, area = self.material, self.surface / 2
+        shear = math.sqrt(material.shear_modulus / material.density)
+        young = material.youngs_modulus / material.density
+        plane = math.sqrt(young / (1 - material.poisson_ratio**2))
+        bulk = math.sqrt((material.first_lame + 2 * material.shear_modulus) / material.density)
+        bent = math.sqrt(omega * math.sqrt(12) / (plane * self.thickness))
+        bending = area * bent**2 / (4 * math.pi) * self._flat(highest, plane)
+        rim = 0.9 * (a + b) * bent / math.pi
+        rods = a * omega / math.pi * (1 / shear + 1 / math.sqrt(young))
+        sheets = area * omega**2 / (4 * math.pi) * (1 / shear**2 + 1 / plane**2)
+        through = self.volume * omega**3 / (6 * math.pi**2) * (2 / shear**3 + 1 / bulk**3)
+        return bending + rim + rods + sheets + through
+
+    def _flat(self, highest: float, plane: float) -> float:
+        """Return the share of a plate's bending waves that curved walls have up to a frequency."""
+        _, b, c = self.sides
+        if c < _CURVED * self.thickness:
+            return 1.0
+        radius = c / 2 + b**2 / (8 * c)
+        ring = plane / (2 * math.pi * radius)
+        above, below = 1 - ring / (3 * highest), 2 / 3 * math.sqrt(highest / ring)
+        return above if highest > ring else below
+
+    def require_reasonable(self, highest: float, *, held: bool = False) -> str:
+        """Return a warning about the scale, or nothing; raise OptionError where it must be wrong.
+
+        `highest`, Hz, is the end of the band; a body that is held has lower modes.
+        """
+        count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
+        if least > highest:
+            raise OptionError(
+                f"{self._size} has no mode below {highest:g} Hz: the lowest is near "
+                f"{self.lowest:.2g} Hz; check its units (lengths are in m), or widen band="
+            )
+        if count <= MANY_MODES:
+            return ""
+        told = f"{self._size} has about {count:.1g} modes below {highest:g} Hz"
+        ways = f"{self._unit(highest)}end the band lower, as in band=(20, {self._end(highest):.0f})"
+        if count > MOST_MODES:
+            raise OptionError(f"{told}, and at most {MOST_MODES:,} are computed: {ways}")
+        return f"{told}, which takes long: {ways}"
+
+    @property
+    def _size(self) -> str:
+        return f"a body of {self.sides[0]:.3g} m, {self.thickness:.2g} m thick in the mean,"
+
+    def _unit(self, highest: float) -> str:
+        """Return the unit that was probably meant."""
+        for unit, length in self._smaller(highest):
+            return f"if its lengths are in {unit} it is {length:.3g} m (units={unit!r}); else "
+        return ""
+
+    def _smaller(self, highest: float) -> Iterator[tuple[str, float]]:
+        for unit, factor in _UNITS.items():
+            other = Forecast(
+                material=self.material,
+                volume=self.volume * factor**3,
+                surface=self.surface * factor**2,
+                sides=tuple(side * factor for side in self.sides),
+            )
+            if _SMALL <= other.sides[0] <= _LARGE and other.modes(highest) <= MANY_MODES:
+                yield unit, other.sides[0]
+
+    def _end(self, highest: float) -> float:
+        """Return the end of a band that has few enough modes, in steps of a quarter octave."""
+        while self.modes(highest) > MANY_MODES:
+            highest /= 2**0.25
+        return highest
+
+
+def _sides(mesh: Mesh) -> tuple[float, ...]:
+    """Return the extents along the axes of the surface's inertia, m, the longest first."""
+    used: Array = mesh.points[np.unique(mesh.faces)]
+    centred = used - used.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))
