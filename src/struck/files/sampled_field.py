@@ -253,6 +253,8 @@ def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[
     """Return contacts (P, D) and the directions of pushes there (P, 3)."""
     if isinstance(model.gains, ShapeGains) and model.geometry is not None:
         found = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
+        if not found:
+            raise OptionError("contacts are empty: give points on the surface, m, or names")
         points = np.array([each.point for each in found])
         return points, np.array([each.direction for each in found])
     places = np.asarray(contacts, np.float64)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index
-from struck.model.mesh import Mesh, Surface
+from struck.model.mesh import Mesh, Surface, in_space
 
 
 class Forms(Protocol):
@@ -47,7 +47,7 @@ class TransverseShapes:
 
     def displacements(self, points: Array) -> Array:
         """Return the shapes at points of the body, m (K, 3): (K, 3, M), kg^-1/2."""
-        plan = np.asarray(points)[:, : self.forms.dimensions] / self.size
+        plan = in_space(points)[:, : self.forms.dimensions] / self.size
         shapes = np.zeros((len(plan), 3, len(self.weights)))
         shapes[:, 2] = self.forms.values(plan) * self.weights
         return shapes
@@ -264,7 +264,8 @@ class ShapeGains(Gains):
 
     def at(self, points: Array, directions: Array) -> Array:
         """Return the mode shapes at the nearest surface points along unit `directions`."""
-        return np.einsum("kd,kdm->km", directions, self.shapes_at(points))[:, None, :]
+        pushes = np.reshape(directions, (-1, 3))
+        return np.einsum("kd,kdm->km", pushes, self.shapes_at(points))[:, None, :]
 
     def shapes_at(self, points: Array) -> Array:
         """Return the mode shapes at the surface points nearest to `points`: (K, 3, M)."""
@@ -276,8 +277,8 @@ class ShapeGains(Gains):
 
     def toward(self, listeners: Array) -> Complex:
         """Return outputs that fall as 1/r from the centre of mass."""
-        distances = np.linalg.norm(np.atleast_2d(listeners) - self.centre, axis=1)
-        if distances.min() < self.radius:
+        distances = np.linalg.norm(in_space(listeners) - self.centre, axis=1)
+        if distances.min(initial=np.inf) < self.radius:
             raise ContactError(
                 f"a listener is {distances.min():.3g} m from the body's centre, inside its "
                 f"radius of {self.radius:.3g} m: move the listener farther away"

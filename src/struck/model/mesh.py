@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from struck.errors import MeshError
+from struck.errors import ContactError, MeshError
 from struck.model.arrays import Array, Index
 
 
@@ -111,6 +112,22 @@ def _validate(points: Array, faces: Index) -> None:
 
 
 _TINY = np.finfo(np.float64).tiny
+_FARTHEST = 1e150  # m: squares beyond it are infinite, and compiled code returns what it finds
+
+
+def in_space(points: ArrayLike) -> Array:
+    """Return points as compiled code needs them: contiguous, with finite squares, m (K, 3)."""
+    array = np.ascontiguousarray(points, dtype=np.float64)
+    if not array.size:
+        return np.zeros((0, 3))
+    rows = np.atleast_2d(array)
+    if rows.shape[1:] != (3,):
+        raise ContactError(f"points have shape {array.shape}: give x, y and z of each, m")
+    if not np.abs(rows).max() < _FARTHEST:  # NaN included
+        raise ContactError(
+            f"a point has a coordinate that is no number below {_FARTHEST:g} m: give finite ones"
+        )
+    return rows
 
 
 class Closest:
@@ -121,12 +138,16 @@ class Closest:
 
         self._points = np.ascontiguousarray(points)
         self._parts = np.ascontiguousarray(parts)
+        if not self._parts.size:
+            raise MeshError("there are no edges or triangles to be near to: give at least one")
         self._tree = igl.AABB()
         self._tree.init(self._points, self._parts)
 
     def closest(self, points: Array) -> tuple[Array, Index, Array]:
         """Return distances (K,), edges or triangles (K,) and the nearest points on them (K, 3)."""
-        queries = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
+        queries = in_space(points)
+        if not len(queries):
+            return np.zeros(0), np.zeros(0, np.int64), queries
         squared, parts, nearest = self._tree.squared_distance(self._points, self._parts, queries)
         return np.sqrt(np.atleast_1d(squared)), np.atleast_1d(parts), np.atleast_2d(nearest)
 
