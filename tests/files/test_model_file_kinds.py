@@ -193,7 +193,7 @@ def swapped(name: str, value: object) -> Callable[[h5py.File], None]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (swapped("ModeError", -1.0), "ModeError goes down to -1"),
+        (swapped("ModeError", -1.0), "errors: some go down to -1"),
         (swapped("ModeError", np.inf), "ModeError holds 1 values"),
         (swapped("BodyRadius", -0.1), "BodyRadius is -0.1"),
         (swapped("BodyRadius", 99.0), "no model can be made of it"),
@@ -223,7 +223,8 @@ def test_unknown_papers_and_endless_notes_do_no_harm(tmp_path: Path) -> None:
     assert again.cite() == model.cite()
     kept = again.provenance.dropped
     assert 10 < len(kept) < 100
-    assert kept[-1] == f"... and {101 - len(kept)} notes more"
+    assert kept[-2] == f"... and {102 - len(kept)} notes more"
+    assert kept[-1] == "1 references, unknown to this version: nobody2099"
     with pytest.raises(OptionError, match="Title has 70,000 bytes"):
         sofa_fields.export(model, path, title="x" * 70_000)
 

@@ -15,6 +15,7 @@ from struck.errors import ContactError, OptionError
 from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.live.ears import FARTHEST
+from struck.model.gains import ShapeGains
 from tests.live.hand import BLOCK, HandPlayer, Make, ball, by_hand
 from tests.live.test_player import LATE, OPENED, decibels
 from tests.scene.test_mixing import sided
@@ -140,6 +141,8 @@ def test_a_bare_position_stays_one(by_hand: Make) -> None:
 
 
 def test_a_timbre_field_is_not_played_for_two_ears(by_hand: Make) -> None:
-    model = replace(ball(), gains=sided())
+    body = ball()
+    assert isinstance(body.gains, ShapeGains)
+    model = replace(body, gains=sided(body.gains))
     with pytest.raises(OptionError, match="a body with a timbre field is played"):
         by_hand(model, listener=LEFT)

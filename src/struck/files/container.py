@@ -242,7 +242,6 @@ class Kind:
     # gains to JSON values, and arrays that the layout does not name
     keep: Callable[[Any], tuple[dict[str, Any], Arrays]]
     make: Callable[[Text, Tensors, Mesh | None], Gains]  # the mesh is the body's surface
-    coordinates: Callable[[Any], int | None] = lambda _: None  # of a contact; None: any number
 
 
 def kept_tensors(owner: object, layout: Layout) -> Arrays:

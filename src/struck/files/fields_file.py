@@ -211,9 +211,6 @@ FIELDS: dict[str, Kind] = {
         },
         keep=_keep_field,
         make=_make_field,
-        coordinates=lambda field: (
-            2 if field.listener_part.turned else len(field.contact_part.spans)
-        ),
     ),
     "TimbreTable": Kind(
         made=TimbreTable,
@@ -224,7 +221,6 @@ FIELDS: dict[str, Kind] = {
         },
         keep=_keep_table,
         make=_make_table,
-        coordinates=lambda table: len(table.contacts.axes),
     ),
     "SinglePoint": Kind(
         made=SinglePoint,

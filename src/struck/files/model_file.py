@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,6 @@ from struck.files.container import (
     kept_tensors,
     near,
     number,
-    numbers,
     one_of,
     pack,
     refuse_constant,
@@ -54,6 +53,9 @@ if TYPE_CHECKING:
 # Gains: mode shapes on a surface; those of recordings by name, from `fields_file`.
 
 _FORMULA = "formula."
+# By annotation of a formula's part: NumPy's kind of number, and the largest size.
+_PARTS = {"float": ("f", 1e100), "Array": ("f", 1e100), "Index": ("i", 10_000)}
+_COMPARED, _SAME = 8, 1e-3  # vertices, share of the largest displacement
 GAINS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")
 
 
@@ -114,7 +116,7 @@ def _radiation_name(radiation: Radiation) -> str:
 def _make_shapes(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGains:
     if surface is None:
         raise FileFormatError("its mode shapes have no surface: give vertices and faces")
-    return ShapeGains(
+    gains = ShapeGains(
         surface=surface,
         shapes=tensors["shapes"],
         outputs=from_pairs(tensors["outputs"]),
@@ -122,6 +124,8 @@ def _make_shapes(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGai
         radiation=by_name(text["radiation"]),
         formula=_formula(text.get("formula"), tensors),
     )
+    _require_same_shapes(gains)
+    return gains
 
 
 def _formula(plain: object, tensors: Tensors) -> TransverseShapes | None:
@@ -137,6 +141,34 @@ def _formula(plain: object, tensors: Tensors) -> TransverseShapes | None:
     if not isinstance(formula, TransverseShapes):
         raise FileFormatError(f"its formula is a {type(formula).__name__}, not TransverseShapes")
     return formula
+
+
+def _require_same_shapes(gains: ShapeGains) -> None:
+    """Refuse a formula with damaged parts, or with other shapes than the vertices have."""
+    formula, points = gains.formula, gains.surface.points
+    if formula is None:
+        return
+    parts: tuple[Any, ...] = (formula, formula.forms)
+    for part in parts:
+        for each in fields(part):
+            kind, largest = _PARTS.get(str(each.type), ("", 0))
+            value = np.asarray(getattr(part, each.name))
+            if kind and (
+                (value.dtype.kind, value.ndim > 0) != (kind, each.type != "float")
+                or not -largest <= value.min(initial=0) <= value.max(initial=0) <= largest
+            ):
+                raise FileFormatError(
+                    f"its formula's {each.name} is damaged, no {each.type} of at most {largest:g} "
+                    "in size: save the model again"
+                )
+    some = np.linspace(0, len(points) - 1, _COMPARED).astype(np.int64)
+    with np.errstate(all="ignore"):
+        given, kept = formula.displacements(points[some]), gains.shapes[some]
+        apart = np.abs(given - kept).max(initial=0.0) if given.shape == kept.shape else np.inf
+    if not apart <= _SAME * np.abs(kept).max(initial=0.0):
+        raise FileFormatError(
+            "its formula gives other mode shapes than its vertices have: save the model again"
+        )
 
 
 def _formulas() -> tuple[type, ...]:
@@ -169,7 +201,7 @@ ENDINGS = (".struck", ".sofa")  # of model files
 VERSION = 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
-_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
     kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)
 }
@@ -340,8 +372,7 @@ def _kept(model: ModalModel) -> tuple[dict[str, Any], Arrays]:
         tensors |= kept_tensors(model.residual, _RESIDUAL)
     require_layout(tensors, {**_LAYOUT, **kind.layout})
     _make_residual(text, tensors)
-    _require_coordinates(kind, kind.make(gains, tensors, surface), model.coordinates)
-    _places(text["places"], kind, model.coordinates)
+    kind.make(gains, tensors, surface)
     return text, tensors
 
 
@@ -420,27 +451,24 @@ def _plain(value: object) -> object:
 def _model(text: Text, tensors: Tensors) -> ModalModel:
     kind = kind_named(text["gains"]["kind"])
     require_layout(tensors, {**_LAYOUT, **kind.layout})
-    surface, coordinates = _given_surface(text, tensors), texts(text["coordinates"], "coordinates")
-    gains = kind.make(text["gains"], tensors, surface)
-    _require_coordinates(kind, gains, coordinates)
-    provenance = text["provenance"]
+    surface, provenance = _given_surface(text, tensors), text["provenance"]
     return ModalModel(
         frequencies=tensors["frequencies"],
         natural_frequencies=tensors["natural_frequencies"],
         decays=tensors["decays"],
-        gains=gains,
+        gains=kind.make(text["gains"], tensors, surface),
         material=_material(text["material"]),
-        mass=None if text["mass"] is None else float(numbers(text["mass"], ())),
-        centre=_optional(text["centre"], (3,)),
-        inertia=_optional(text["inertia"], (3, 3)),
+        mass=text["mass"],
+        centre=_array(text["centre"]),
+        inertia=_array(text["inertia"]),
         geometry=surface if text["geometry"] == "surface" else None,
         supported=flag(text["supported"], "supported"),
         tensioned=flag(text.get("tensioned", False), "tensioned"),
-        complete_to=float(numbers(text["complete_to"], ())),
+        complete_to=text["complete_to"],
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
-        places=_places(text["places"], kind, coordinates),
-        coordinates=coordinates,
+        places={name: _array(place) for name, place in text["places"].items()},
+        coordinates=texts(text["coordinates"], "coordinates"),
         residual=_make_residual(text, tensors),
         provenance=Provenance(
             method=provenance["method"],
@@ -467,8 +495,9 @@ def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
     )
 
 
-def _optional(value: object, shape: tuple[int, ...]) -> Array | None:
-    return None if value is None else numbers(value, shape)
+def _array(value: object) -> Any:  # noqa: ANN401  None, or an array that the model checks
+    """Return a JSON list of numbers as an array; null as None."""
+    return None if value is None else np.array(value, np.float64)
 
 
 def _material(text: Text | None) -> Material | None:
@@ -500,18 +529,3 @@ def _make_residual(text: Text, tensors: Tensors) -> Residual | None:
         levels=tensors["residual_levels"],
         decays=tensors["residual_decays"],
     )
-
-
-def _places(text: Text, kind: Kind, coordinates: tuple[str, ...]) -> dict[str, Array]:
-    """Return named contacts: points of a surface, or coordinates of a recording."""
-    count = 3 if kind.made is ShapeGains else len(coordinates)
-    return {name: vector(place, count) for name, place in text.items()}
-
-
-def _require_coordinates(kind: Kind, gains: Gains, coordinates: tuple[str, ...]) -> None:
-    wanted = kind.coordinates(gains)
-    if wanted not in {None, len(coordinates)}:
-        raise FileFormatError(
-            f"its contacts have {len(coordinates)} coordinates, {', '.join(coordinates)}, and its "
-            f"{kind.made.__name__} knows {wanted}: name as many"
-        )

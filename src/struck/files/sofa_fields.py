@@ -28,7 +28,7 @@ from struck.model.contact import Place
 from struck.model.exponentials import samples
 from struck.model.material import AIR
 from struck.model.model import ModalModel
-from struck.model.provenance import Provenance, bibliography
+from struck.model.provenance import Provenance
 from struck.model.survey import SYMMETRIES
 
 _LONGEST = 10.0  # s, of impulse responses unless their length is given
@@ -405,14 +405,11 @@ def _origin_of(file: Container, count: int) -> Origin | None:
     if file.text(_SOURCE) != _MODEL:
         return None
     errors = file.numbers(_ERRORS, (count,), gaps=True) if _ERRORS in file else None
-    if errors is not None and (errors < 0).any():
-        raise FileFormatError(f"its {_ERRORS} goes down to {np.nanmin(errors):g}: give at least 0")
     unmeasured = file.numbers(_UNMEASURED, (count,)) if _UNMEASURED in file else np.zeros(count)
-    known = bibliography()
     return Origin(
         provenance=Provenance(
             method=file.text("Method"),
-            references=tuple(key for key in file.text("ReferenceKeys").split() if key in known),
+            references=tuple(file.text("ReferenceKeys").split()),
             dropped=tuple(file.text("Notes").splitlines()),
         ),
         errors=errors,

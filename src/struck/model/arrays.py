@@ -1,4 +1,4 @@
-"""Short names for NumPy arrays in annotations; shapes and units stand beside each use."""
+"""Short names for NumPy arrays in annotations, and the check of what such an array holds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.errors import OptionError
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -14,3 +16,28 @@ Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating]
 Single = NDArray[np.float32]
 AnyArray = NDArray[Any]
+
+
+def require_numbers(
+    name: str,
+    values: object,
+    shape: tuple[int, ...],
+    *,
+    least: float | None = None,
+    gaps: bool = False,
+) -> None:
+    """Refuse what is no array of numbers of a shape; `gaps` may be NaN or infinite."""
+    array = values if isinstance(values, np.ndarray) or shape else np.asarray(values)
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "iufc":
+        raise TypeError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
+    if array.shape != shape:
+        raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
+    parts = (np.real(array), np.imag(array)) if array.dtype.kind == "c" else (array,)
+    # Extremes are NaN where a number is, and take no memory.
+    ends = [end for part in parts if part.size for end in (part.min(), part.max())]
+    if not (gaps or np.isfinite(ends).all()):
+        raise OptionError(
+            f"{name}: the numbers from {ends[0]} to {ends[-1]} are not all finite: leave those out"
+        )
+    if least is not None and np.any(array < least):
+        raise OptionError(f"{name}: some go down to {np.nanmin(array):g}: give at least {least:g}")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, require_numbers
 from struck.model.mesh import Mesh, Surface, in_space
 
 
@@ -121,6 +121,16 @@ class Gains(ABC):
         """How many products there are, R."""
         return 1
 
+    @property
+    def count(self) -> int | None:
+        """How many modes it has gains of, M; None for as many as the model has."""
+        return None
+
+    @property
+    def axes(self) -> int | None:
+        """How many coordinates a contact has; None for any number."""
+        return None
+
     def expanded(self) -> Gains:
         """Return the same as gains of R M modes with one product each, mode after mode of each."""
         return self if self.rank == 1 else ExpandedGains(products=self)
@@ -146,6 +156,16 @@ class ExpandedGains(Gains):
     def calibrated(self) -> bool:
         """Whether gains are Pa/(N s), not relative."""
         return self.products.calibrated
+
+    @property
+    def count(self) -> int | None:
+        """How many modes it has gains of, R M."""
+        return None if self.products.count is None else self.products.count * self.products.rank
+
+    @property
+    def axes(self) -> int | None:
+        """How many coordinates a contact has."""
+        return self.products.axes
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
         """Refuse: a model is changed before it is expanded."""
@@ -190,6 +210,15 @@ class ShapeGains(Gains):
     radiation: Radiation
     formula: TransverseShapes | None = None
 
+    def __post_init__(self) -> None:
+        modes = np.shape(self.outputs)[-1:]
+        for name, shape in (
+            ("shapes", (len(self.surface.points), 3, *modes)),
+            ("outputs", modes),
+            ("centre", (3,)),
+        ):
+            require_numbers(name, getattr(self, name), shape)
+
     @classmethod
     def radiating(
         cls,
@@ -226,6 +255,11 @@ class ShapeGains(Gains):
     def of_surface(self) -> bool:
         """Forces act on its surface."""
         return True
+
+    @property
+    def count(self) -> int:
+        """How many modes it has gains of, M."""
+        return len(self.outputs)
 
     @property
     def calibrated(self) -> bool:

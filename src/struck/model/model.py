@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import MaterialError, OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, require_numbers
 from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
-from struck.model.gains import Gains, Radiation, ShapeGains, canonical_signs
+from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.modes import Modes, Stiffness, changed
@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 
 XYZ = ("x (m)", "y (m)", "z (m)")
 _KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
+_KINDS = {
+    "material": Material | None,
+    "geometry": Mesh | None,
+    "places": Mapping,
+    "coordinates": tuple,
+    "provenance": Provenance,
+}
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
 
@@ -74,6 +81,10 @@ class ModalModel:
     coordinates: tuple[str, ...] = XYZ
     residual: Residual | None = None
     provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        _require_modes(self)
+        _require_body(self)
 
     @classmethod
     def of(
@@ -186,8 +197,10 @@ class ModalModel:
         Raises
         ------
         MaterialError
-            When none of its modes can ring that low.
+            When none of its modes can ring that low, or it has none.
         """
+        if not len(self.decays):
+            raise MaterialError("the body has no modes to tune: lower its damping")
         own = Each(rates=self.decays[0]) if self.material is None else self.material.damping
         return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
 
@@ -269,3 +282,54 @@ class ModalModel:
             poisson_slopes=None if slopes is None else slopes[kept],
             errors=None if errors is None else errors[kept],
         )
+
+
+def _require_modes(model: ModalModel) -> None:
+    """Refuse modes that are no numbers, as many each, in order and with losses."""
+    shape = np.shape(model.natural_frequencies)[:1]
+    for name in _RINGING:
+        require_numbers(name, getattr(model, name), shape, least=0)
+    for name, least in (("poisson_slopes", None), ("errors", 0)):
+        values = getattr(model, name)
+        if values is not None:
+            require_numbers(name, values, shape, gaps=True, least=least)
+    if not isinstance(model.gains, Gains):
+        raise TypeError(f"gains are a {type(model.gains).__name__}: give Gains")
+    # Expanded gains have all modes once for each of their products.
+    times = model.gains.products.rank if isinstance(model.gains, ExpandedGains) else 1
+    natural = model.natural_frequencies.reshape(times, -1)
+    if np.any(natural <= 0) or np.any(np.diff(natural) < 0):
+        raise OptionError(
+            "its natural_frequencies must ascend from above 0 Hz: put the modes in order, and "
+            "leave rigid motions out"
+        )
+    if model.gains.count not in {None, *shape}:
+        raise OptionError(
+            f"its gains are those of {model.gains.count} modes, and it has {shape[0]}: give as many"
+        )
+
+
+def _require_body(model: ModalModel) -> None:
+    """Refuse a body without mass, and places that its contacts do not have."""
+    for name, kind in _KINDS.items():
+        value = getattr(model, name)
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} is a {type(value).__name__}: give a {kind}")
+    require_numbers("complete_to", model.complete_to, (), least=0)
+    for name, shape in (("mass", ()), ("centre", (3,)), ("inertia", (3, 3))):
+        value = getattr(model, name)
+        if value is not None:
+            require_numbers(name, value, shape)
+    if model.mass is not None and model.mass <= 0:
+        raise OptionError(f"its mass is {model.mass} kg: it must exceed 0, or be None for unknown")
+    names = model.coordinates
+    if not all(isinstance(name, str) for name in (*names, *model.places)):
+        raise TypeError(f"coordinates are {names} of {tuple(model.places)}: give names")
+    if model.gains.axes not in {None, len(names)}:
+        raise OptionError(
+            f"its contacts have {len(names)} coordinates, {', '.join(names)}, and its "
+            f"{type(model.gains).__name__} knows {model.gains.axes}: name as many"
+        )
+    count = 3 if isinstance(model.gains, ShapeGains) else len(names)
+    for name, place in model.places.items():
+        require_numbers(f"place {name!r}", place, (count,))

@@ -32,6 +32,19 @@ class Provenance:
     dropped: tuple[str, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        texts = (self.method, *self.references, *self.dropped)
+        if not all(isinstance(text, str) for text in texts) or isinstance(self.references, str):
+            raise TypeError(f"provenance holds {texts!r}: give a method, references and losses")
+        # A file of a newer version may name papers that this one does not know.
+        known = bibliography()
+        unknown = [key for key in self.references if key not in known]
+        if unknown:
+            kept = tuple(key for key in self.references if key in known)
+            object.__setattr__(self, "references", kept)
+            note = f"{len(unknown)} references, unknown to this version: {', '.join(unknown)}"
+            object.__setattr__(self, "dropped", (*self.dropped, note))
+
     def extended(
         self, *, references: tuple[str, ...] = (), dropped: tuple[str, ...] = (), **details: object
     ) -> Provenance:

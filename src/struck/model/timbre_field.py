@@ -438,6 +438,16 @@ class TimbreField(Gains):
         return True
 
     @property
+    def count(self) -> int:
+        """How many modes it has gains of, M."""
+        return len(self.rank_errors)
+
+    @property
+    def axes(self) -> int:
+        """How many coordinates a contact has."""
+        return 2 if self.listener_part.turned else len(self.contact_part.spans)
+
+    @property
     def rank(self) -> int:
         """How many products there are."""
         return self.listener_part.rank

@@ -100,6 +100,11 @@ class SinglePoint(Gains):
         """Whether gains are Pa/(N s), not relative."""
         return self.is_calibrated
 
+    @property
+    def count(self) -> int:
+        """How many modes it has gains of, M."""
+        return len(self.outputs)
+
     def at(self, points: Array, directions: Array) -> Array:
         """Return 1 for contacts (K, D) with any number of coordinates: (K, 1, M)."""
         del directions
@@ -215,6 +220,16 @@ class TimbreTable(Gains):
     def directional(self) -> bool:
         """Directions differ."""
         return True
+
+    @property
+    def count(self) -> int:
+        """How many modes it has gains of, M."""
+        return self.gains.shape[-1]
+
+    @property
+    def axes(self) -> int:
+        """How many coordinates a contact has."""
+        return len(self.contacts.axes)
 
     @property
     def rank(self) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array
@@ -53,7 +53,8 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
 
 def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a sound (else how long modes ring)."""
-    _require_modes(model)
+    if not len(model.frequencies):
+        sound = None  # nothing is heard
     title = _title(model) if title is None else title
     if not isinstance(model.gains, ShapeGains):  # of a body that was recorded
         return _unshaped_overview(model, sound, title)
@@ -69,7 +70,8 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
         _draw_ringing(levels, model)
     else:
         _draw_spectrum(levels, sound)
-    _draw_modes(below, painter, model, model.gains, min(_MODES, len(model.frequencies)))
+    if len(model.frequencies):
+        _draw_modes(below, painter, model, model.gains, min(_MODES, len(model.frequencies)))
     return figure
 
 
@@ -174,11 +176,6 @@ def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str) -> Fi
     if sound is not None:
         _draw_spectrum(panels[1], sound)
     return figure
-
-
-def _require_modes(model: ModalModel) -> None:
-    if not len(model.frequencies):
-        raise OptionError("this model has 0 modes, so there is nothing to draw: widen its band")
 
 
 def _draw_modes(

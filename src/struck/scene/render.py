@@ -176,7 +176,7 @@ def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> C
 
 def _finite(gains: Complex) -> Complex:
     """Return gains, or raise an OptionError unless all are finite."""
-    wrong = np.count_nonzero(~np.isfinite(gains).reshape(-1, gains.shape[-1]).all(axis=0))
+    wrong = np.count_nonzero(~np.isfinite(gains).all(axis=tuple(range(gains.ndim - 1))))
     if wrong:
         raise OptionError(
             f"{wrong} of {gains.shape[-1]} modes have gains that are not finite: analyze the body "
@@ -212,7 +212,11 @@ def _ringing_time(decays: Array, strengths: Array) -> float:
 
 
 def _left_out(kept: NDArray[np.bool_], sample_rate: int) -> tuple[str, ...]:
-    """Return a note of how many modes are not heard, where any is not."""
+    """Return a note of how many modes are not heard, where any is not or none is there."""
+    if not len(kept):
+        return (
+            "the body has no modes, so that it is silent: lower its damping, or widen its band",
+        )
     lost = np.count_nonzero(~kept)
     if not lost:
         return ()
@@ -236,6 +240,8 @@ class DrivenBody:
     _pushings: list[Pushing] = field(init=False)
 
     def __post_init__(self) -> None:
+        if not len(self.model.frequencies):
+            return
         self._holds = [each for each in self.actions if isinstance(each, Hold)]
         excitations: list[Excitation] = [e for e in self.actions if not isinstance(e, Hold)]
         from struck.synth.resonators import Resonators  # strikes alone need none
@@ -260,6 +266,8 @@ class DrivenBody:
         """Return what is heard (points, n); of unsaid length, until all has died away."""
         blocks: list[Array] = []
         length = None if seconds is None else max(1, round(seconds * self.sample_rate))
+        if not len(self.model.frequencies):
+            return np.zeros((len(self.outputs), length or 1))
         while length is None or self._now < length:
             blocks.append(self._next(first=not blocks))
             if length is None:

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import y1
 
+from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
 from struck.shapes.polygon import Polygon, all_over, along_edges, plan_of, scattered
@@ -129,6 +130,9 @@ class _Fan:
         return along * radial + around * swirl * self.cosines
 
 
+_MOST_WAVES = 1e4  # radians of a wave along the plan
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PolygonForms:
     """Mode shapes of a membrane held along a polygon: sums of Helmholtz solutions."""
@@ -140,6 +144,17 @@ class PolygonForms:
     wavenumbers: Array  # (M,), 1/m
     coefficients: Array  # (M, F), of all functions
     dimensions = 2  # coordinates of a place: x and y
+
+    def __post_init__(self) -> None:
+        wanted = (len(self.wavenumbers), int(self.counts.sum()) + len(self.sources))
+        places = np.concatenate([self.corners, self.sources])
+        waves = self.wavenumbers.max(initial=0.0) * np.ptp(places, axis=0).max()
+        if self.coefficients.shape != wanted or not waves <= _MOST_WAVES or self.counts.min() < 0:
+            raise OptionError(
+                f"{self.coefficients.shape} coefficients of {wanted} are given, or the shapes have "
+                f"{waves:.3g} radians along the plan and at most {_MOST_WAVES:g} fit: compute the "
+                "membrane anew"
+            )
 
     def values(self, places: Array) -> Array:
         """Return the shapes at places (K, 2), m; those outside count as on the nearest edge."""

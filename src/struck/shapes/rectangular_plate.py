@@ -71,6 +71,14 @@ class RitzForms:
     coefficients: Array  # (M, I, J)
     dimensions = 2  # coordinates of a place: x and y
 
+    def __post_init__(self) -> None:
+        largest = max(np.max(each, initial=0) for each in (self.ends, self.stride, self.starts))
+        if largest > 2:
+            raise OptionError(
+                f"ends, strides and starts of a plate's forms go up to {largest}, and at most to 2 "
+                "in one that was computed: compute the plate anew"
+            )
+
     def values(self, places: Array) -> Array:
         """Return the deflections at x and y in m (K, 2): (K, M)."""
         shares = np.clip(np.asarray(places)[:, :2] / (self.length, self.width), 0.0, 1.0)
