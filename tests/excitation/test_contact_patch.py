@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,7 +32,7 @@ def test_gains_that_a_push_cannot_carry_are_refused() -> None:
     contact = plate().contact((0.05, 0.03, SIZE[2] / 2))
     table = SimpleNamespace(at=lambda points, _: np.ones((len(points), 2, 3)))
     with pytest.raises(OptionError, match=r"sum of 2 products.*expanded"):
-        drive(replace(plate(), gains=table), contact)
+        drive(SimpleNamespace(gains=table), contact)
     broken = SimpleNamespace(at=lambda points, _: np.full((len(points), 1, 3), np.nan))
     with pytest.raises(OptionError, match="3 of 3 modes have gains that are not finite"):
-        drive(replace(plate(), gains=broken), contact)
+        drive(SimpleNamespace(gains=broken), contact)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.cbook import is_math_text
 from matplotlib.collections import QuadMesh, TriMesh
 from matplotlib.figure import Figure
 from PIL import Image
@@ -262,3 +264,15 @@ def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
 def test_models_without_modes_are_drawn_and_said_to_have_none() -> None:
     assert "0 modes" in texts(struck.show(BODY.damped(Rayleigh(mass=1e9, stiffness=0))))
     assert "0 modes" in texts(charts.overview(recorded()))
+
+
+@pytest.mark.parametrize("name", ["a$\\frac{$b", "a$x$b", "$", "\\$5 and $6", "$$"])
+def test_names_from_outside_are_no_formulas(name: str, tmp_path: Path) -> None:
+    material = replace(CLAY, name=name)
+    figure = struck.show(replace(BODY, material=material), tmp_path / "body.svg")
+    heading = figure.get_suptitle()
+    assert not is_math_text(heading)
+    assert heading.replace(r"\$", "$").startswith(name)
+    drawn = charts.overview(recorded(1.0), title=name)
+    charts.save(drawn, tmp_path / "mug.png")
+    assert not is_math_text(drawn.get_suptitle())

@@ -248,7 +248,7 @@ def test_a_sound_is_calibrated_where_its_model_is() -> None:
     [
         ({"seconds": 0.0}, r"seconds is 0\.0"),
         ({"seconds": np.nan}, "seconds is nan"),
-        ({"seconds": 1e9}, "at most at 3600"),
+        ({"seconds": 1e9}, "at most 3600"),
         ({"sample_rate": 0}, "sample_rate is 0"),
         ({"sample_rate": 44100.5}, "whole number"),
         ({"listener": (1, 2)}, "one position"),

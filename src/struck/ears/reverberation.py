@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Complex, Single
+from struck.model.arrays import Array, Complex, Single, require_number
 from struck.model.material import AIR
 
 EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that stands for a head
+_LONGEST = 120.0  # s: no hall of people reverberates as long
 # Reverberation time times absorption area over volume: 0.161 s/m.
 SABINE = 24 * math.log(10) / AIR.sound_speed
 _AMPLITUDE = 3 * math.log(10)  # exponent by which an amplitude falls by 60 dB
@@ -68,11 +69,11 @@ class Reverberation:
         bands = self.bands()
         if not len(bands):
             raise OptionError("seconds names no band: give a time for one at least, as {1000: 0.6}")
-        for value in bands.ravel():
-            if not 0 < value < math.inf:
-                raise OptionError(
-                    f"seconds holds {value}: frequencies and times are positive and finite"
-                )
+        wanted = "frequencies and times are positive and finite"
+        for name, column, most in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
+            for value in column:
+                require_number(f"seconds in {name}", value, 0, most, above=True, wanted=wanted)
+        require_number("seed", self.seed, 0, 2.0**63)
 
     def bands(self) -> Array:
         """Return centre (Hz) and reverberation time (s) of each band, rising: (bands, 2).

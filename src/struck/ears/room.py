@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
 from struck.errors import MissingDependencyError, OptionError
-from struck.model.arrays import Array, Index, Single
+from struck.model.arrays import Array, Index, Single, require_number
 from struck.model.material import AIR
 
 Wall = str | float
@@ -50,6 +50,9 @@ def pyroomacoustics() -> ModuleType:
         if hidden:
             del sys.modules["sounddevice"]
     return found
+
+
+_MOST_ORDERS = 24  # some 20,000 images
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,8 +117,10 @@ class Room:
             raise OptionError(f"a room of size {self.size}: give three positive lengths, m")
         if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
             raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
-        if self.order != int(self.order) or self.order < 0:
-            raise OptionError(f"reflections up to order {self.order}: give 0, 1, 2, ...")
+        wanted = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
+        require_number(
+            "order of reflections", self.order, 0, _MOST_ORDERS, whole=True, wanted=wanted
+        )
         self.absorptions()
 
     @property

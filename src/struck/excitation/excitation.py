@@ -21,11 +21,19 @@ import numpy as np
 
 from struck.errors import OptionError
 from struck.excitation.pulses import Samples
-from struck.model.arrays import Array
+from struck.model.arrays import Array, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
 _RINGS, _SPOKES = 4, 12
+# Above and up to which numbers of these names go: they are squared, divided by, or counted by.
+_LARGEST = 1e100
+_BOUNDS = {
+    "radius": (1e-7, 1e6),  # m
+    "rise": (0.0, 60.0),  # s
+    "sample_rate": (0.0, 1e6),  # Hz
+    "seed": (0.0, 2.0**63),
+}
 # A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
 # function of the time in s since the excitation began
 Course = float | tuple[Sequence[float], Sequence[float]] | Callable[[float], float]
@@ -315,22 +323,23 @@ def freeze_place(excitation: _Placed, *names: str) -> None:
 def require_positive(**numbers: float | None) -> None:
     """Raise an OptionError unless each number is finite and above 0, or None."""
     for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number above 0")
+        if value is not None:
+            least, most = _BOUNDS.get(name, (0.0, _LARGEST))
+            wanted = f"it must be a finite number above {least:g}"
+            require_number(name, value, least, most, above=True, wanted=wanted)
 
 
 def require_at_least_zero(**numbers: float | None) -> None:
     """Raise an OptionError unless each number is finite and at least 0, or None."""
     for name, value in numbers.items():
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise OptionError(f"{name} is {value}: it must be a finite number of at least 0")
+        if value is not None:
+            require_number(name, value, 0.0, _BOUNDS.get(name, (0.0, _LARGEST))[1])
 
 
 def require_finite(**numbers: float) -> None:
     """Raise an OptionError unless each number is finite."""
     for name, value in numbers.items():
-        if not np.isfinite(value):
-            raise OptionError(f"{name} is {value}: it must be a finite number")
+        require_number(name, value, -_LARGEST, _LARGEST, wanted="it must be a finite number")
 
 
 def coordinates(name: str, values: object) -> tuple[float, ...]:

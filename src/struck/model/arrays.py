@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, StruckError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -41,3 +43,32 @@ def require_numbers(
         )
     if least is not None and np.any(array < least):
         raise OptionError(f"{name}: some go down to {np.nanmin(array):g}: give at least {least:g}")
+
+
+def require_number(
+    name: str,
+    value: object,
+    least: float = 0.0,
+    most: float = 1e100,
+    *,
+    wanted: str = "it must be a finite number of at least 0",
+    above: bool = False,
+    whole: bool = False,
+    unit: str = "",
+    error: type[StruckError] = OptionError,
+) -> None:
+    """Refuse what is no number from `least` (with `above`: above it) to `most`.
+
+    `wanted` says what belongs there, for numbers that are not `least` or not finite.
+    """
+    if not isinstance(value, Real):
+        raise TypeError(f"{name} is {value!r}: give a number")
+    try:
+        number = float(value)
+    except OverflowError:  # whole numbers have no end, and no text beyond 4,300 digits
+        number = value = math.inf
+    within = least < number if above else least <= number
+    if not within or number == math.inf or (whole and number % 1):
+        raise error(f"{name} is {value}{unit}: {wanted}")
+    if number > most:
+        raise error(f"{name} is {number:.6g}{unit}: it must be at most {most:g}")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, require_number
 
 _STEPS, _PRECISION = 200, 1e-14
 
@@ -156,5 +156,5 @@ def natural_at(frequency: float, damping: Damping) -> float:
 
 def _require_at_least_zero(**coefficients: float) -> None:
     for name, value in coefficients.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise MaterialError(f"{name} is {value}: damping needs a finite number of at least 0")
+        wanted = "damping needs a finite number of at least 0"
+        require_number(name, value, wanted=wanted, error=MaterialError)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from struck.errors import MaterialError
+from struck.model.arrays import require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 
 
@@ -51,14 +52,16 @@ class Material:
 
     def __post_init__(self) -> None:
         for label, value in (("density", self.density), ("Young's modulus", self.youngs_modulus)):
-            if not (np.isfinite(value) and value > 0):
-                raise MaterialError(f"{label} of {self.name} is {value}: it must exceed 0")
-        if not -1 < self.poisson_ratio <= _LARGEST_POISSON_RATIO:
-            raise MaterialError(
-                f"Poisson's ratio of {self.name} is {self.poisson_ratio}: it must lie above -1 and "
-                f"at most at {_LARGEST_POISSON_RATIO} (at 0.5 a solid cannot be compressed, and "
-                "these elements lock); take 0.49 for rubber-like materials"
-            )
+            name, wanted = f"{label} of {self.name}", "it must exceed 0"
+            require_number(name, value, 0, 1e30, above=True, wanted=wanted, error=MaterialError)
+        wanted = (
+            f"it must lie above -1 and at most at {_LARGEST_POISSON_RATIO} (at 0.5 a solid cannot "
+            "be compressed, and these elements lock); take 0.49 for rubber-like materials"
+        )
+        name, value = f"Poisson's ratio of {self.name}", self.poisson_ratio
+        require_number(name, value, -1, np.inf, above=True, wanted=wanted, error=MaterialError)
+        if value > _LARGEST_POISSON_RATIO:
+            raise MaterialError(f"{name} is {value}: {wanted}")
 
     @classmethod
     def from_lame(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import MaterialError, OptionError
-from struck.model.arrays import Array, Index, require_numbers
+from struck.model.arrays import Array, Index, require_number, require_numbers
 from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
@@ -187,8 +187,7 @@ class ModalModel:
         OptionError
             When the factor does not exceed 0.
         """
-        if not (np.isfinite(factor) and factor > 0):
-            raise OptionError(f"factor is {factor}: a size must exceed 0")
+        require_number("factor", factor, 1e-9, 1e9, wanted="a size must exceed 1e-9")
         return self._remade(self._stiffness(factor), self.material, size=factor)
 
     def tuned(self, *, lowest: float) -> ModalModel:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex
+from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Place
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -25,6 +25,7 @@ from struck.perception.auditory_scale import (
 
 LEVEL = 85.0  # What the loudest contact of a body reaches unless somebody says otherwise, dB
 
+_LOUDEST = 300.0  # dB
 _SAMPLES = 1000
 # Steps of the most even sequence in a square: powers of the inverse of the plastic number.
 _EVEN = np.array([0.7548776662466927, 0.5698402909980532])
@@ -48,9 +49,9 @@ class HeardModel:
     ) -> HeardModel:
         """Put ears somewhere and turn the volume so that the loudest contact reaches `level`."""
         listeners = _places(model, listener)
-        wanted = LEVEL if level is None else float(level)
-        if not np.isfinite(wanted):
-            raise OptionError(f"level is {level}: give dB re 20 micropascal, such as 85")
+        wanted = LEVEL if level is None else level
+        way = "give dB re 20 micropascal, such as 85"
+        require_number("level", wanted, -_LOUDEST, _LOUDEST, wanted=way)
         if not len(model.frequencies):
             raise OptionError("the model has 0 modes, so there is nothing to hear: widen its band")
         heard = cls(

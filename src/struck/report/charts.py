@@ -61,7 +61,7 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
     painter = Painter.of(model.gains.surface)
     height = float(np.clip(2.1 / painter.aspect, 1.2, 3.6)) + 1.3
     figure = chart(11.0, 3.8 + height)
-    figure.suptitle(title, fontsize=13, color=INK)
+    figure.suptitle(plain(title), fontsize=13, color=INK)
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.8, height)).flat
     body, levels = above.subplots(1, 2, width_ratios=(1.0, 1.9))
     painter.paint(body)
@@ -163,6 +163,11 @@ def decibels(power: Array) -> Array:
     return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
 
 
+def plain(text: str) -> str:
+    """Return a text from outside for a picture, where two $ would begin a formula."""
+    return text.replace("$", r"\$")
+
+
 def counted(count: int, thing: str) -> str:
     """Return a number of things in words, such as "3 modes"."""
     return f"{count} {thing}{'s' * (count != 1)}"
@@ -170,7 +175,7 @@ def counted(count: int, thing: str) -> str:
 
 def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str) -> Figure:
     figure = chart(11.0, 4.2)
-    figure.suptitle(title, fontsize=13, color=INK)
+    figure.suptitle(plain(title), fontsize=13, color=INK)
     panels = figure.subplots(1, 1 if sound is None else 2, squeeze=False)[0]
     _draw_ringing(panels[0], model)
     if sound is not None:

@@ -38,6 +38,7 @@ from struck.report.charts import (
     chart,
     decibels,
     frequency_axis,
+    plain,
     spectrogram,
     strongest,
 )
@@ -485,12 +486,17 @@ def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Ind
     for side, sound, colour in zip(sides, sounds, _COLOURS, strict=True):
         frequencies, powers = strongest(sound)
         axes.plot(
-            frequencies, decibels(powers), color=colour, linewidth=0.9, alpha=0.75, label=side.name
+            frequencies,
+            decibels(powers),
+            color=colour,
+            linewidth=0.9,
+            alpha=0.75,
+            label=plain(side.name),
         )
     for side, modes, colour, height in zip(sides, alone, _COLOURS, (5.0, 10.0), strict=True):
         if len(modes):
             lonely = side.partials.frequencies[modes]
-            label = f"in the {side.name} alone"
+            label = plain(f"in the {side.name} alone")
             axes.plot(lonely, np.full(len(lonely), height), "|", color=colour, label=label)
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 14))
     _frequency_axis(axes, sides)
@@ -516,7 +522,7 @@ def _differences(found: Comparison) -> Figure:
         axes.set_ylabel(label)
         _frequency_axis(axes, sides)
     figure.supxlabel("frequency (Hz)", fontsize=10)
-    figure.suptitle(f"{sides[1].name} less {sides[0].name}", fontsize=11)
+    figure.suptitle(plain(f"{sides[1].name} less {sides[0].name}"), fontsize=11)
     return figure
 
 

@@ -28,6 +28,7 @@ from struck.report.charts import (
     frequency_axis,
     label_frequencies,
     lighten,
+    plain,
     powers_in_time,
     strongest,
 )
@@ -319,7 +320,7 @@ def gain_map(
     _label_modes(axes, frequencies, unmeasured)
     shown = _spread(len(places))
     axes.set_yticks(shown, [places[place] for place in shown], fontsize=8)
-    axes.set(ylabel=what, xlabel="mode (Hz)")
+    axes.set(ylabel=plain(what), xlabel="mode (Hz)")
     colour_bar(figure, image, [axes], "level (dB)")
     return figure
 

@@ -22,7 +22,7 @@ from struck.excitation.excitation import Excitation, Hold, Pushing
 from struck.excitation.pulses import LEAD, sampled
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Complex
+from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
 from struck.model.material import AIR
 from struck.model.model import ModalModel
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from struck.ears.room import Room
 
 LONGEST_SOUND = 3600.0  # the largest `seconds`
+_HIGHEST_RATE, _MOST_SAMPLES = 1e6, LONGEST_SOUND * 192_000
 LONGEST_UNSAID = 60.0  # how long a sound of unsaid length waits for what pushes to end, s
 LONGEST_RING = 10.0  # how long it goes on after that at most, s
 SHORTEST_RING = 0.1  # and at least, s
@@ -97,10 +98,16 @@ def _someone(listener: Listener | ArrayLike | None) -> Listener:
 
 
 def _require_bounds(seconds: float | None, sample_rate: int) -> None:
-    if seconds is not None and not 0 < seconds <= LONGEST_SOUND:
-        raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at 3600")
-    if not (sample_rate >= 1 and float(sample_rate).is_integer()):
-        raise OptionError(f"sample_rate is {sample_rate}: give a whole number of Hz, such as 48000")
+    if seconds is not None:
+        wanted = "it must lie above 0 and at most at 3600"
+        require_number("seconds", seconds, 0, LONGEST_SOUND, above=True, wanted=wanted)
+    wanted = "give a whole number of Hz, such as 48000"
+    require_number("sample_rate", sample_rate, 1, _HIGHEST_RATE, whole=True, wanted=wanted)
+    if seconds is not None and seconds * sample_rate > _MOST_SAMPLES:
+        raise OptionError(
+            f"{seconds} s at {sample_rate} Hz are {seconds * sample_rate:.3g} samples, more than "
+            f"{_MOST_SAMPLES:.3g}: lower the sample rate, or render parts"
+        )
 
 
 def _arriving(

@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes.beam import ENDS, Beam, Bending, bending
@@ -191,9 +191,9 @@ class GivenSection:
 
     def __post_init__(self) -> None:
         for name, unit in (("area", "m^2"), ("second_moment", "m^4")):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise OptionError(f"{name} of the section is {value} {unit}: it must exceed 0")
+            wanted, value = "it must exceed 0, and 1e-36 is the least", getattr(self, name)
+            label = f"{name} of the section"
+            require_number(label, value, 1e-36, 1e24, wanted=wanted, unit=f" {unit}")
         if not 0 < self.shear_coefficient <= 1:
             raise OptionError(
                 f"shear_coefficient is {self.shear_coefficient}: it must lie above 0 and at most "

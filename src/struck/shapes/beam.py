@@ -13,6 +13,7 @@ from typing import Self
 
 import numpy as np
 
+from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 
 Function = Callable[[Array, Array], Array]
@@ -211,6 +212,7 @@ class Family:
 
     def _fitting(self, largest: Array, shift: float) -> Array:
         """Return the wave numbers up to the largest (and one more) that fit."""
+        _require_few(float(largest[0] * self.span / np.pi))
         count = int(largest[0] * self.span / np.pi) + 1
         return (np.arange(1.0, count + 1) - shift) * (np.pi / self.span)
 
@@ -224,6 +226,7 @@ class Family:
         high = np.array([highest**0.25])
         if high <= low:
             return np.empty(0)
+        _require_few(float(count(high)[0]))
         numbers = np.arange(count(low)[0], count(high)[0]) + 1
         return _halved(count, numbers, low, high) ** 4
 
@@ -305,6 +308,19 @@ def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
         reached = count(middle) >= numbers
         below, above = np.where(reached, below, middle), np.where(reached, middle, above)
     return (below + above) / 2
+
+
+def _require_few(count: float) -> None:
+    """Refuse beams with more modes of one kind than any model takes, before they are computed."""
+    if not count <= _MOST_OF_A_KIND:
+        raise OptionError(
+            f"the bar has about {count:.2g} modes of one kind in the band, and at most "
+            f"{_MOST_OF_A_KIND} are computed: check its lengths (m) and Young's modulus (Pa; 200 "
+            "GPa is 200e9), or end the band lower"
+        )
+
+
+_MOST_OF_A_KIND = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, require_number
 from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -181,13 +181,17 @@ def _spread(surface: Mesh) -> tuple[Array, Array]:
 
 def require_tension(body: str, tension: float) -> None:
     """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
-    if not (math.isfinite(tension) and tension > 0):
-        raise OptionError(f"tension of the {body} is {tension} N/m: it must exceed 0")
+    name, wanted = f"tension of the {body}", "it must exceed 0"
+    require_number(name, tension, above=True, wanted=wanted, unit=" N/m")
 
 
 def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
     """Refuse bands with over 100,000 modes by Weyl's law: about area wavenumber^2 / (4 pi)."""
-    count = area * wavenumber**2 / (4 * math.pi)
+    require_count(body, area * wavenumber**2 / (4 * math.pi), highest)
+
+
+def require_count(body: str, count: float, highest: float) -> None:
+    """Refuse bands with over 100,000 modes before any is computed."""
     if not count <= _MOST_PLAN_MODES:
         raise OptionError(
             f"the {body} has about {count:.2g} modes up to {highest:g} Hz: "

@@ -9,11 +9,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from struck.errors import OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
-from struck.shapes.shape import Shape, Vibration
+from struck.shapes.shape import Shape, Vibration, require_count
 from struck.shapes.skins import Rod, sleeve
 from struck.solids.resolution import require_length
 
@@ -86,8 +85,9 @@ class String(Shape):
     def __post_init__(self) -> None:
         require_length("length of the string", self.length)
         require_length("radius of the string", self.radius)
-        if not (math.isfinite(self.tension) and self.tension > 0):
-            raise OptionError(f"tension of the string is {self.tension} N: it must exceed 0")
+        require_number(
+            "tension of the string", self.tension, above=True, wanted="it must exceed 0", unit=" N"
+        )
 
     @property
     def geometry(self) -> Rod:
@@ -104,6 +104,7 @@ class String(Shape):
         lowest = self._lowest(material)
         inharmonicity = self._inharmonicity(material)
         # Stiffness only raises frequencies: no more modes than harmonics lie below.
+        require_count("string", highest / lowest, highest)
         numbers = np.arange(1, int(highest / lowest) + 1)
         frequencies = lowest * np.sqrt(1 + inharmonicity * numbers**2.0) * numbers
         within = frequencies <= highest

@@ -9,9 +9,9 @@ by a radius R have fewer bending waves below their ring frequency c / (2 pi R), 
 square root (Szechenyi 1971, J. Sound Vib. 19, 65). The lowest mode is taken from a free beam of
 that length and thickness, which no other body of them is much below.
 
-Counts of elements come from convergence studies of chimes, bowls, glasses, bars and plates: one layer of
-20-node hexahedra carries the bending of a wall; along it, elements are counted by the waves that
-the accuracy should still resolve.
+Counts of elements come from convergence studies of chimes, bowls, glasses, bars and plates: one
+layer of 20-node hexahedra carries the bending of a wall; along it, elements are counted by the
+waves that the accuracy should still resolve.
 """
 
 from __future__ import annotations
@@ -25,9 +25,11 @@ from typing import Self
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
+
+_SHORTEST, _LONGEST = 1e-9, 1e6  # m
 
 ACCURACIES = ("preview", "standard", "fine")
 
@@ -41,8 +43,8 @@ def level(accuracy: str) -> int:
 
 def require_length(name: str, value: float) -> None:
     """Raise OptionError unless `value` is a positive, finite length in m."""
-    if not (math.isfinite(value) and value > 0):
-        raise OptionError(f"{name} is {value} m: it must exceed 0")
+    wanted = f"it must exceed 0, and {_SHORTEST:g} m are the least that is computed"
+    require_number(name, value, _SHORTEST, _LONGEST, wanted=wanted, unit=" m")
 
 
 def require_counts(elements: tuple[int, ...], names: Sequence[str], least: Sequence[int]) -> None:

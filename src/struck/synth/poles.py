@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
-from struck.model.arrays import Array, Complex
+from struck.model.arrays import Array, Complex, require_number
 
 LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000  # Hz
 LONGEST_BLOCK = 4096
@@ -84,9 +84,11 @@ def require_session(sample_rate: float, block: int, points: int) -> None:
         raise OptionError(f"sample_rate is {sample_rate}: it must lie from 8000 to 192000 Hz")
     if not 1 <= block <= LONGEST_BLOCK:
         raise OptionError(f"block is {block}: it must lie from 1 to {LONGEST_BLOCK} samples")
-    if points < 1:
-        raise OptionError(f"points is {points}: each body needs at least one output")
+    wanted = "each body needs at least one output"
+    require_number("points", points, 1, _MOST, whole=True, wanted=wanted)
 
+
+_MOST = 65_536  # outputs of a body, and pushes in a block
 
 Key = tuple[int, int]  # body and voice
 
@@ -167,6 +169,7 @@ def _output(output: NDArray[np.generic], poles: Poles, points: int) -> Complex:
 
 def voices_for(bodies: int, voices: int | None) -> int:
     """Return how many pushes there may be in a block."""
-    if voices is not None and voices < 1:
-        raise OptionError(f"voices is {voices}: there must be room for at least one push")
+    if voices is not None:
+        wanted = "there must be room for at least one push"
+        require_number("voices", voices, 1, _MOST, whole=True, wanted=wanted)
     return max(16, 4 * bodies) if voices is None else voices
