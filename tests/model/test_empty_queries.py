@@ -29,7 +29,7 @@ def body(request: pytest.FixtureRequest) -> ModalModel:
     return struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel")
 
 
-@pytest.mark.parametrize("contacts", [*NONE, {}, "", iter(())], ids=repr)
+@pytest.mark.parametrize("contacts", [*NONE, {}, "", range(0)], ids=repr)
 def test_a_file_without_contacts_is_refused(
     body: ModalModel, contacts: object, tmp_path: Path
 ) -> None:
