@@ -1,5 +1,11 @@
 """The model: contacts, and copies that are damped, scaled, tuned or of another material."""
 
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.sparse.linalg
@@ -14,7 +20,10 @@ from struck import InternalFriction, Material, ModalModel, Rayleigh, Strike
 from struck.analysis.analysis import model_of_modes
 from struck.errors import ContactError, MaterialError, OptionError
 from struck.model.contact import Contact
+from struck.model.mesh import Mesh
+from struck.scene import Body
 from struck.solids import Block, VolumeMesh
+from struck.solids.surface.distance import FilledBody, WalledSheet
 
 BLOCK = Block(size=(0.11, 0.07, 0.043), elements=(5, 4, 3))
 BAND = (20.0, 40_000.0)
@@ -196,3 +205,31 @@ def test_the_loudest_contact_is_louder_than_others(block: ModalModel) -> None:
 
 def test_a_table_shows_every_mode(block: ModalModel) -> None:
     assert block._repr_html_().count("<tr>") == len(block.frequencies) + 1
+
+
+def _by_pickle(thing: object) -> object:
+    return pickle.loads(pickle.dumps(thing))  # noqa: S301 - our own bytes
+
+
+@pytest.mark.parametrize("copied", [_by_pickle, copy.deepcopy])
+def test_copies_are_made_also_after_contacts_were_looked_up(
+    block: ModalModel, copied: Callable[[Any], Any]
+) -> None:
+    """Of all that holds a search tree of libigl once it has been asked for a nearest point."""
+    strike = Strike(at="top", impulse=0.01)
+    sound = struck.render(block, strike, seconds=0.01)
+    again = struck.render(copied(block), strike, seconds=0.01)
+    assert np.array_equal(again.samples, sound.samples)
+    body = Body(model=block, excitations=strike)
+    heard, again = (struck.render(each, seconds=0.01) for each in (body, copied(body)))
+    assert np.array_equal(again.samples, heard.samples)
+    coarse = struck.analyze(replace(BLOCK, elements=(2, 1, 1)), "steel", band=(20.0, 20e3))
+    sounds, top = struck.sound_map(coarse, 12.0, level=30), coarse.places["top"]
+    assert np.array_equal(sounds.at(top), copied(sounds).at(top))
+    filled = FilledBody(mesh=block.geometry)
+    sheet = WalledSheet(mesh=Mesh(points=np.eye(3), faces=np.array([[0, 1, 2]])), wall=0.1)
+    for solid in (filled, sheet):
+        places = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.03], [0.4, 0.3, 0.3]])
+        depths = solid.depths(places)
+        assert depths.min() < 0 < depths.max()
+        assert np.array_equal(copied(solid).depths(places), depths)

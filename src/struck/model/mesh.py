@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, MeshError
 from struck.model.arrays import Array, Index
+
+if TYPE_CHECKING:
+    import igl
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,14 +138,22 @@ class Closest:
     """Edges (P, 2) or triangles (P, 3) of points (N, 3), ready for closest-point queries."""
 
     def __init__(self, points: Array, parts: Index) -> None:
-        import igl
-
         self._points = np.ascontiguousarray(points)
         self._parts = np.ascontiguousarray(parts)
         if not self._parts.size:
             raise MeshError("there are no edges or triangles to be near to: give at least one")
-        self._tree = igl.AABB()
-        self._tree.init(self._points, self._parts)
+
+    @cached_property
+    def _tree(self) -> igl.AABB:
+        import igl
+
+        tree = igl.AABB()
+        tree.init(self._points, self._parts)
+        return tree
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what pickles and copies hold: all but libigl's tree, which is made anew."""
+        return {name: value for name, value in vars(self).items() if name != "_tree"}
 
     def closest(self, points: Array) -> tuple[Array, Index, Array]:
         """Return distances (K,), edges or triangles (K,) and the nearest points on them (K, 3)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -95,3 +97,48 @@ def test_threads_follow_the_environment(monkeypatch: pytest.MonkeyPatch) -> None
     for nonsense in ("", "0", "many"):
         monkeypatch.setenv("OMP_NUM_THREADS", nonsense)
         assert 1 <= thread_count() <= 4
+
+
+FORKED = """
+import multiprocessing, os, sys
+import numpy as np
+import struck
+from struck.solids import Block
+
+def analysed(backend):
+    block = Block(size=(0.11, 0.07, 0.043), elements=(2, 2, 1))
+    model = struck.analyze(block, "steel", band=(20.0, 20e3), backend=backend)
+    struck.render(model, struck.Strike(impulse=0.01), seconds=0.01)
+    return model.frequencies, model
+
+def agrees(backend):
+    return bool(np.allclose(analysed(backend)[0], here, rtol=1e-9, atol=0.0))
+
+here, model = analysed("auto")
+child = os.fork()
+if not child:
+    same = agrees("auto")
+    grandchild = os.fork()
+    if not grandchild:
+        os._exit(0 if agrees("rslab") else 1)
+    os._exit(0 if same and os.waitpid(grandchild, 0)[1] == 0 else 1)
+assert os.waitpid(child, 0)[1] == 0
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    found = pool.map(analysed, ["auto", "auto"])
+assert all(np.allclose(each, here, rtol=1e-9, atol=0.0) for each, _ in found)
+assert agrees("auto")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_forked_processes_find_the_modes_that_their_parent_found(threads: str) -> None:
+    """Child, grandchild, a pool: the threads of the parent's factorisation are not theirs."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", FORKED],
+        env={**os.environ, "OMP_NUM_THREADS": threads},
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -9,6 +9,7 @@ section 3.3), which is what proves that no mode is missing.
 from __future__ import annotations
 
 import importlib
+import itertools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -144,7 +145,7 @@ class Factoriser:
         # Bunch-Kaufman pivots, supernodal.
         analysis = self._analysed(lower)
         try:
-            factor = analysis.factor(lower, threads=thread_count())
+            factor = analysis.factor(lower, threads=_live_pool())
         except RuntimeError as error:
             raise SolverError(_singular(str(error))) from error
         return Factor(
@@ -156,7 +157,7 @@ class Factoriser:
         import rslab
 
         if self._analysis is None:
-            analysis = rslab.analyze(lower, path="ldlt", threads=thread_count())
+            analysis = rslab.analyze(lower, path="ldlt", threads=_live_pool())
             self._analysis = cast("LdltSymbolic", analysis)
         return self._analysis
 
@@ -206,6 +207,25 @@ def thread_count() -> int:
     wanted = os.environ.get("OMP_NUM_THREADS", "")
     owned = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(owned or 1, 4)
+
+
+# rslab keeps a pool for each number of threads, and a fork leaves the threads of all of them in the
+# parent. A child asks for a number that is new to it: SuperLU would take twice as long, and the
+# answers do not depend on how many threads there are.
+_POOLS: set[int] = set()  # numbers of threads that were asked for here or before a fork
+_LOST: set[int] = set()  # those whose threads stayed in a parent
+
+
+def _live_pool() -> int:
+    """Return `thread_count`, or the lowest number of threads whose pool no fork has emptied."""
+    choices = itertools.chain([thread_count()], itertools.count(1))
+    count = next(count for count in choices if count not in _LOST)
+    _POOLS.add(count)
+    return count
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: _LOST.update(_POOLS))
 
 
 def _singular(reason: str) -> str:

@@ -41,6 +41,10 @@ class FilledBody:
         )
         return hierarchy
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what pickles and copies hold: all but libigl's hierarchy, which is made anew."""
+        return {name: value for name, value in vars(self).items() if name != "_winding"}
+
     @cached_property
     def bounds(self) -> Array:
         """Corners of a box around the body, m (2, 3)."""
