@@ -26,6 +26,9 @@ import peers
 from contenders import ENGINE, WHOLE, Contender, compiled, repeated, spent, whole
 from peers import BLOCK
 
+import struck
+from struck.shapes import Bar
+
 FEW, GRID, MANY = 256, 1024, 8192
 PEERS = {peers.FAUST: 8.0, peers.KLANK: 6.0, peers.CSOUND: 25.0, peers.LFILTER: 400.0}
 SHARE, SECOND = 1.15, 1.20
@@ -33,6 +36,7 @@ NEAR = 0.75  # of the ratio at the core's peak, where the peak itself is slower 
 # Multiply-adds a mode and sample that a share of the peak counts, and the fewest there can be.
 _COUNTED, _LEAST = 4, 3
 QUICK_ROUNDS, ROUNDS = 15, 21
+STRIKES, GROWTH = 1000, 12.0
 
 
 def ours(*, quick: bool) -> Iterator[Contender]:
@@ -140,6 +144,21 @@ def show_targets(contenders: Sequence[Contender]) -> None:
     show_peers(contenders)
 
 
+def show_growth() -> None:
+    """Print how many times as long eight times as many strikes take."""
+    bar = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005, ends="free"), "steel")
+    taken = {}
+    for count in (STRIKES, 8 * STRIKES):
+        times = [10 * i / count for i in range(count)]
+        strikes = [struck.Strike(at=(0.1,), impulse=0.01, time=each) for each in times]
+        taken[count] = min(
+            spent(lambda now=strikes: struck.render(bar, now, seconds=10)) for _ in range(3)
+        )
+    ratio = taken[8 * STRIKES] / taken[STRIKES]
+    claim = f"{8 * STRIKES} strikes in 10 s at most {GROWTH:g} times {STRIKES}"
+    verdict(claim, ratio, met=ratio <= GROWTH)
+
+
 def show_peers(contenders: Sequence[Contender]) -> None:
     """Print how many times faster we are; where the core's peak forbids it, what share of that."""
     for peer, target in PEERS.items():
@@ -175,6 +194,7 @@ def main() -> None:
         take_turns(contenders, arguments.rounds or (QUICK_ROUNDS if quick else ROUNDS))
     show(contenders)
     show_targets(contenders)
+    show_growth()
 
 
 if __name__ == "__main__":

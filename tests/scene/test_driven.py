@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -168,3 +169,26 @@ def test_a_hand_may_hold_a_body_of_thousands_of_modes() -> None:
     many = block(np.linspace(200.0, 20000.0, 3150))
     held = render(many, [Strike(at=TOP, impulse=0.01), Hold(grip=3e4)], seconds=0.02)
     assert np.isfinite(held.samples).all()
+
+
+@pytest.mark.parametrize(
+    ("strike", "few", "seconds"),
+    [
+        (Strike(at=TOP, impulse=0.01), 800, (1.0, 1.0)),
+        (Strike(at=TOP, impulse=0.01, shape="gaussian"), 60, (0.6, 4.8)),
+        (Strike(at=TOP, impulse=0.01, transient=True), 60, (0.6, 4.8)),
+        (Strike(at=TOP, impulse=0.01, patch=1e-3), 60, (0.6, 4.8)),
+    ],
+)
+def test_strikes_cost_as_many_times_as_there_are(
+    strike: Strike, few: int, seconds: tuple[float, float]
+) -> None:
+    """Eight times as many, as dense or in a sound as much longer; quadratic cost is 25 or more."""
+    render(BLOCK, strike, seconds=0.1)  # imports and tables
+    taken = []
+    for count, length in zip((few, 8 * few), seconds, strict=True):
+        strikes = [replace(strike, time=length * i / count) for i in range(count)]
+        begun = time.process_time()
+        render(BLOCK, strikes, seconds=length)
+        taken.append(time.process_time() - begun)
+    assert taken[1] <= 16 * taken[0]

@@ -125,6 +125,11 @@ class Burst:
             samples, drive(model, contact, radius=patch), start=start, contact=contact, patch=patch
         )
 
+    def wait(self, block: int) -> int:
+        """Go on to the block of `block` samples in which the force begins; return its first one."""
+        self._now += max(0, self._samples.first - self._now) // block * block
+        return self._now
+
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
         offset = self._now - self._samples.first

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError
-from struck.excitation.excitation import Excitation, Hold, Pushing
+from struck.excitation.excitation import Burst, Excitation, Hold, Pushing
 from struck.excitation.pulses import LEAD, sampled
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
@@ -117,7 +118,7 @@ def _arriving(
     model, actions = body.model, _after_attack(body)
     holds = [each for each in actions if isinstance(each, Hold)]
     strikes = [each for each in actions if _is_plain(each) and not holds]
-    others = [each for each in actions if each not in strikes]
+    others = [each for each in actions if holds or not _is_plain(each)]
     pulses, notes = _pulses(model, strikes, listener)
     kept = below_nyquist(model.frequencies, sample_rate)
     frequencies, decays = model.frequencies[kept], model.decays[kept]
@@ -244,7 +245,10 @@ class DrivenBody:
     actions: Sequence[Action]
     sample_rate: int  # Hz
     moving: Callable[[float], Complex] | None = None  # outputs at a time, s, where they change
-    _pushings: list[Pushing] = field(init=False)
+    # Of thousands of strikes few push in one block, and these alone are asked: what waits with its
+    # first sample and its voice, the last first, and what pushes by its voice.
+    _waiting: list[tuple[int, int, Pushing]] = field(init=False)
+    _pushings: dict[int, Pushing] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if not len(self.model.frequencies):
@@ -262,9 +266,12 @@ class DrivenBody:
         )
         # Band-limited pulses begin some samples before their time.
         self._now = -LEAD
-        self._pushings = [
-            each.begin(self.model, self.sample_rate, start=self._now) for each in excitations
+        begun = [each.begin(self.model, self.sample_rate, start=self._now) for each in excitations]
+        self._waiting = [
+            (each.wait(_BLOCK) if isinstance(each, Burst) else self._now, voice, each)
+            for voice, each in enumerate(begun)
         ]
+        self._waiting.sort(key=itemgetter(0), reverse=True)
         self._raised = [hold.raised(self.model) for hold in self._holds]
         self._held: tuple[bool, ...] = (False,) * len(self._holds)
         self._decays = self.model.decays
@@ -283,11 +290,15 @@ class DrivenBody:
 
     def _next(self, *, first: bool) -> Array:
         self._take_holds()
+        while self._waiting and self._waiting[-1][0] <= self._now:
+            _, voice, begun = self._waiting.pop()
+            self._pushings[voice] = begun
         pushes = [
             replace(push, voice=voice)
-            for voice, push in enumerate(each.advance(_BLOCK) for each in self._pushings)
-            if push is not None
+            for voice, each in sorted(self._pushings.items())
+            if (push := each.advance(_BLOCK)) is not None
         ]
+        self._pushings = {v: each for v, each in self._pushings.items() if not each.finished}
         self._now += _BLOCK
         if self.moving is not None:
             self.outputs = self.moving(self._now / self.sample_rate)
@@ -307,7 +318,7 @@ class DrivenBody:
     def _length(self, at_least: float) -> int | None:
         """Return how many samples the sound has, None as long as something still pushes."""
         now = self._now / self.sample_rate
-        if all(each.finished for each in self._pushings):
+        if not (self._waiting or self._pushings):
             strengths = np.abs(self._resonators.states(0) * self.outputs).max(axis=0)
             passing = any(hold.seconds is not None for hold in self._holds)
             more = _ringing_time(self.model.decays if passing else self._decays, strengths)
