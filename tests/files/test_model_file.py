@@ -123,7 +123,7 @@ def refused(path: Path) -> str:
     with pytest.raises(FileFormatError) as caught:
         model_file.load(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: ")
+    assert message.startswith(str(path))
     assert "\n" not in message
     return message
 
@@ -398,7 +398,7 @@ def test_deep_nesting_is_not_followed(tmp_path: Path) -> None:
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     assert "No such file" in refused(tmp_path / "a.struck")
-    assert "cannot be opened" in refused(tmp_path)
+    assert "cannot be read" in refused(tmp_path)
 
 
 def parts(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

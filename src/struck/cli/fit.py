@@ -12,7 +12,7 @@ from struck.cli.command import Result
 from struck.cli.info import described
 from struck.cli.options import numbers
 from struck.errors import OptionError
-from struck.files.atomic import writable
+from struck.files.atomic import is_folder, real, writable
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 from struck.recordings.fit import Fitting, files_read, fit_recordings
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 def _name(recording: str) -> str:
     """Return what to call the model of a recording, a manifest, or the folder of one."""
     path = Path(recording)
-    return path.resolve().name if path.is_dir() else path.stem
+    return real(path).name if is_folder(path) else path.stem
 
 
 def _budget(text: str) -> int | None:

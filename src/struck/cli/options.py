@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
 from struck.errors import FileFormatError, MaterialError, OptionError
+from struck.files.atomic import read_bytes
 from struck.model.arrays import Array
 from struck.model.damping import InternalFriction
 from struck.model.material import Material
@@ -162,10 +162,10 @@ def listener(options: argparse.Namespace) -> Listener | ArrayLike | None:
 def _walk(path: str) -> tuple[Array, Array]:
     """Return times (n,) and places (n, 3) of a file of four numbers a line."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").split("\n")
+        lines = read_bytes(path).decode("utf-8").split("\n")
         rows = [[float(each) for each in line.split(",")] for line in lines if line.strip()]
         table = np.array(rows, np.float64).reshape(len(rows), 4)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise FileFormatError(
             f"{path} tells no walk: give lines of four numbers, time,x,y,z ({error})"
         ) from error

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from struck.cli.command import Result
 from struck.errors import DeviceError, OptionError, RecordingError
+from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
 def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
     """Refuse a folder without any of the recordings that stand for those of a plan."""
     names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
-    if any((folder / name).is_file() for name in names):
+    if any(is_file(folder / name) for name in names):
         return
     more = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
     raise RecordingError(

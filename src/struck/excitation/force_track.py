@@ -18,6 +18,7 @@ from struck.excitation.excitation import (
     require_positive,
 )
 from struck.excitation.pulses import Samples
+from struck.files.atomic import read_bytes
 from struck.files.wav import decode
 from struck.model.arrays import Array
 from struck.model.contact import Place
@@ -100,10 +101,7 @@ def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Ar
         if sample_rate is not None:
             raise OptionError(f"sample_rate is {sample_rate}: leave it out, {force} has its own")
         path = Path(force)
-        try:
-            recording = decode(path.read_bytes(), path.name)
-        except OSError as error:
-            raise FileFormatError(f"{path} cannot be read: {error.strerror}") from error
+        recording = decode(read_bytes(path), path.name)
         channels = len(recording.samples)
         if channels != 1:
             raise FileFormatError(f"{path.name} has {channels} channels: a force has one; keep one")

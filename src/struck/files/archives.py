@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO
 
 from struck.errors import MeshError
+from struck.files.atomic import open_ordinary
 from struck.files.messages import FORMATS, ReadingLimits
 
 PACKINGS = ("gz", "bz2", "xz", "zip")
@@ -83,10 +84,7 @@ def kind_of(name: str) -> str:
 def open_regular(path: Path, limits: ReadingLimits) -> IO[bytes]:
     """Open an ordinary file within the size limit; MeshError on folders, pipes and devices."""
     try:
-        # Opening a pipe would wait for its writer.
-        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
-            raise MeshError("it is a pipe or a device: copy its content to an ordinary file")
-        file = path.open("rb")
+        file = open_ordinary(path)
     except (OSError, ValueError) as error:
         raise MeshError(
             f"it cannot be opened ({getattr(error, 'strerror', None) or error}): check the name "

@@ -1,22 +1,86 @@
-"""Files that are written whole or not at all, also where a process is killed at it."""
+"""Files written whole or not at all, also where a process is killed at it, and read within bounds.
+
+What is read is an ordinary file of bounded size: a pipe would be waited for, a device may have no
+end.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
 import re
 import secrets
+import stat
 import time
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 from struck.errors import FileFormatError
 
 # Host, process and chance: whose a hidden file is, so that those of the dead can be told.
 _PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
 _DAY = 86_400.0
+_LARGEST = 2**31  # bytes of a file that is read
+_PIPE = "a pipe or a device, not an ordinary file"
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0)
+
+
+def open_ordinary(path: str | os.PathLike[str]) -> IO[bytes]:
+    """Open a file for reading; OSError on pipes and devices, which are not even opened."""
+    if not _ordinary(Path(path).stat()):
+        raise OSError(errno.EINVAL, _PIPE)
+    # Should a pipe have taken its place meanwhile, its writer is not waited for.
+    file = open(  # noqa: SIM115 - for who called to close
+        path, "rb", opener=lambda name, flags: os.open(name, flags | _AT_ONCE)
+    )
+    if not _ordinary(os.fstat(file.fileno())):
+        file.close()
+        raise OSError(errno.EINVAL, _PIPE)
+    return file
+
+
+def _ordinary(status: os.stat_result) -> bool:
+    return stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
+
+
+def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
+    """Return what an ordinary file of at most `most` bytes holds, or raise a FileFormatError."""
+    try:
+        with open_ordinary(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(size) if size <= most else b""
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(
+            f"{path} cannot be read ({reason}): check its name and the permissions"
+        ) from error
+    if size > most:
+        raise FileFormatError(
+            f"{path} has {size} bytes, and at most {most} are read: split it, or give another file"
+        )
+    return data
+
+
+def is_file(path: str | os.PathLike[str]) -> bool:
+    """Tell whether there is an ordinary file, also of a name that is too long to be one."""
+    return os.path.isfile(path)  # noqa: PTH113 - Path raises there
+
+
+def is_folder(path: str | os.PathLike[str]) -> bool:
+    """Tell whether there is a folder, also of a name that is too long to be one."""
+    return os.path.isdir(path)  # noqa: PTH112 - Path raises there
+
+
+def real(path: str | os.PathLike[str]) -> Path:
+    """Return where links lead to, as far as they do; no error where a name cannot be one."""
+    try:
+        return Path(os.path.realpath(path))
+    except ValueError:
+        return Path(path)
 
 
 def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
@@ -24,7 +88,7 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     # The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
     # what a killed process leaves goes with the next file written there. Symbolic links are
     # followed.
-    target = Path(os.path.realpath(path))
+    target = real(path)
     try:
         if target.is_dir():
             raise FileFormatError(f"{path} is a folder: add the name of a file in it")
@@ -42,10 +106,10 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
             f"{path} cannot be written: {target.parent} allows no new files here; "
             "give another folder or ask for the permission"
         ) from error
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise FileFormatError(
-            f"{path} cannot be written ({error.strerror or error}): free some space, or give "
-            "another name or folder"
+            f"{path} cannot be written ({reason}): free some space, or give another name or folder"
         ) from error
 
 
@@ -54,9 +118,9 @@ def writable(
 ) -> Path:
     """Return a path to write, after refusing folders and the files `unlike` that are in use."""
     target = Path(path)
-    if target.is_dir():
+    if is_folder(target):
         raise FileFormatError(f"{target} is a folder: give the name of a file in it")
-    if not target.parent.is_dir():
+    if not is_folder(target.parent):
         raise FileFormatError(f"there is no folder {target.parent}: make it first")
     for other in unlike:
         if _same(target, Path(other)):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, OptionError, StruckError
-from struck.files.atomic import writable, write_bytes
+from struck.files.atomic import read_bytes, writable, write_bytes
 from struck.files.container import (
     Arrays,
     Kind,
@@ -260,13 +260,9 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
     FileFormatError
         When the file is missing, damaged, truncated, no model, or of a newer version.
     """
+    data = read_bytes(path)
     try:
-        return from_bytes(Path(path).read_bytes())
-    except OSError as error:
-        raise FileFormatError(
-            f"{path}: it cannot be opened ({error.strerror or error}): check the name and the "
-            "permissions"
-        ) from error
+        return from_bytes(data)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError
-from struck.files.atomic import write_bytes
+from struck.files.atomic import open_ordinary, write_bytes
 from struck.model.arrays import Array
 
 if TYPE_CHECKING:
@@ -231,6 +231,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Container]:
     """Open a file for reading; errors inside become one FileFormatError that names the file."""
     h5py = _library()
     try:
+        open_ordinary(path).close()  # HDF5 would wait for a pipe
         with h5py.File(Path(path), "r") as file:
             yield Container(file)
     except FileFormatError as error:

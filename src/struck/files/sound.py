@@ -7,14 +7,13 @@ import html
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import OptionError
 from struck.files import wav
-from struck.files.atomic import write_bytes
+from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import Array
 
 FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
@@ -75,11 +74,7 @@ class Sound:
         FileFormatError
             When the file cannot be read or is no such WAV file.
         """
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise FileFormatError(f"{path} cannot be read: {error.strerror or error}") from error
-        recording = wav.decode(data, str(path))
+        recording = wav.decode(read_bytes(path), str(path))
         factor, calibrated = _read_level(recording.comment)
         samples = (recording.samples / factor).astype(np.float32)
         return cls(samples=samples, sample_rate=recording.sample_rate, calibrated=calibrated)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import FileFormatError, OptionError
-from struck.files.atomic import write_bytes
+from struck.files.atomic import read_bytes, write_bytes
 from struck.files.container import from_bytes, to_bytes
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Contact
@@ -186,10 +185,7 @@ class SoundMap:
         FileFormatError
             When it cannot be read, or is damaged or no map.
         """
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise FileFormatError(f"{path} cannot be read: {error.strerror or error}") from error
+        data = read_bytes(path)
         try:
             found = from_bytes(data, (SoundMap, Mesh))
         except FileFormatError as error:

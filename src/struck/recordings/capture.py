@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, RecordingError
 from struck.files import wav
-from struck.files.atomic import write_bytes
+from struck.files.atomic import is_file, read_bytes, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex
 from struck.model.provenance import Progress, silent
@@ -271,14 +271,11 @@ class SimulatedRecorder:
         del lead_in
         usual = self.folder / take.file
         again = usual.with_suffix(f".{take.attempt}.wav")
-        path = again if again.is_file() else usual
+        path = again if is_file(again) else usual
         try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise RecordingError(
-                f"{path} cannot be read ({error.strerror or error}): a rehearsal needs a WAV file "
-                "for each take"
-            ) from error
+            data = read_bytes(path)
+        except FileFormatError as error:
+            raise RecordingError(f"{error}; a rehearsal needs a WAV file for each take") from error
         cue()
         heard = wav.decode(data, str(path))
         length = round(seconds * heard.sample_rate)
@@ -345,7 +342,7 @@ class TakeLog:
     def sounds(self, point: Point) -> list[Sound]:
         """Return the takes of a point."""
         paths = [self.path.with_name(point.file(hit)) for hit in range(1, point.hits + 1)]
-        heard = [wav.decode(path.read_bytes(), str(path)) for path in paths]
+        heard = [wav.decode(read_bytes(path), str(path)) for path in paths]
         return [Sound(samples=each.samples, sample_rate=each.sample_rate) for each in heard]
 
     def _require_rate(self, rate: int) -> None:

@@ -16,6 +16,7 @@ from typing import IO, Any
 import numpy as np
 
 from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.files.atomic import real
 from struck.model.arrays import Array, Complex, Index
 from struck.model.survey import SYMMETRIES
 from struck.recordings.acceptance import Bounds
@@ -468,7 +469,7 @@ def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
     given = Path(path)
     table = read_toml(given)
     try:
-        plan = _plan(table, given.resolve().parent)
+        plan = _plan(table, real(given).parent)
     except OptionError as error:
         raise FileFormatError(f"{given}: {error}") from error
     table.require_known()

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from struck.analysis.cached_steps import Stages, fingerprint, holding
 from struck.errors import OptionError, RecordingError
+from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
 from struck.model.arrays import Array
@@ -283,6 +284,6 @@ def files_read(
     if isinstance(recordings, Sequence) and not isinstance(recordings, str):
         several = recordings
     named = [each for each in (*several, manifest) if isinstance(each, str | os.PathLike)]
-    paths = [Path(each) / NAME if Path(each).is_dir() else Path(each) for each in named]
-    lists = [path for path in paths if path.suffix.lower() in KINDS and path.is_file()]
+    paths = [Path(each) / NAME if is_folder(each) else Path(each) for each in named]
+    lists = [path for path in paths if path.suffix.lower() in KINDS and is_file(path)]
     return [*named, *lists, *(file for path in lists for file in read_manifest(path).files)]

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,6 +17,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from struck.errors import FileFormatError, RecordingError
+from struck.files.atomic import is_file, read_bytes, real
 from struck.model.arrays import Array, Index
 from struck.model.survey import SYMMETRIES, from_spherical
 
@@ -23,6 +25,10 @@ NAME = "manifest.toml"  # of the manifest that `struck record` writes
 KINDS = (".toml", ".csv")
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
 LARGEST = 2**26  # bytes of a file that is read
+_BITS = 63  # of a whole number in TOML, its sign apart
+# Reading a key takes time as the square of its parts.
+_DEEPEST = 64
+_LONG_KEY = re.compile(r"""(?:\.[ \t]*[\w"'-]{1,99}[ \t]*){64}""")
 RATES = (8_000, 192_000)  # Hz, of recordings
 LONGEST = 600.0  # s, of a take
 MOST_HITS = 1000
@@ -149,16 +155,14 @@ class Manifest:
         RecordingError
             When one of them has no entry.
         """
-        known = {
-            path.resolve(): entry for path, entry in zip(self.files, self.entries, strict=True)
-        }
-        missing = [str(each) for each in files if Path(each).resolve() not in known]
+        known = {real(path): entry for path, entry in zip(self.files, self.entries, strict=True)}
+        missing = [str(each) for each in files if real(each) not in known]
         if missing:
             raise RecordingError(
                 f"{len(missing)} of {len(files)} recordings have no entry in {self.path}, the "
                 f"first {missing[0]}: add them there, or leave them out"
             )
-        return replace(self, entries=tuple(known[Path(each).resolve()] for each in files))
+        return replace(self, entries=tuple(known[real(each)] for each in files))
 
     def text(self) -> str:
         """Return the manifest as TOML, from which `read_manifest` makes the same."""
@@ -205,11 +209,11 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 
 def recorded_so_far(path: Path) -> Manifest:
     """Read a manifest that is being written, without takes whose files have gone."""
-    if not path.exists():
+    if not os.path.lexists(path):
         return Manifest(path=path, entries=())
     manifest = _from_toml(path, read_toml(path))
     there = zip(manifest.files, manifest.entries, strict=True)
-    return replace(manifest, entries=tuple(entry for file, entry in there if file.is_file()))
+    return replace(manifest, entries=tuple(entry for file, entry in there if is_file(file)))
 
 
 def _from_toml(path: Path, table: TomlTable) -> Manifest:
@@ -225,7 +229,7 @@ def _from_toml(path: Path, table: TomlTable) -> Manifest:
 
 
 def _require_files(manifest: Manifest) -> None:
-    missing = [str(path) for path in manifest.files if not path.is_file()]
+    missing = [str(path) for path in manifest.files if not is_file(path)]
     if missing:
         raise FileFormatError(
             f"{manifest.path}: {len(missing)} of {len(manifest.entries)} recordings are missing, "
@@ -447,23 +451,36 @@ def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[fl
 
 def read_toml(path: Path) -> TomlTable:
     """Return the table of a TOML file."""
+    text = read_text(path)
     try:
-        return TomlTable(tomllib.loads(read_text(path)), str(path))
-    except tomllib.TOMLDecodeError as error:
+        return TomlTable(_parsed(text), str(path))
+    except RecursionError as error:
+        raise FileFormatError(
+            f"{path} has lists or tables too deep in one another: make them flat"
+        ) from error
+    except ValueError as error:
         raise FileFormatError(f"{path} is no TOML: {error}; correct it there") from error
+
+
+def _parsed(text: str) -> dict[str, object]:
+    """Return the table of a TOML text; ValueError or RecursionError when it is none or too deep."""
+    if _LONG_KEY.search(text):
+        raise ValueError(f"a key has more than {_DEEPEST} parts")
+    table = tomllib.loads(text)
+    rest: list[object] = [table]
+    while rest:
+        found = rest.pop()
+        if isinstance(found, int) and found.bit_length() > _BITS:
+            raise ValueError(f"a number has {found.bit_length()} bits, and at most {_BITS} fit")
+        if isinstance(found, dict | list):
+            rest += found.values() if isinstance(found, dict) else found
+    return table
 
 
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark."""
     try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise FileFormatError(f"{path} has {size} bytes, more than {LARGEST}: split it")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileFormatError(
-            f"{path} cannot be read ({error.strerror or error}): check its name"
-        ) from error
+        return read_bytes(path, most=LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError, RecordingError
 from struck.files import wav
+from struck.files.atomic import is_file, is_folder, read_bytes, real
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 from struck.model.provenance import Progress, silent
@@ -128,10 +129,7 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
 
 def _read(path: Path) -> tuple[Array, int]:
     """Return samples (C, n) and rate; plain WAV without soundfile, which accepts cut files."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(f"{path} cannot be read: {error.strerror or error}") from error
+    data = read_bytes(path)
     _require_lossless(path, data[:3])
     if data[:4] == b"RIFF":
         recording, rest = _read_wav(data, path)
@@ -307,7 +305,7 @@ def _manifest(
     if not recordings:
         raise OptionError("there are no recordings: give at least one")
     files = [each for each in recordings if isinstance(each, str | os.PathLike)]
-    paths = [Path(each).resolve() for each in files]
+    paths = [real(each) for each in files]
     twice = [str(path) for path in paths if paths.count(path) > 1]
     if twice:
         raise OptionError(f"{twice[0]} is given twice, as if it were two recordings: give it once")
@@ -318,8 +316,8 @@ def _manifest(
     if len(files) != 1 or len(recordings) != 1:
         return None
     path = Path(files[0])
-    if path.is_dir():
-        if not (path / NAME).is_file():
+    if is_folder(path):
+        if not is_file(path / NAME):
             raise RecordingError(f"{path} has no {NAME}: give its recordings one by one")
         path = path / NAME
     return read_manifest(path) if path.suffix.lower() in KINDS else None
