@@ -377,6 +377,51 @@ def test_parts_of_the_living_and_of_other_computers_stay_for_a_day(tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == [other.name]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="numbers of processes are the computer's")
+def test_parts_of_another_namespace_or_start_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of this computer's name each: a container, a computer that is called alike, none known."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    own = atomic._host()
+    (tmp_path / "boot").write_text("another start\n", encoding="ascii")
+    (tmp_path / "pid").symlink_to("pid:[4026532001]")
+    for name, path in (("_BOOT", "boot"), ("_NAMESPACE", "pid"), ("_BOOT", "none")):
+        with monkeypatch.context() as elsewhere:
+            elsewhere.setattr(atomic, name, tmp_path / path)
+            theirs = part(tmp_path, atomic._host(), ended.pid)
+        assert atomic.sweep(tmp_path) == 0
+        assert theirs.exists()
+    part(tmp_path, own, ended.pid)
+    assert atomic.sweep(tmp_path) == 1
+
+
+def test_a_clock_that_is_ahead_sweeps_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs = part(tmp_path, "0" * 8, 1)
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 1e6)
+    assert atomic.sweep(tmp_path) == 0
+    assert theirs.exists()
+
+
+@pytest.mark.skipif(not shutil.which("unshare"), reason="no unshare on this system")
+def test_a_writer_in_a_namespace_of_its_own_is_left_alone(tmp_path: Path) -> None:
+    """Its number is that of nobody here, and its computer's name is ours."""
+    program = "from struck.files.atomic import _host; import os; print(_host(), os.getpid())"
+    command = ["unshare", "--pid", "--fork", sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("namespaces may not be made here")
+    host, process = done.stdout.split()
+    theirs = part(tmp_path, host, 99_999_999 if process == "1" else int(process))
+    assert host != atomic._host()
+    assert atomic.sweep(tmp_path) == 0
+    assert theirs.exists()
+
+
 # Several processes
 
 SHARING = """

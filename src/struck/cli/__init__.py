@@ -8,8 +8,9 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 
-from struck.cli.command import warnings_in_one_line
+from struck.cli.command import complain, warnings_in_one_line
 from struck.errors import StruckError
 from struck.model.provenance import TerminalProgress
 
@@ -30,32 +31,46 @@ COMMANDS = {
     "cache": "show or clear the finished work kept between runs",
     "demo": "make a gallery of sounds and pictures",
 }
+UNWRITTEN = 1
 BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, or 2 on bad input."""
+    """Run one command and return its exit code: 0, 1 unwritten, 2 on bad input."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    options = _parser(words).parse_args(words)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who started us
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+    try:
+        options = _parser(words).parse_args(words)
+    except SystemExit:
+        if _told(""):  # help, which waits to be written
+            return UNWRITTEN
+        raise
     progress = TerminalProgress()
     try:
         with warnings_in_one_line():
             result = options.run(options, progress)
     except StruckError as error:
         progress.close()  # before what is said of it
-        print(f"struck: {error}", file=sys.stderr)
+        complain(str(error))
         return BAD_INPUT
     finally:
         progress.close()
-    return _told(json.dumps(result.facts, indent=2) if options.json else result.text)
+    return _told((json.dumps(result.facts, indent=2) if options.json else result.text) + "\n")
 
 
 def _told(text: str) -> int:
-    """Print, and end quietly when the reader has gone, as `head` does."""
+    """Print, and return the exit code: 0 also when the reader has gone, as `head` does."""
     try:
-        print(text, flush=True)
-    except BrokenPipeError:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        # What is left must not be tried again at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            complain(f"the result cannot be written ({error.strerror}): free some space there")
+            return UNWRITTEN
     return 0
 
 

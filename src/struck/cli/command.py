@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 from struck.errors import CacheWarning, LossWarning, RepairWarning, ScaleWarning
@@ -17,6 +17,12 @@ class Result:
     def __init__(self, text: str, **facts: object) -> None:
         self.text = text
         self.facts = facts
+
+
+def complain(message: str) -> None:
+    """Tell a person in one line, where there is anywhere to tell it."""
+    with suppress(OSError):
+        sys.stderr.write(f"struck: {message}\n")
 
 
 _TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
@@ -36,7 +42,7 @@ def warnings_in_one_line() -> Iterator[None]:
         line: str | None = None,
     ) -> None:
         if issubclass(category, _TOLD):
-            sys.stderr.write(f"struck: {message}\n")
+            complain(str(message))
         else:
             shown(message, category, filename, lineno, file, line)
 

@@ -12,7 +12,7 @@ import platform
 import re
 import secrets
 import stat
-import time
+import sys
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
@@ -24,6 +24,7 @@ from struck.errors import FileFormatError
 # Host, process and chance: whose a hidden file is, so that those of the dead can be told.
 _PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
 _DAY = 86_400.0
+_BOOT, _NAMESPACE = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
 _LARGEST = 2**31  # bytes of a file that is read
 _PIPE = "a pipe or a device, not an ordinary file"
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
@@ -142,15 +143,17 @@ def _same(one: Path, other: Path) -> bool:
 
 def sweep(folder: Path) -> int:
     """Remove and count the hidden files of processes that were killed while writing."""
-    # A process of this computer is known to be gone; one of another computer, after a day.
-    swept = 0
+    # A process of our own computer and namespace is known to be gone; what others write is left
+    # until the folder has changed a day after it last did, by the clock of who keeps the folder.
+    swept, here = 0, _host()
     with suppress(OSError):
+        changed = folder.stat().st_mtime
         for path in list(folder.iterdir()):
             part = _PART.fullmatch(path.name)
             with suppress(OSError):
                 if part and (
-                    (part[1] == _host() and _is_gone(int(part[2])))
-                    or time.time() - path.stat().st_mtime > _DAY
+                    (part[1] == here and _is_gone(int(part[2])))
+                    or changed - path.stat().st_mtime > _DAY
                 ):
                     path.unlink()
                     swept += 1
@@ -189,7 +192,14 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _host() -> str:
-    return f"{zlib.crc32(platform.node().encode()):08x}"
+    """Return whose process numbers ours are: this computer's since it started, in a namespace."""
+    facts = platform.node()
+    if sys.platform == "linux":
+        try:
+            facts += _BOOT.read_text(encoding="ascii") + str(_NAMESPACE.readlink())
+        except OSError:
+            facts = secrets.token_hex(8)  # nobody's, so that nobody sweeps what may be written
+    return f"{zlib.crc32(facts.encode()):08x}"
 
 
 def _is_gone(process: int) -> bool:
