@@ -131,7 +131,7 @@ assert agrees("auto")
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-@pytest.mark.parametrize("threads", ["1", "2"])
+@pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.prove)])
 def test_forked_processes_find_the_modes_that_their_parent_found(threads: str) -> None:
     """Child, grandchild, a pool: the threads of the parent's factorisation are not theirs."""
     done = subprocess.run(
