@@ -104,7 +104,7 @@ def test_millimetres_taken_for_metres_are_told_at_once(name: str) -> None:
 
 @pytest.mark.parametrize("size", [1e-6, 1e-5, 1e-4])
 def test_metres_taken_for_less_are_told_at_once(size: float) -> None:
-    with pytest.raises(OptionError, match=r"no mode below 20000 Hz.*check its units"):
+    with pytest.raises(OptionError, match=r"no mode lies below 20000 Hz.*check its units"):
         struck.analyze(Block(size=(size, size, size / 2)), "steel")
 
 

@@ -241,8 +241,8 @@ class Forecast:
         count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
         if least > highest:
             raise OptionError(
-                f"{self._size} has no mode below {highest:g} Hz: the lowest is near "
-                f"{self.lowest:.2g} Hz; check its units (lengths are in m), or widen band="
+                f"no mode lies below {highest:g} Hz: the lowest is at about {self.lowest:.2g} Hz "
+                f"in {self._size} so check its units (lengths are in m), or widen band="
             )
         if count <= MANY_MODES:
             return ""
