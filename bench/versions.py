@@ -119,8 +119,11 @@ def blocks() -> dict[str, Callable[[], object]]:
     """Return blocks of resonators: modes, samples, outputs, one steady or moving push."""
     import numpy as np
 
-    from struck.excitation import Push
-    from struck.synth import Resonators
+    try:
+        from struck.excitation import Push
+    except ImportError:  # where it stood before the house was laid anew
+        from struck.excitation.pushing import Push  # pyright: ignore[reportMissingImports]
+    from struck.synth.resonators import Resonators
 
     def played(
         modes: int, block: int, points: int = 1, *, moving: bool = False
