@@ -135,7 +135,7 @@ def _opened(chosen: str) -> ctypes.CDLL:
 
 
 def _checked(name: str, folder: Path = _LIBRARIES) -> ctypes.CDLL:
-    """Return the library of a name whose entries and sources are those of this tree."""
+    """Return the opened library of that file name; refuse one compiled from other sources."""
     from struck.core.build import fingerprint
 
     path = folder / name

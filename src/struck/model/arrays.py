@@ -28,7 +28,7 @@ def require_numbers(
     least: float | None = None,
     gaps: bool = False,
 ) -> None:
-    """Refuse what is no array of numbers of a shape; `gaps` may be NaN or infinite."""
+    """Refuse all but an array of numbers of that shape; with `gaps` some may be NaN or infinite."""
     array = values if isinstance(values, np.ndarray) or shape else np.asarray(values)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iufc":
         raise TypeError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
@@ -57,7 +57,7 @@ def require_number(
     unit: str = "",
     error: type[StruckError] = OptionError,
 ) -> None:
-    """Refuse what is no number from `least` (with `above`: above it) to `most`.
+    """Refuse all but a number from `least` (with `above`: above it) to `most`.
 
     `wanted` says what belongs there, for numbers that are not `least` or not finite.
     """
