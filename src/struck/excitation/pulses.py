@@ -60,9 +60,7 @@ def sampled(
     count = int(np.ceil(begin + length)) + LEAD
     size = max(64, 1 << (count - 1).bit_length())
     bins = np.arange(size, dtype=np.float64)
-    table = _table(shape)
-    cycles = np.arange(len(table)) * _STEP
-    strengths = np.interp(bins * (length / size), cycles, table, right=0.0)
+    strengths = np.interp(bins * (length / size), *_table(shape), right=0.0)
     strengths *= low_pass_spectrum(size)
     delay: Complex = np.exp((-2j * np.pi / size * (begin + length / 2)) * bins)
     values = np.fft.irfft(_folded(strengths * delay), size)[:count]
@@ -95,8 +93,10 @@ def _folded(spectrum: Complex) -> Complex:
 
 
 @cache
-def _table(shape: str) -> Array:
-    return _SPECTRA[shape](np.arange(0, _TABLE_END + _STEP, _STEP))
+def _table(shape: str) -> tuple[Array, Array]:
+    """Return frequencies times duration, and the spectrum of a pulse of unit area there."""
+    cycles = np.arange(0, _TABLE_END + _STEP, _STEP)
+    return cycles, _SPECTRA[shape](cycles)
 
 
 def _sine_spectrum(power: float) -> Callable[[Array], Array]:
