@@ -29,21 +29,22 @@ from struck.shapes import (
 
 BAR = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel")
 COUNT = len(BAR.frequencies)
+ALL = f"{COUNT} of {COUNT} numbers are"
 # Each by the beginning of its message; values of a model that are no model's.
 WRONG: dict[str, dict[str, object]] = {
     "decays: some go down to -1": {"decays": np.full(COUNT, -1.0)},
     "decays: some go down to -1e+308": {"decays": np.full(COUNT, -1e308)},
     "decays: the shape is": {"decays": np.ones(COUNT - 1)},
-    "decays: the numbers from nan": {"decays": np.full(COUNT, np.nan)},
+    f"decays: {ALL} not finite, as nan": {"decays": np.full(COUNT, np.nan)},
     "frequencies: some go down to": {"frequencies": -BAR.frequencies},
-    "frequencies: the numbers from": {"frequencies": np.full(COUNT, np.inf)},
+    f"frequencies: {ALL} not finite, as inf": {"frequencies": np.full(COUNT, np.inf)},
     "its natural_frequencies must ascend": {"natural_frequencies": BAR.natural_frequencies[::-1]},
     "its natural_frequencies must ascend from above 0": {"natural_frequencies": np.zeros(COUNT)},
     "errors: some go down to": {"errors": np.full(COUNT, -0.1)},
     "poisson_slopes: the shape is": {"poisson_slopes": np.ones((COUNT, 2))},
     "its mass is 0": {"mass": 0.0},
-    "mass: the numbers from nan": {"mass": np.nan},
-    "centre: the numbers from -1": {"centre": np.array([-np.inf, 0, 0])},
+    "mass: 1 of 1 numbers are not finite, as nan": {"mass": np.nan},
+    "centre: 1 of 3 numbers are not finite": {"centre": np.array([-np.inf, 0, 0])},
     "inertia: the shape is (3,)": {"inertia": np.ones(3)},
     "complete_to: some go down to": {"complete_to": -5.0},
     "place 'rim': the shape is (2,)": {"places": {"rim": np.zeros(2)}},

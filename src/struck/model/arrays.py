@@ -34,12 +34,13 @@ def require_numbers(
         raise TypeError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
     if array.shape != shape:
         raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
-    parts = (np.real(array), np.imag(array)) if array.dtype.kind == "c" else (array,)
-    # Extremes are NaN where a number is, and take no memory.
-    ends = [end for part in parts if part.size for end in (part.min(), part.max())]
-    if not (gaps or np.isfinite(ends).all()):
+    with np.errstate(all="ignore"):
+        total = array.sum()  # takes no memory; not finite where it is merely too large, too
+    if not (gaps or np.isfinite(total) or np.isfinite(array).all()):
+        wrong = array[~np.isfinite(array)]
         raise OptionError(
-            f"{name}: the numbers from {ends[0]} to {ends[-1]} are not all finite: leave those out"
+            f"{name}: {wrong.size} of {array.size} numbers are not finite, as {wrong[0]}: leave "
+            "those out"
         )
     if least is not None and np.any(array < least):
         raise OptionError(f"{name}: some go down to {np.nanmin(array):g}: give at least {least:g}")
