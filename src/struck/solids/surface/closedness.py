@@ -20,6 +20,7 @@ from struck.model.mesh_topology import (
     boxes_of,
     components,
     edges_of,
+    extremes,
     nesting,
     pieces,
     submesh,
@@ -201,7 +202,7 @@ def crossings(mesh: Mesh) -> Index:
 
 def _require_order(faces: Array) -> None:
     """Refuse faces (F, 3, 3) whose boxes overlap too many others, by a sample."""
-    lowest, highest = faces.min(axis=1), faces.max(axis=1)
+    lowest, highest = extremes(faces)
     count = len(faces)
     sample = np.unique(np.linspace(0, count - 1, max(_SAMPLE_COST // count, 16)).astype(np.int64))
     met = [
@@ -354,7 +355,7 @@ def bared(mesh: Mesh) -> Mesh | None:
 
 def _halved(faces: Array, pairs: Index, extent: float) -> Array:
     """Halve triangles (T, 3, 3) while they are long and may still meet one they cross."""
-    boxes = np.stack([faces.min(axis=1), faces.max(axis=1)])
+    boxes = np.stack(extremes(faces))
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     parts, done = faces, []
@@ -388,8 +389,10 @@ def halves(triangles: Array, longest: float) -> tuple[Array, Array]:
 
 def _longest(triangles: Array) -> tuple[Array, Index]:
     """Return the longest side of each triangle and the corner it starts from."""
-    lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    return lengths.max(axis=1), lengths.argmax(axis=1)
+    a, b, c = triangles.transpose(1, 0, 2)
+    squared = np.stack([np.einsum("td,td->t", side, side) for side in (b - a, c - b, a - c)])
+    first = squared.argmax(axis=0)
+    return np.sqrt(np.take_along_axis(squared, first[None], axis=0)[0]), first
 
 
 def _two(triangles: Array, first: Index) -> Array:
@@ -405,9 +408,8 @@ def _may_meet(
 ) -> Mask:
     """Tell whether each triangle may meet another, given by its box, plane and one corner."""
     margin = _ROUNDING * extent
-    apart = (triangles.min(axis=1) > boxes[1] + margin) | (
-        triangles.max(axis=1) < boxes[0] - margin
-    )
+    lowest, highest = extremes(triangles)
+    apart = (lowest > boxes[1] + margin) | (highest < boxes[0] - margin)
     heights = np.einsum("kcd,kd->kc", triangles - origins[:, None], normals)
     beside = (heights.min(axis=1) > margin) | (heights.max(axis=1) < -margin)
     return ~(apart.any(axis=1) | beside)

@@ -17,7 +17,15 @@ from scipy import ndimage
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
-from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
+from struck.model.mesh_topology import (
+    boxes_of,
+    edges_of,
+    extremes,
+    pieces,
+    submesh,
+    turned_faces,
+    volumes_of,
+)
 from struck.solids.filling.stuffing import Cells, Lattice, warped
 from struck.solids.surface.closedness import (
     INSIDE,
@@ -644,14 +652,15 @@ def _regions(mesh: Mesh, lattice: Lattice) -> Index:
 
 def _passed(triangles: Array) -> Iterator[Index]:
     """Yield the voxels (V, 3) that small triangles (T, 3, 3) pass through, and some beside."""
-    lowest = np.floor(triangles.min(axis=1) - _ROUNDING)
-    highest = np.floor(triangles.max(axis=1) + _ROUNDING)
+    lowest, highest = extremes(triangles)
+    lowest, highest = np.floor(lowest - _ROUNDING), np.floor(highest + _ROUNDING)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     heights = np.einsum("td,td->t", normals, lowest + 0.5 - triangles[:, 0])
     reach = (0.5 + _ROUNDING) * np.abs(normals).sum(axis=1)
+    x, y, z = (highest - lowest).T
     for step in _STEPS:
-        in_box = (lowest + step <= highest).all(axis=1)
-        chosen = in_box & (np.abs(heights + normals @ step) <= reach)
+        in_box = np.flatnonzero((x >= step[0]) & (y >= step[1]) & (z >= step[2]))
+        chosen = in_box[np.abs(heights[in_box] + normals[in_box] @ step) <= reach[in_box]]
         yield (lowest[chosen] + step).astype(np.int64)
 
 
@@ -659,7 +668,8 @@ def _small(triangles: Array, shape: Index) -> Array | None:
     """Halve triangles (T, 3, 3) down to the size of voxels; None where that takes too many."""
     done, count = [], 0
     while len(triangles):
-        near = (triangles.max(axis=1) > -1) & (triangles.min(axis=1) < shape + 1)
+        lowest, highest = extremes(triangles)
+        near = (highest > -1) & (lowest < shape + 1)
         triangles = triangles[near.all(axis=1)]
         small, rest = halves(triangles, _LONGEST)
         done.append(small)
