@@ -28,6 +28,8 @@ ENTRY int64_t core_level(void) {
   if (!__get_cpuid_count(7, 0, &a, &b7, &c7, &d7)) return 2;
   const uint32_t wide = bit_AVX2 | bit_BMI | bit_BMI2;
   if ((b7 & wide) != wide) return 2;
+  /* Where it is missing, the instruction silently does something else. */
+  if (!__get_cpuid(0x80000001, &a, &b, &c, &d) || !(c & bit_LZCNT)) return 2;
   const uint32_t fourth = bit_AVX512F | bit_AVX512BW | bit_AVX512CD | bit_AVX512DQ | bit_AVX512VL;
   if ((b7 & fourth) != fourth || (saved_by_the_system() & 0xe6) != 0xe6) return 3;
   return 4;
