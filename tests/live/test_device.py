@@ -29,6 +29,7 @@ from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, ON, Layout, Ring
 from struck.synth.poles import Poles
 from struck.synth.resonators import Stepped
 from tests.live.servers import BLOCK, RATE, Server, judge
+from tests.live.watchdog import stalls
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -216,7 +217,7 @@ def test_beside_a_busy_interpreter_nothing_underflows(
     for _ in range(2):
         player = Player(modes=MODES)
         late = jack.late()
-        with PortAudio() as portaudio, busy_interpreter():
+        with stalls() as stalled, PortAudio() as portaudio, busy_interpreter():
             load = player.play(player.open(portaudio), 5)
         calls, underflows, missed = player.shared.counters[[CALLS, UNDERFLOWS, LATE]].tolist()
         with capsys.disabled():
@@ -228,7 +229,7 @@ def test_beside_a_busy_interpreter_nothing_underflows(
             break
     assert 0 < load < 0.8
     assert np.isfinite(player.memory.modes).all()
-    judge(underflows, calls)
+    judge(underflows, calls, stalled)
     assert missed < 0.01 * calls
     assert calls == pytest.approx(5 * RATE / BLOCK, rel=0.02)
 
