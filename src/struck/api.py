@@ -55,12 +55,13 @@ def analyze(
 
     Parameters
     ----------
-    body : path, Mesh, VolumeMesh or a body of struck.solids or struck.shapes
+    body : path, Mesh, trimesh object, VolumeMesh or a body of struck.solids or struck.shapes
         A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
-        of another program (VTK, VTU, MSH, INP).
+        of another program (VTK, VTU, MSH, INP). Of a trimesh object its own `.units` count.
     material : Material or str
     units : str, optional
-        Of a file's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
+        Of the numbers of a file or trimesh object: "m", "cm", "mm", "in" or "ft"; metres unless
+        given.
     size : float, optional
         Longest edge of the body's bounding box instead, m.
     part : str, optional

@@ -11,6 +11,7 @@ import trimesh
 
 import struck
 from struck.errors import OptionError, ScaleWarning
+from struck.files.meshes import mesh_of
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes import CircularPlate, RectangularPlate
@@ -147,3 +148,36 @@ def test_true_bodies_draw_no_error(name: str) -> None:
     solid, material, wall = TRUE[name]
     told = Forecast.of(Mesh(points=solid.vertices, faces=solid.faces), material, wall)
     told.require_reasonable(20_000)
+
+
+def test_a_modulus_that_can_hardly_be_meant_is_told() -> None:
+    with (
+        pytest.warns(ScaleWarning, match="200 GPa is 200e9"),
+        pytest.raises(OptionError, match="at most"),
+    ):
+        struck.analyze(
+            Block(size=(0.3, 0.03, 0.005)),
+            Material(density=7850, youngs_modulus=200.0, poisson_ratio=0.3),
+        )
+
+
+@pytest.mark.parametrize("own", ["mm", "millimeters", "in", "inches"])
+def test_a_trimesh_object_has_its_own_units(own: str) -> None:
+    solid = trimesh.creation.box((200, 100, 20))
+    solid.units = own
+    factor = {"m": 1e-3, "i": 0.0254}[own[0]]
+    made = struck.analyze(solid, "steel", accuracy="preview", band=(20, 4000.0 * 1e-3 / factor))
+    assert made.geometry is not None
+    assert made.geometry.extent == pytest.approx(200 * factor)
+
+
+def test_units_that_contradict_each_other_are_refused() -> None:
+    solid = trimesh.creation.box((200, 100, 20))
+    solid.units = "mm"
+    assert mesh_of(solid, units="mm").extent == pytest.approx(0.2)
+    assert mesh_of(solid, size=0.5).extent == pytest.approx(0.5)
+    with pytest.raises(OptionError, match=r"units='m', but .* \.units are 'mm': give one alone"):
+        struck.analyze(solid, "steel", units="m")
+    solid.units = "parsecs of cheese"
+    with pytest.raises(OptionError, match=r"\.units are 'parsecs of cheese', no length"):
+        struck.analyze(solid, "steel")

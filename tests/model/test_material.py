@@ -191,7 +191,9 @@ def test_impossible_poisson_ratio_is_refused_with_the_way_out(poisson: float) ->
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
 def test_density_and_modulus_must_be_positive_and_finite(value: float) -> None:
-    with pytest.raises(MaterialError, match=rf"density of custom is {value}: it must exceed 0"):
+    with pytest.raises(
+        MaterialError, match=rf"density of custom is {value} kg.m.3: it must exceed 0"
+    ):
         Material(density=value, youngs_modulus=1e9, poisson_ratio=0.3)
     with pytest.raises(MaterialError, match=rf"Young's modulus of custom is {value}"):
         Material(density=1000, youngs_modulus=value, poisson_ratio=0.3)
@@ -240,3 +242,32 @@ def test_damped_changes_the_losses_alone() -> None:
 def test_air_is_a_gas() -> None:
     laplace = np.sqrt(1.4 * 101325 / AIR.density)  # Laplace: adiabatic sound in an ideal gas
     assert AIR.sound_speed == pytest.approx(laplace, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("modulus", "density", "told"),
+    [
+        (200.0, 7850.0, "200 GPa is 200e9"),
+        (69.0, 2700.0, "69 GPa is 69e9"),
+        (210_000.0, 7850.0, "210000 MPa is 210000e6"),  # N/mm^2
+        (70_000.0, 2500.0, "70000 MPa is 70000e6"),
+        (11.0, 600.0, "11 GPa is 11e9"),
+    ],
+)
+def test_a_modulus_in_another_unit_is_told(modulus: float, density: float, told: str) -> None:
+    meant = Material(density=density, youngs_modulus=modulus, poisson_ratio=0.3)
+    assert meant.doubt.endswith(told)
+    assert "m/s" in meant.doubt
+
+
+def test_no_true_material_is_doubted() -> None:
+    rubber = Material(density=1100, youngs_modulus=3e5, poisson_ratio=0.49)
+    assert not rubber.doubt
+    assert not any(Material.named(name).doubt for name in NAMES)
+
+
+def test_text_for_a_modulus_is_told_with_its_unit() -> None:
+    with pytest.raises(
+        TypeError, match="Young's modulus of custom is '200 GPa': give a number in Pa"
+    ):
+        Material(density=7850, youngs_modulus="200 GPa", poisson_ratio=0.3)  # pyright: ignore[reportArgumentType]

@@ -96,6 +96,8 @@ def analyze(
 ) -> ModalModel:
     """Compute the modal model of a body: `struck.analyze`."""
     chosen = Material.named(material, damping) if isinstance(material, str) else material
+    if chosen.doubt:
+        warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
     file = FileOptions(units=units, size=size, part=part, up=up)
     if _is_shape(body):

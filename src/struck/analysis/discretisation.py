@@ -14,7 +14,7 @@ import numpy as np
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.errors import MeshError, OptionError, RepairWarning
 from struck.model.arrays import Array
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Triangles
 from struck.model.provenance import Provenance
 from struck.solids.filling.filling import (
     ACCURACIES,
@@ -49,7 +49,7 @@ class Solid(Protocol):
         ...
 
 
-Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid
+Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid | Triangles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,7 +271,15 @@ def _load(
     if isinstance(body, VolumeMesh | Solid):
         file.refuse("this body has its own size")
         return body
-    raise MeshError(f"{type(body).__name__} is no body: give a path, a Mesh or a solid")
+    if isinstance(body, Triangles):
+        from struck.files.meshes import mesh_of
+
+        file.refuse("it names a body of a file", "units", "size", "up")
+        mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
+        return repaired(mesh, wall=wall) if repair else _unrepaired(mesh)
+    raise MeshError(
+        f"{type(body).__name__} is no body: give a path, a Mesh, a trimesh object or a solid"
+    )
 
 
 def _from_file(

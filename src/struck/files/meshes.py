@@ -17,7 +17,7 @@ from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import Array, Index
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, Triangles
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
 from struck.solids.surface.closedness import is_closed, require_closed
@@ -69,6 +69,40 @@ def load_mesh(
             )
         require_closed(body)
     return _in_metres(body, units, size, up or _UP[contents.kind])
+
+
+def mesh_of(
+    body: Triangles, *, units: str | None = None, size: float | None = None, up: str | None = None
+) -> Mesh:
+    """Return the surface of another library's object in metres, by its own `units` if it has any.
+
+    Raises
+    ------
+    OptionError
+        Where `units` are not the object's own, or those are no length.
+    """
+    _require_options(units, size, up)
+    own = getattr(body, "units", None)
+    mesh = Mesh(points=np.asarray(body.vertices), faces=np.asarray(body.faces))
+    if own is None or size is not None:
+        return _in_metres(mesh, units, size, up or "z")
+    factor = _metres(str(own))
+    if units is not None and not np.isclose(factor, UNITS[units], rtol=1e-3):
+        raise OptionError(f"units={units!r}, but the body's own .units are {own!r}: give one alone")
+    return Mesh(points=mesh.points * factor, faces=mesh.faces, up=up or "z")
+
+
+def _metres(unit: str) -> float:
+    """Return how many metres one of a unit is, as trimesh names them."""
+    from trimesh.units import unit_conversion
+
+    try:
+        return UNITS.get(unit) or float(unit_conversion(unit, "meters"))
+    except ValueError as error:
+        raise OptionError(
+            f"the body's own .units are {unit!r}, no length that is known: set them to "
+            f"{', '.join(UNITS)}, or to None"
+        ) from error
 
 
 def load_surface(

@@ -63,7 +63,7 @@ def require_number(
     `wanted` says what belongs there, for numbers that are not `least` or not finite.
     """
     if not isinstance(value, Real):
-        raise TypeError(f"{name} is {value!r}: give a number")
+        raise TypeError(f"{name} is {value!r}: give a number{unit and ' in' + unit}")
     try:
         number = float(value)
     except OverflowError:  # whole numbers have no end, and no text beyond 4,300 digits

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -51,9 +52,19 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
-        for label, value in (("density", self.density), ("Young's modulus", self.youngs_modulus)):
-            name, wanted = f"{label} of {self.name}", "it must exceed 0"
-            require_number(name, value, 0, 1e30, above=True, wanted=wanted, error=MaterialError)
+        for label, value, unit in (
+            ("density", self.density, " kg/m^3"),
+            ("Young's modulus", self.youngs_modulus, " Pa"),
+        ):
+            require_number(
+                f"{label} of {self.name}",
+                value,
+                most=1e30,
+                above=True,
+                wanted="it must exceed 0",
+                unit=unit,
+                error=MaterialError,
+            )
         wanted = (
             f"it must lie above -1 and at most at {_LARGEST_POISSON_RATIO} (at 0.5 a solid cannot "
             "be compressed, and these elements lock); take 0.49 for rubber-like materials"
@@ -128,8 +139,23 @@ class Material:
         """Return a copy with other losses."""
         return replace(self, damping=damping)
 
+    @property
+    def doubt(self) -> str:
+        """What is said of a Young's modulus so low that another unit was probably meant, or ""."""
+        modulus = self.youngs_modulus
+        speed = math.sqrt(modulus / self.density)
+        if modulus >= _SOFTEST and speed >= _SLOWEST:
+            return ""
+        unit, factor = ("GPa", "e9") if modulus < _LARGEST_IN_GPA else ("MPa", "e6")
+        return (
+            f"Young's modulus of {self.name} is {modulus:g} Pa, so sound goes through it at "
+            f"{speed:.2g} m/s: if it was meant in {unit}, {modulus:g} {unit} is {modulus:g}{factor}"
+        )
+
 
 _LARGEST_POISSON_RATIO = 0.495
+_SOFTEST, _SLOWEST = 1e5, 10.0  # Pa, m/s: less than of rubber
+_LARGEST_IN_GPA = 1300.0  # no solid's exceeds it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

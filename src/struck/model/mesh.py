@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,6 +98,21 @@ class Mesh:
     def scaled(self, factor: float) -> Mesh:
         """Return a copy `factor` times as large about the origin."""
         return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
+
+
+@runtime_checkable
+class Triangles(Protocol):
+    """A surface of another library, such as trimesh."""
+
+    @property
+    def vertices(self) -> ArrayLike:
+        """Vertices (V, 3)."""
+        ...
+
+    @property
+    def faces(self) -> ArrayLike:
+        """Vertex indices (F, 3)."""
+        ...
 
 
 def _validate(points: Array, faces: Index) -> None:
