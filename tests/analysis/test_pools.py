@@ -1,0 +1,52 @@
+"""Pools of processes: what they return is what one process makes, bit for bit where it can be."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+
+import struck
+from struck.model.arrays import Array
+from struck.solids import Block, Tube
+
+BODIES, PROCESSES = 40, 4
+MOST_KILOBYTES = 2**20
+
+
+def made(number: int) -> tuple[Array, Array, int]:
+    """Return the frequencies and the sound of a random body, and the memory that it took, kB."""
+    chance = np.random.default_rng([40, number])
+    size = 10 ** chance.uniform(-1.3, -0.3)
+    solid = (
+        Block(size=tuple(size * chance.uniform(0.05, 1, 3)))
+        if number % 2
+        else Tube(length=size, radius=size / chance.uniform(4, 20), wall=size / 100)
+    )
+    material = ("steel", "glass", "oak", "bronze")[number % 4]
+    model = struck.analyze(solid, material, accuracy="preview", cache=False)
+    sound = struck.render(model, struck.Strike(), seconds=0.1)
+    return model.frequencies, sound.samples, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+@cache
+def alone(number: int) -> tuple[Array, Array, int]:
+    return made(number)
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("way", ["fork", "spawn"])
+def test_a_pool_makes_what_one_process_makes(way: str) -> None:
+    expected = [alone(number) for number in range(BODIES)]  # before, as that is what once hung
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads that a fork leaves behind
+        with multiprocessing.get_context(way).Pool(PROCESSES) as pool:
+            found = pool.map_async(made, range(BODIES), chunksize=1).get(timeout=600)
+    for (frequencies, samples, memory), (own, heard, _) in zip(found, expected, strict=True):
+        assert memory < MOST_KILOBYTES
+        assert frequencies.tobytes() == own.tobytes()
+        assert samples.tobytes() == heard.tobytes()
