@@ -33,13 +33,13 @@ def bar_of(section: GivenSection) -> object:
 # What is refused, and what its message must hold.
 REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: struck.render(BAR, Strike(), sample_rate=10**9), "at most 1e+06"),
-    (lambda: struck.render(BAR, Strike(), sample_rate=10**400), "whole number of Hz"),
-    (lambda: struck.render(BAR, Strike(), sample_rate=np.nan), "whole number of Hz"),
+    (lambda: struck.render(BAR, Strike(), sample_rate=10**400), "than 300 digits"),
+    (lambda: struck.render(BAR, Strike(), sample_rate=np.nan), "sample_rate is nan"),
     (lambda: struck.render(BAR, Strike(), seconds=3600, sample_rate=10**6), "3.6e+09 samples"),
     (lambda: struck.render(BAR, Strike(), seconds=1e9), "at most 3600"),
     (lambda: Room(size=(3, 4, 5), order=60), "order of reflections is 60.* 24"),
-    (lambda: Room(size=(3, 4, 5), order=np.nan), "order of reflections is nan"),
-    (lambda: Room(size=(3, 4, 5), order=10**400), "order of reflections is inf"),
+    (lambda: Room(size=(3, 4, 5), order=np.nan), "order is nan"),
+    (lambda: Room(size=(3, 4, 5), order=10**400), "order is a number of more than 300 digits"),
     (lambda: Resonators([BAR], points=10**9), "points is 1e+09.* 65536"),
     (lambda: Resonators([BAR], points=1.5), "points is 1.5"),
     (lambda: Resonators([BAR], voices=10**9), "voices is 1e+09.* 65536"),
@@ -57,7 +57,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: bar_of(GivenSection(area=1e300, second_moment=1e-9, shear_coefficient=0.8)), "1e+24"),
     (lambda: bar_of(GivenSection(area=1e-300, second_moment=1e-9, shear_coefficient=0.8)), "1e-36"),
     (lambda: Bar(length=0.3, width=0.03, thickness=1e-300), "1e-300 m: it must exceed"),
-    (lambda: Bar(length=10**400, width=0.03, thickness=0.005), "length of the bar"),
+    (lambda: Bar(length=10**400, width=0.03, thickness=0.005), "more than 300 digits"),
     (lambda: CircularPlate(radius=1e300, thickness=1e-3), "at most 1e+06"),
     (lambda: Tube(length=1e300, radius=0.1, wall=0.01), "at most 1e+06"),
     (lambda: Block(size=(1e-12, 0.1, 0.1)), "1e-12 m: it must exceed 0, and 1e-09"),
@@ -83,7 +83,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: Roll(path=PATH, radius=1e-9, speed=0.1, mass=0.1), "radius is 1e-09.*above 1e-07"),
     (lambda: Scrape(path=PATH, speed=0.1, load=1.0, seed=-1), "seed is -1"),
     (lambda: Material(density=1e300, youngs_modulus=1e9, poisson_ratio=0.3), "at most 1e+30"),
-    (lambda: Rayleigh(mass=10**400, stiffness=0), "mass is inf"),
+    (lambda: Rayleigh(mass=10**400, stiffness=0), "mass is a number of more than 300 digits"),
 ]  # fmt: skip
 
 
@@ -98,6 +98,7 @@ def little_memory() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, before)
 
 
+@pytest.mark.filterwarnings("ignore::struck.errors.ScaleWarning")
 @pytest.mark.usefixtures("little_memory")
 @pytest.mark.parametrize(("make", "message"), REFUSED, ids=map(str, range(len(REFUSED))))
 def test_numbers_beyond_their_bound_are_refused_at_once(

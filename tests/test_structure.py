@@ -33,7 +33,6 @@ ALONE = 15  # modules with one importer, in their own room
 SHORT: dict[str, str] = {
     "__main__.py": "what must be settled before NumPy is imported",
     "errors.py": "the tree of errors, at the root of every import",
-    "model/arrays.py": "names of array types, and checks of numbers, imported everywhere",
     "live/callback.py": "what the audio device reaches, field by field as in the core",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",
     **dict.fromkeys(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
+from struck.model.arrays import checked
 from struck.model.provenance import Progress, silent
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from struck.scene.body import Action, Body
 
 
+@checked
 def analyze(
     body: Source,
     material: Material | str,
@@ -57,11 +59,10 @@ def analyze(
     ----------
     body : path, Mesh, trimesh object, VolumeMesh or a body of struck.solids or struck.shapes
         A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
-        of another program (VTK, VTU, MSH, INP). Of a trimesh object its own `.units` count.
+        of another program (VTK, VTU, MSH, INP). A trimesh object has its own `.units`.
     material : Material or str
     units : str, optional
-        Of the numbers of a file or trimesh object: "m", "cm", "mm", "in" or "ft"; metres unless
-        given.
+        Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
     size : float, optional
         Longest edge of the body's bounding box instead, m.
     part : str, optional
@@ -69,8 +70,7 @@ def analyze(
     up : str, optional
         The axis that points up; by the file format's custom unless given.
     wall : float, optional
-        Thickness of the wall of a hollow body, m; without it a surface is filled. An open sheet
-        becomes a shell of this thickness, half on either side.
+        Thickness of a hollow body's wall or of an open sheet, half on either side, m.
     repair : bool
         Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
         say so (RepairWarning, provenance); otherwise such a surface is refused.
@@ -292,6 +292,7 @@ def save(
     model_file.save_model(model, path, contacts=contacts, listeners=listeners)
 
 
+@checked
 def render(
     model: ModalModel | Body | Sequence[Body],
     excitations: Action | Sequence[Action] = (),

@@ -23,6 +23,10 @@ class OptionError(StruckError, ValueError):
     """An argument outside its bound."""
 
 
+class ArgumentError(OptionError, TypeError):
+    """An argument of a wrong type."""
+
+
 class MeshError(StruckError, ValueError):
     """A body whose geometry cannot ring as it stands."""
 

@@ -168,7 +168,7 @@ def test_impossible_reverberation_is_refused(options: dict[str, object], message
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"sample_rate": 0.0}, "sample rate of 0.0"),
+        ({"sample_rate": 0.0}, "sample rate is 0.0 Hz"),
         ({"channels": 3}, "3 channels"),
         ({"start": -0.1}, "starts at -0.1"),
         ({"ear_spacing": 0.0}, "ears 0.0 m apart"),

@@ -242,7 +242,7 @@ def test_a_missing_library_is_told_with_the_way_to_get_it(monkeypatch: pytest.Mo
         ({"walls": 1.2}, "absorbs 1.2 of the energy: give 0 to 1"),
         ({"walls": {"x0": 0.1}}, "walls are given for x0: give x0, x1"),
         ({"order": -1}, "give 0, 1, 2"),
-        ({"order": 1.5}, "give 0, 1, 2"),
+        ({"order": 1.5}, "order is 1.5: Room takes a whole number"),
         ({"corner": (0, 0, math.inf)}, "three coordinates"),
     ],
 )
@@ -266,7 +266,7 @@ def test_a_place_outside_is_refused_with_the_bounds() -> None:
 
 def test_other_bad_arguments() -> None:
     room = Room(size=(5, 4, 3))
-    with pytest.raises(OptionError, match="sample rate of 0"):
+    with pytest.raises(OptionError, match="sample rate is 0 Hz"):
         room.responses(0)
     with pytest.raises(OptionError, match="0 taps"):
         room.responses(RATE, 0)

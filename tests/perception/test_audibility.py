@@ -128,7 +128,7 @@ def test_bad_arguments_are_refused() -> None:
     model = hinged_bar(3)
     with pytest.raises(OptionError, match="at least one place"):
         audible(model, [])
-    with pytest.raises(OptionError, match="at least one place"):
+    with pytest.raises(OptionError, match="takes a list of a name or coordinates"):
         audible(model, "top")
     with pytest.raises(OptionError, match="none of 3 modes"):
         audible(model, level=-60)

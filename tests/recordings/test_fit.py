@@ -374,7 +374,7 @@ def test_modes_that_are_all_too_weak_to_measure_are_refused() -> None:
         ({"contacts": [np.nan]}, "not finite"),
         ({"listeners": [[0.1, 0.2]]}, "x, y, z"),
         ({"listeners": [[1, 0, 0], [0, 1, 0]]}, "for 2 recordings of 1"),
-        ({"listeners": "here"}, "listeners are 'here'"),
+        ({"listeners": "here"}, "listeners is 'here'"),
     ],
 )
 def test_arguments_outside_their_bounds_are_refused(

@@ -350,7 +350,7 @@ INVALID = [
     (Tube, TUBE | {"wall": float("nan")}, r"wall of the tube is nan m"),
     (Tube, TUBE | {"wall": 0.02}, r"wall of the tube is 0.02 m: at most its radius, 0.01 m"),
     (Tube, TUBE | {"elements": (6, 2, 1)}, r"around are 6: give a multiple of 4"),
-    (Tube, TUBE | {"elements": (8, 0, 1)}, r"along are 0: .* at least 1"),
+    (Tube, TUBE | {"elements": (8, 0, 1)}, r"along is 0: .* at least 1"),
     (Tube, TUBE | {"elements": (8, 2)}, r"give 3 counts"),
     (Block, {"size": (1, 1)}, r"give its edges along x, y and z"),
     (Block, {"size": (1, 0, 1)}, r"along y is 0 m"),

@@ -21,7 +21,7 @@ from struck.analysis.discretisation import Discretisation, Elements, FileOptions
 from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
-from struck.model.arrays import Array, Mask
+from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
 from struck.model.gains import Radiation
 from struck.model.material import Material
 from struck.model.mesh import Mesh, places_of
@@ -250,7 +250,7 @@ def _require_scale(
 
 
 def _require_band(band: tuple[float, float]) -> tuple[float, float]:
-    if len(band) != 2 or not 0 <= band[0] < band[1] < np.inf:
+    if np.shape(band) != (2,) or not 0 <= band[0] < band[1] < np.inf:
         raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
     return float(band[0]), float(band[1])
 
@@ -269,7 +269,7 @@ def _held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
         if held.shape != (len(mesh.nodes),):
             raise OptionError(f"fixed() gave shape {held.shape}: return one bool a point")
     else:
-        box = np.asarray(fixed, dtype=np.float64)
+        box = numbers("fixed", fixed)
         if box.shape != (2, 3):
             raise OptionError(
                 f"fixed has shape {box.shape}: give two corners of a box, (2, 3) in m"
@@ -303,6 +303,7 @@ def _input(body: Source) -> dict[str, object]:
     return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
+@checked
 def model_of_modes(
     points: ArrayLike,
     faces: ArrayLike,
@@ -365,8 +366,8 @@ def model_of_modes(
         surface=surface,
         shapes=forms,
         mass=float(mass),
-        centre=np.asarray(centre, float),
-        inertia=np.asarray(inertia, float),
+        centre=_shaped("centre", centre, 3),
+        inertia=_shaped("inertia", inertia, 3, 3),
         complete_to=complete_to,
         poisson_slopes=unknown,
         errors=unknown,
@@ -376,7 +377,15 @@ def model_of_modes(
     return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)
 
 
+def _shaped(name: str, values: ArrayLike, *shape: int) -> Array:
+    array = numbers(name, values)
+    require_numbers(name, array, shape)
+    return array
+
+
 def _require_fitting(frequencies: Array, shapes: Array, vertices: int) -> None:
+    if frequencies.ndim != 1:
+        raise OptionError(f"frequencies have shape {frequencies.shape}: give them in a row")
     if shapes.shape != (vertices, 3, len(frequencies)):
         raise OptionError(
             f"shapes have shape {shapes.shape}, not ({vertices}, 3, {len(frequencies)}): give "

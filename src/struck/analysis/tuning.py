@@ -12,6 +12,7 @@ import numpy as np
 
 from struck.analysis.discretisation import Solid
 from struck.errors import OptionError
+from struck.model.arrays import checked
 from struck.model.damping import ringing
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
@@ -21,6 +22,7 @@ _IN_TUNE = 1e-7
 _STEPS = 40
 
 
+@checked
 def tuned(
     body: Solid,
     material: Material,

@@ -14,7 +14,7 @@ import numpy as np
 
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, nearness, pressure
 from struck.errors import OptionError, SolverError
-from struck.model.arrays import Array, Single
+from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
 
 LOWEST_RATE = 4000.0  # Hz; below, a head changes next to nothing
@@ -98,6 +98,7 @@ NEIGHBOURS = (np.arange(-1, 3)[:, None] * (STEPS + 4) + np.arange(-1, 3)).reshap
 ANGLES = np.linspace(0, np.pi, STEPS + 1)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SphereHead:
     """A rigid sphere with two points for ears, by the exact series for near and far sources.

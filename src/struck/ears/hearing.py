@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from struck.ears.delay_lines import DelayLines
-from struck.ears.listeners import Listener
+from struck.ears.listeners import Listener, is_listener
 from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.ears.room import Room
-from struck.model.arrays import Array
+from struck.errors import OptionError
+from struck.model.arrays import Array, checked, require_sample_rate
 
 
+@checked
 class Hearing:
     """The ears of a listener among bodies: all that remembers sound on its way.
 
@@ -54,6 +56,11 @@ class Hearing:
         room: Room | None = None,
         brief: bool = False,
     ) -> None:
+        require_sample_rate(sample_rate)
+        if not is_listener(listener):
+            raise TypeError(f"listener is {listener!r}: give Mono, Stereo or Binaural")
+        if not len(emitters):
+            raise OptionError("there are 0 emitters: give one at least")
         self.propagation = Propagation(
             emitters,
             Pose.of(listener, emitters),

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
-from struck.model.arrays import Array, Single
+from struck.model.arrays import Array, Single, checked, numbers
 
 if TYPE_CHECKING:
     from struck.ears.heads import Filters, Head
@@ -144,12 +144,13 @@ def is_listener(listener: object) -> TypeGuard[Listener]:
 
 def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
     """Return a bare position (3,); OptionError on anything else."""
-    position = np.asarray(listener, np.float64)
+    position = numbers("listener", listener)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")
     return position
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mono:
     """One ear without a head.
@@ -192,6 +193,7 @@ class Mono:
         return Unchanged(ears=1)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stereo:
     """Two ears on a rigid ball: delays and levels by formula.
@@ -236,6 +238,7 @@ class Stereo:
         return _ball(self.head, self.radius).prepared(sample_rate)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Binaural:
     """Two ears whose responses were measured: for headphones.

@@ -27,7 +27,7 @@ from struck.ears.heads import (
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
 from struck.errors import FileFormatError, OptionError
 from struck.files.sofa import Container, opened
-from struck.model.arrays import Array, Single
+from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
 
 BUNDLED = ("kemar",)
@@ -389,6 +389,7 @@ class MeasuredHead:
     measured: HrtfSet
 
     @classmethod
+    @checked
     def named(cls, name: str) -> MeasuredHead:
         """Return a head whose responses come with struck: "kemar"; OptionError on another name."""
         return cls(bundled(name))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Single
+from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ _EARLIEST, _WAITING = 1e-3, 16
 _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Emitter:
     """Where the sound of a body comes from.

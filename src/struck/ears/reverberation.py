@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Complex, Single, require_number
+from struck.model.arrays import (
+    Array,
+    Complex,
+    Single,
+    checked,
+    numbers,
+    require_number,
+    require_sample_rate,
+)
 from struck.model.material import AIR
 
 EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that stands for a head
@@ -20,6 +28,7 @@ SABINE = 24 * math.log(10) / AIR.sound_speed
 _AMPLITUDE = 3 * math.log(10)  # exponent by which an amplitude falls by 60 dB
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reverberation:
     """A diffuse field: the same sound from everywhere, dying away exponentially.
@@ -81,7 +90,8 @@ class Reverberation:
         One time for all bands stands at 1 kHz.
         """
         times = self.seconds if isinstance(self.seconds, Mapping) else {1000.0: self.seconds}
-        return np.array(sorted(times.items()), dtype=np.float64).reshape(-1, 2)
+        table = numbers("seconds", list(times.items())).reshape(-1, 2)
+        return table[np.argsort(table[:, 0], kind="stable")]
 
     def absorption_areas(self) -> Array:
         """Return the absorption area of each band, m^2: (bands,).
@@ -100,6 +110,7 @@ class Reverberation:
         """
         return np.sqrt(self.absorption_areas() / (16 * math.pi))
 
+    @checked
     def tail(
         self,
         sample_rate: float,
@@ -138,7 +149,7 @@ class Reverberation:
         count = max(0, math.ceil((self.bands()[:, 1].max() - start) * sample_rate))
         if count == 0:
             return np.zeros((channels, 0), np.float32)
-        white = np.random.default_rng(self.seed).standard_normal((channels, count))
+        white = np.random.default_rng(int(self.seed)).standard_normal((channels, count))
         noise = _coherent(np.fft.rfft(white), sample_rate, ear_spacing)
         times = start + np.arange(count) / sample_rate
         return self._decaying(noise, sample_rate, times).astype(np.float32)
@@ -196,8 +207,7 @@ def _coherent(spectra: Complex, sample_rate: float, spacing: float) -> Complex:
 
 
 def _require(sample_rate: float, channels: int, start: float, ear_spacing: float) -> None:
-    if not 0 < sample_rate < math.inf:
-        raise OptionError(f"a sample rate of {sample_rate} Hz is none: give a positive one")
+    require_sample_rate(sample_rate)
     if channels not in {1, 2}:
         raise OptionError(f"{channels} channels: a tail has 1, or 2 for both ears")
     if not 0 <= start < math.inf:

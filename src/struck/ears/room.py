@@ -20,7 +20,15 @@ from numpy.typing import ArrayLike
 from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
 from struck.errors import MissingDependencyError, OptionError
-from struck.model.arrays import Array, Index, Single, require_number
+from struck.model.arrays import (
+    Array,
+    Index,
+    Single,
+    checked,
+    numbers,
+    require_number,
+    require_sample_rate,
+)
 from struck.model.material import AIR
 
 Wall = str | float
@@ -53,6 +61,8 @@ def pyroomacoustics() -> ModuleType:
 
 
 _MOST_ORDERS = 24  # some 20,000 images
+_LOWEST_FULL_RATE = 4000.0  # Hz: below it there is no band of the walls to filter by
+_MOST_FULL_ORDERS = 60  # of whole responses, computed once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +87,7 @@ class Images:
         return self.signs * np.asarray(positions, np.float64)[..., None, :] + self.offsets
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Room:
     """A box with one corner at the origin of the scene, along its axes.
@@ -140,6 +151,7 @@ class Room:
             raise OptionError(f"walls are given for {', '.join(walls)}: give {', '.join(WALLS)}")
         return np.array([_absorption(walls[name]) for name in WALLS])
 
+    @checked
     def require_inside(self, positions: ArrayLike, name: str) -> None:
         """Refuse places (..., 3), m, that are not all inside; `name` says of what they are.
 
@@ -148,7 +160,7 @@ class Room:
         OptionError
             With the first place outside.
         """
-        points = np.asarray(positions, np.float64).reshape(-1, 3)
+        points = numbers(name, positions, width=3).reshape(-1, 3)
         low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
         outside = ~np.all((points >= low) & (points <= high), axis=1)
         if outside.any():
@@ -170,6 +182,7 @@ class Room:
         counts = np.stack([near, far], axis=2).reshape(-1, 6).astype(np.int64)
         return Images(signs=signs, offsets=offsets, counts=counts)
 
+    @checked
     def responses(self, sample_rate: float, taps: int = 64) -> Single:
         """Return what the walls do to each image, as short filters of minimum phase: no delay.
 
@@ -191,8 +204,7 @@ class Room:
         OptionError
             When the sample rate is not positive, or there are less than 1 or more than 4096 taps.
         """
-        if not 0 < sample_rate < math.inf:
-            raise OptionError(f"a sample rate of {sample_rate} Hz is none: give a positive one")
+        require_sample_rate(sample_rate)
         if not 1 <= taps <= _SPECTRUM // 2:
             raise OptionError(f"filters of {taps} taps: give 1 to {_SPECTRUM // 2}")
         frequencies = sample_rate * np.arange(_SPECTRUM // 2 + 1) / _SPECTRUM
@@ -203,6 +215,7 @@ class Room:
         magnitudes = np.maximum(distinct @ logarithms, math.log(_FAINTEST))
         return minimum_phase(magnitudes)[which.ravel(), :taps].astype(np.float32)
 
+    @checked
     def reverberation_time(self, formula: str = "eyring") -> Array:
         """Return the `statistical_time` of decay to expect in each of `BANDS`, s: (7,)."""
         return statistical_time(self.volume, self.areas, self.absorptions(), formula)
@@ -226,6 +239,7 @@ class Room:
         """
         return (self.order + 1) * 4 * self.volume / float(self.areas.sum()) / AIR.sound_speed
 
+    @checked
     def full_responses(
         self, source: ArrayLike, listeners: ArrayLike, sample_rate: float, order: int = 12
     ) -> Single:
@@ -250,14 +264,14 @@ class Room:
         MissingDependencyError
             When pyroomacoustics is not installed.
         """
-        points = np.asarray(listeners, np.float64).reshape(-1, 3)
-        self.require_inside(source, "source")
+        points = numbers("listener", listeners, width=3).reshape(-1, 3)
+        self.require_inside(numbers("source", source, width=3)[:3], "source")
         self.require_inside(points, "listener")
-        if not sample_rate > 0 or sample_rate % 1:
-            raise OptionError(f"a sample rate of {sample_rate} Hz: give a whole one, as 48000")
+        require_sample_rate(sample_rate, whole=True, least=_LOWEST_FULL_RATE)
+        require_number("order of images", order, 0, _MOST_FULL_ORDERS, whole=True)
         library = pyroomacoustics()
         walls = self._materials(library)
-        box = library.ShoeBox(self.size, fs=int(sample_rate), materials=walls, max_order=order)
+        box = library.ShoeBox(self.size, fs=int(sample_rate), materials=walls, max_order=int(order))
         box.set_sound_speed(AIR.sound_speed)
         box.add_source(np.asarray(source, np.float64) - self.corner)
         box.add_microphone_array((points - self.corner).T)

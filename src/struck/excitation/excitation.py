@@ -21,17 +21,20 @@ import numpy as np
 
 from struck.errors import OptionError
 from struck.excitation.pulses import Samples
-from struck.model.arrays import Array, require_number
+from struck.model.arrays import Array, checked, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
 _RINGS, _SPOKES = 4, 12
 # Above and up to which numbers of these names go: they are squared, divided by, or counted by.
 _LARGEST = 1e100
+HEAVIEST = 1e6  # N, the largest load
 _BOUNDS = {
+    "duration": (0.0, 60.0),  # s
+    "load": (0.0, HEAVIEST),
     "radius": (1e-7, 1e6),  # m
     "rise": (0.0, 60.0),  # s
-    "sample_rate": (0.0, 1e6),  # Hz
+    "sample_rate": (1.0, 1e6),  # Hz
     "seed": (0.0, 2.0**63),
 }
 # A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
@@ -153,6 +156,7 @@ class Burst:
         return self._now >= self._samples.first + len(self._samples.force)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hold:
     """A soft grip that takes energy from the modes that move where it holds.
@@ -304,8 +308,7 @@ def _require(name: str, value: float) -> float:
         number = float(value)
     except (TypeError, ValueError) as error:
         raise OptionError(f"{name} is {value!r}: give a number") from error
-    if not (np.isfinite(number) and number >= 0):
-        raise OptionError(f"{name} is {number}: it must be a finite number of at least 0")
+    require_number(name, number, 0.0, _BOUNDS.get(name, (0.0, _LARGEST))[1])
     return number
 
 

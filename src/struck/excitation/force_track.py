@@ -20,7 +20,7 @@ from struck.excitation.excitation import (
 from struck.excitation.pulses import Samples
 from struck.files.atomic import read_bytes
 from struck.files.wav import decode
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.contact import Place
 from struck.model.model import ModalModel
 
@@ -29,6 +29,7 @@ _AHEAD = 16
 _COARSEST_RATIO = 1 << 16
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceTrack:
     """A given force at one place of a body.

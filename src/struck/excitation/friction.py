@@ -38,7 +38,7 @@ from struck.core import entry
 from struck.excitation.excitation import require_at_least_zero, require_positive
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.roughness import Roughness, profile
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.model import ModalModel
 
 LEVELS_AN_OCTAVE = 3
@@ -55,6 +55,7 @@ _SQUARES = np.square(_STEPS)
 LIGHTEST = 1e-3  # N: the force of lighter contacts is in proportion to this one's
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tool:
     """What touches.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.excitation.excitation import require_known, table_of
+from struck.model.arrays import checked, require_number
 from struck.model.material import Material
 
 # 2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)
@@ -106,6 +107,7 @@ def joint_mass(*masses: float) -> float:
     return 1 / sum(1 / mass for mass in masses)
 
 
+@checked
 def contact_time(*, mass: float, radius: float, modulus: float, speed: float) -> float:
     """Return how long an elastic impact lasts, s.
 
@@ -124,5 +126,13 @@ def contact_time(*, mass: float, radius: float, modulus: float, speed: float) ->
     -------
     float
         2.8683 (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4).
+
+    Raises
+    ------
+    OptionError
+        On numbers that do not exceed 0, or are none of a thing that strikes.
     """
+    given = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
+    for name, value in given.items():
+        require_number(name, value, 1e-30, 1e30, wanted="it must exceed 0, and 1e-30 is the least")
     return CONTACT_CONSTANT * (mass**2 / (radius * modulus**2 * speed)) ** 0.2

@@ -16,7 +16,7 @@ from struck.excitation.excitation import (
     require_positive,
 )
 from struck.excitation.pulses import LEAD, Samples, low_pass
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked, numbers
 from struck.model.contact import Place
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
@@ -47,6 +47,7 @@ def plan_rule(surface: Mesh) -> tuple[Array, Array]:
     return points.reshape(-1, 3), weights.ravel()
 
 
+@checked
 def impact_amplitudes(
     model: ModalModel, at: Place, *, energy: float = 1.0, distance: float = 1.0
 ) -> Array:
@@ -83,6 +84,7 @@ def impact_amplitudes(
     return np.sqrt(energy) * shapes / (rates * np.linalg.norm(shapes) * distance)
 
 
+@checked
 def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
     """Return the impulse that gives the modes of a body so much energy at one place, N s.
 
@@ -102,9 +104,8 @@ def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
     OptionError
         When the energy does not exceed 0, or no mode moves there.
     """
-    if not (np.isfinite(energy) and energy > 0):
-        raise OptionError(f"energy is {energy}: it must be a finite number above 0")
-    return float(np.sqrt(2 * energy) / np.linalg.norm(_along_push(model, at)))
+    require_positive(energy=energy)
+    return float(np.sqrt(2.0 * energy) / np.linalg.norm(_along_push(model, at)))
 
 
 def initial_amplitudes(
@@ -143,7 +144,9 @@ def initial_amplitudes(
     rates = 2 * np.pi * model.natural_frequencies
 
     def mean(field: Field | None) -> Array:
-        values = np.zeros(len(places)) if field is None else np.asarray(field(places), float)
+        values = np.zeros(len(places)) if field is None else numbers("field", field(places))
+        if values.shape != (len(places),):
+            raise OptionError(f"the field returned shape {values.shape}: return one number a place")
         return (weights * values) @ (forms / scale)
 
     return mean(velocity) / rates, mean(displacement)
@@ -157,6 +160,7 @@ def _along_push(model: ModalModel, at: Place) -> Array:
     return shapes
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pluck:
     """A body pulled aside and let go.
@@ -235,6 +239,7 @@ def _step() -> Array:
     return rising / rising[-1]
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Release:
     """A flat body pulled into any form, softly, and let go (1998, eq. 5).

@@ -18,7 +18,7 @@ from struck.excitation.excitation import (
     require_positive,
     table_of,
 )
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 
 _FEWEST, _MOST = 16, 1 << 18
 # A fractal repeats after so many of its longest waves, and has so many points in its shortest.
@@ -29,6 +29,7 @@ _WAVINESS = 2.5e-3
 _SEAM = 0.05
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Roughness:
     """A height profile that repeats.
@@ -71,6 +72,7 @@ class Roughness:
         object.__setattr__(self, "heights", heights)
 
     @classmethod
+    @checked
     def fractal(
         cls,
         *,
@@ -114,13 +116,14 @@ class Roughness:
         waves = np.arange(count // 2 + 1, dtype=np.float64)
         inside = (waves >= _WAVES) & (waves <= count / _POINTS_A_WAVE)
         sizes = np.where(inside, np.maximum(waves, 1) ** (-exponent / 2), 0.0)
-        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(waves))
+        phases = np.random.default_rng(int(seed)).uniform(0, 2 * np.pi, len(waves))
         heights = np.fft.irfft(sizes * np.exp(1j * phases), count)
         heights *= rms / heights.std()
         pitch = shortest / _POINTS_A_WAVE
         return cls(heights=heights, pitch=pitch, name=name, source=source)
 
     @classmethod
+    @checked
     def named(cls, name: str) -> Roughness:
         """Look a roughness up in ``roughness.toml``, in any case.
 

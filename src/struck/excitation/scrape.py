@@ -22,7 +22,7 @@ from struck.excitation.friction import CHUNK, FADE, Reader, Rubbed, Tool, fading
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.path import Path, Waypoints, require_waypoints
 from struck.excitation.roughness import Roughness, profile
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.material import Material
 from struck.model.model import ModalModel
 
@@ -31,6 +31,7 @@ _FEWEST_TURNS_LENGTH = 0.12  # m of surface before its roughness comes round aga
 _MOST_POINTS = 1 << 17
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scrape:
     """A round tip dragged over the surface of a body.
@@ -104,6 +105,7 @@ class Scrape:
         return Rubbing(self, tool.on(model), self.load, model, sample_rate, start=start)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Roll:
     """A ball or wheel that rolls over the surface of a body without slipping.
@@ -226,7 +228,7 @@ class Rubbing:
         start: int,
     ) -> None:
         require_positive(sample_rate=sample_rate)
-        random = np.random.default_rng(contact.seed)
+        random = np.random.default_rng(int(contact.seed))
         self._path = Path.over(model, contact.path, repeat=contact.repeat)
         self._speed, self._load = follow("speed", contact.speed), follow("load", load)
         self._model, self._rate, self._patch = model, sample_rate, contact.patch

@@ -21,6 +21,7 @@ from struck.excitation.hertz import (
     joint_mass,
 )
 from struck.excitation.pulses import Samples, require_shape, sampled
+from struck.model.arrays import checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
@@ -37,6 +38,7 @@ class Blow:
     duration: float  # s; 0 is an ideal impulse
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
     """A short push at one place of a body.
@@ -187,7 +189,7 @@ class Strike:
     def _noise(self, blow: Blow, sample_rate: float) -> np.ndarray:
         length = max(blow.duration, _SHORTEST_TRANSIENT) * sample_rate
         window = np.sin(np.pi * (np.arange(max(1, round(length))) + 0.5) / max(1, round(length)))
-        noise = np.random.default_rng(self.seed).standard_normal(len(window))
+        noise = np.random.default_rng(int(self.seed)).standard_normal(len(window))
         strength = self.transient * blow.impulse * sample_rate
         return strength * noise * window / np.linalg.norm(window)
 

@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.excitation.excitation import Push, drive
+from struck.excitation.excitation import HEAVIEST, Push, drive
 from struck.excitation.friction import CHUNK, FADE, Reader, Tool, fading, rung, rung_at
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
 SLOWEST, FASTEST = 60.0, 1000.0  # Hz, of updates that ramps adapt to
 USUAL = 100.0  # Hz, expected before there were two updates
 
-HEAVIEST = 1e6  # N, the largest load
 _WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
@@ -234,6 +233,7 @@ class Touching:
         self._prepared = load
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TouchLog:
     """A touch, update by update: an excitation that sounds offline as it did live.

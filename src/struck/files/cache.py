@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from struck.errors import CacheWarning, FileFormatError, OptionError
+from struck.model.arrays import checked
 
 MOST_BYTES = 2 * 2**30
 VARIABLE = "STRUCK_CACHE"
@@ -38,6 +39,7 @@ class CacheEntry:
     used: int  # last written or read, ns
 
 
+@checked
 class Cache:
     """Entries of bytes by key; of more than fits, the least recently used go.
 

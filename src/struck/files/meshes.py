@@ -16,7 +16,7 @@ import numpy as np
 from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.mesh import Mesh, Triangles
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
@@ -105,6 +105,7 @@ def _metres(unit: str) -> float:
         ) from error
 
 
+@checked
 def load_surface(
     path: str | os.PathLike[str],
     *,
@@ -137,6 +138,7 @@ def load_surface(
     return _in_metres(surface, units, size, up or _UP[contents.kind])
 
 
+@checked
 def load_body(
     path: str | os.PathLike[str],
     *,
@@ -188,6 +190,7 @@ def load_body(
     return result if size is None else result.scaled(size / result.mesh.extent)
 
 
+@checked
 def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
     """Load a mesh of tetrahedra, hexahedra or wedges that another program made.
 

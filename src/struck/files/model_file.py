@@ -36,7 +36,7 @@ from struck.files.container import (
     unpack,
     vector,
 )
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
 from struck.model.material import Material
@@ -306,6 +306,7 @@ def is_model(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in ENDINGS
 
 
+@checked
 def save_model(
     model: ModalModel,
     path: str | os.PathLike[str],
@@ -327,6 +328,7 @@ def save_model(
     save(model, path)
 
 
+@checked
 def load_model(path: str | os.PathLike[str]) -> ModalModel:
     """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
     if not _is_sofa(path):

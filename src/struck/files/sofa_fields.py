@@ -23,7 +23,7 @@ from struck.files.sofa import (
     opened,
     write_container,
 )
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.contact import Place
 from struck.model.exponentials import samples
 from struck.model.material import AIR
@@ -194,6 +194,7 @@ def save_sofa_responses(
     return lost
 
 
+@checked
 def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
     """Read the responses of a SOFA file of convention GeneralFIR-E."""
     with opened(path) as file:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from struck.errors import OptionError
 from struck.files import wav
 from struck.files.atomic import read_bytes, write_bytes
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked, require_number
 
 FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
 PEAK = 10 ** (-1 / 20)  # of level="peak": -1 dB of full scale
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sound:
     """Samples with their rate.
@@ -63,6 +64,7 @@ class Sound:
         object.__setattr__(self, "sample_rate", int(self.sample_rate))
 
     @classmethod
+    @checked
     def load(cls, path: str | os.PathLike[str]) -> Sound:
         """Read a WAV file (32-bit float, 24 or 16 bit).
 
@@ -94,6 +96,7 @@ class Sound:
         """Largest absolute sample, Pa or relative; 0 for silence."""
         return float(np.abs(self.samples).max(initial=0.0))
 
+    @checked
     def save(
         self, path: str | os.PathLike[str], level: str = "peak", encoding: str = "float32"
     ) -> float:
@@ -131,6 +134,7 @@ class Sound:
         values: Array = np.abs(np.fft.rfft(self.samples.astype(np.float64))) / self.sample_rate
         return _bins(self.samples.shape[1], self.sample_rate), values
 
+    @checked
     def spectrogram(self, window: float = 0.04, step: float = 0.005) -> tuple[Array, Array, Array]:
         """Return how the spectrum goes on in time, through a Hann window.
 
@@ -206,10 +210,13 @@ def _read_level(comment: str) -> tuple[float, bool]:
     return factor, found is not None and found[1] == "Pa"
 
 
+_LONGEST_WINDOW = 60.0  # s
+
+
 def _samples(sound: Sound, **seconds: float) -> int:
     ((name, value),) = seconds.items()
-    if not (np.isfinite(value) and value * sound.sample_rate >= 1):
-        raise OptionError(f"{name} is {value} s: it must hold at least one sample")
+    wanted = "it must hold at least one sample"
+    require_number(name, value, 1 / sound.sample_rate, _LONGEST_WINDOW, wanted=wanted, unit=" s")
     return round(value * sound.sample_rate)
 
 

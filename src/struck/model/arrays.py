@@ -1,15 +1,26 @@
-"""Short names for NumPy arrays in annotations, and the check of what such an array holds."""
+"""Arguments: short names of arrays for annotations, and the checks of what is given.
+
+`checked` compares what a public name is given with its annotations: whoever gives text for a
+number, or a path for a material, learns it from the argument's name, not from an error deep in the
+work. Bounds are checked by the names themselves, where they are known.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from numbers import Real
-from typing import Any
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from numbers import Number, Real
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError, StruckError
+from struck.errors import ArgumentError, OptionError, StruckError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -18,6 +29,34 @@ Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating]
 Single = NDArray[np.float32]
 AnyArray = NDArray[Any]
+
+
+def numbers(
+    name: str,
+    values: object,
+    *,
+    width: int = 0,
+    kind: type[np.inexact[Any]] = np.float64,
+    error: type[StruckError] = OptionError,
+) -> Any:  # noqa: ANN401 - an array of that kind
+    """Return values as an array of numbers, rows of `width` of them where that is given."""
+    try:
+        array = np.asarray(values, kind)
+    except (TypeError, ValueError, OverflowError):
+        raise error(f"{name}: {_shown(values)} holds what is no number: give numbers") from None
+    if width and (not array.size or array.shape[-1:] != (width,)):
+        raise error(f"{name}: the shape is {array.shape}: give {width} numbers each")
+    return array
+
+
+def _shown(value: object) -> str:
+    text = "a number of more than 300 digits" if _is_huge(value) else repr(value)
+    if len(text) < _LONGEST_SHOWN:
+        return text
+    return f"a {type(value).__name__} that begins {text[:20]}"
+
+
+_LONGEST_SHOWN = 60  # characters of a value in a message
 
 
 def require_numbers(
@@ -31,7 +70,7 @@ def require_numbers(
     """Refuse all but an array of numbers of that shape; with `gaps` some may be NaN or infinite."""
     array = values if isinstance(values, np.ndarray) or shape else np.asarray(values)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iufc":
-        raise TypeError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
+        raise ArgumentError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
     if array.shape != shape:
         raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
     with np.errstate(all="ignore"):
@@ -63,7 +102,7 @@ def require_number(
     `wanted` says what belongs there, for numbers that are not `least` or not finite.
     """
     if not isinstance(value, Real):
-        raise TypeError(f"{name} is {value!r}: give a number{unit and ' in' + unit}")
+        raise ArgumentError(f"{name} is {value!r}: give a number{unit and ' in' + unit}")
     try:
         number = float(value)
     except OverflowError:  # whole numbers have no end, and no text beyond 4,300 digits
@@ -73,3 +112,175 @@ def require_number(
         raise error(f"{name} is {value}{unit}: {wanted}")
     if number > most:
         raise error(f"{name} is {number:.6g}{unit}: it must be at most {most:g}")
+
+
+def require_sample_rate(sample_rate: float, *, whole: bool = False, least: float = 1.0) -> None:
+    """Refuse all but a number of samples a second that a sound may have."""
+    wanted = f"give a {'whole' if whole else 'positive'} one, as 48000"
+    require_number("sample rate", sample_rate, least, 1e6, whole=whole, wanted=wanted, unit=" Hz")
+
+
+# What the annotations of public names ask for, checked before anything is made.
+
+Made = TypeVar("Made", bound=Callable[..., Any])
+# Whether a value is of a sort, and what the sort is called.
+Sort = tuple[Callable[[Any], bool], str]
+
+_BITS = 1023  # of the largest whole number that fits one of double precision
+
+
+def checked(made: Made) -> Made:
+    """Let a function or class refuse arguments that are nothing its annotations name.
+
+    Raises
+    ------
+    ArgumentError
+        On a value of another sort.
+    """
+    if not isinstance(made, type):
+        return _refusing(made, made.__name__)
+    kind: Any = made
+    kind.__init__ = _refusing(kind.__init__, kind.__name__)
+    return kind
+
+
+def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
+    code = function.__code__
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+
+    @functools.cache
+    def sorts() -> dict[str, tuple[Sort, ...]]:
+        module = vars(sys.modules[function.__module__])
+        told = {name: str(function.__annotations__.get(name, "Any")) for name in names}
+        return {name: _sorts(text, module) for name, text in told.items()}
+
+    @functools.wraps(function)
+    def refusing(*given: Any, **named: Any) -> Any:  # noqa: ANN401 - as the function
+        known = sorts()
+        for name, value in zip(names, given, strict=False):
+            _require_sort(name, value, known[name], whose)
+        for name, value in named.items():
+            _require_sort(name, value, known.get(name, ()), whose)
+        return function(*given, **named)
+
+    return refusing
+
+
+def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str) -> None:
+    if not sorts or any(fits(value) for fits, _ in sorts):
+        return
+    wanted = " or ".join(dict.fromkeys(text for _, text in sorts))
+    raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {wanted}")
+
+
+def _sorts(annotation: str, module: Mapping[str, Any]) -> tuple[Sort, ...]:
+    """Return what an annotation allows; nothing where that is anything."""
+    found = [_sort(each, module) for each in _alternatives(annotation)]
+    return tuple(each for each in found if each) if all(found) else ()
+
+
+def _alternatives(annotation: str) -> Iterator[str]:
+    """Yield the parts of a union."""
+    depth, begun = 0, 0
+    for place, letter in enumerate(annotation):
+        depth += (letter in "[(") - (letter in "])")
+        if letter == "|" and not depth:
+            yield annotation[begun:place].strip()
+            begun = place + 1
+    yield annotation[begun:].strip()
+
+
+def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
+    name, _, rest = annotation.partition("[")
+    inner = rest.removesuffix("]")
+    if name in {"tuple", "Sequence"} and set(inner.split(", ")) <= _OF_NUMBERS:
+        return _NUMBERS
+    if name == "Sequence":
+        return _list_of(_sorts(inner, module))
+    if name in _SORTS:
+        return _SORTS[name]
+    if name in module:
+        return _of_kind(module[name], name)
+    # Not loaded yet, as is everything that the verbs name for type checkers alone.
+    return (lambda value: _is_named(value, name), f"a {name}") if name in _NAMED else None
+
+
+def _list_of(inner: tuple[Sort, ...]) -> Sort:
+    def fits(value: Any) -> bool:  # noqa: ANN401 - any object
+        listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        if not listed and not (isinstance(value, np.ndarray) and value.ndim):
+            return False
+        return not inner or all(any(sort(each) for sort, _ in inner) for each in value)
+
+    return fits, " of ".join(["a list", *(text for _, text in inner[:1])])
+
+
+def _of_kind(kind: Any, name: str) -> Sort | None:  # noqa: ANN401 - any object
+    """Return the sort of a class or of a union of classes; None where it cannot be told."""
+    if isinstance(kind, UnionType):
+        parts = [_of_kind(get_origin(each) or each, each.__name__) for each in get_args(kind)]
+        if not all(parts):
+            return None
+        texts = " or ".join(part[1] for part in parts if part)
+        return (lambda value: any(part[0](value) for part in parts if part)), texts
+    if not isinstance(kind, type) or kind in {object, Any}:
+        return None
+    if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
+        return None
+    return _SORTS.get(name) or ((lambda value: isinstance(value, kind)), f"a {name}")
+
+
+def _is_named(value: object, name: str) -> bool:
+    return any(kind.__name__ == name for kind in type(value).__mro__)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Number) and not isinstance(value, complex)
+
+
+def _is_huge(value: object) -> bool:
+    return isinstance(value, int) and value.bit_length() > _BITS
+
+
+def _is_whole(value: Any) -> bool:  # noqa: ANN401 - any object
+    return _is_number(value) and not _is_huge(value) and float(value).is_integer()
+
+
+def _is_numbers(value: object) -> bool:
+    """Tell whether a value is a number, or a list or an array of numbers."""
+    if isinstance(value, list | tuple):
+        try:
+            value = np.asarray(value)
+        except (ValueError, OverflowError, TypeError):
+            return False
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind in "biufc"
+    return hasattr(value, "__array__") or (isinstance(value, Number) and not _is_huge(value))
+
+
+_OF_NUMBERS = frozenset(["float", "int", "..."])
+_NAMED = frozenset(
+    [
+        *("Body", "Fitting", "Material", "Mesh", "ModalModel", "Room", "Sound", "SoundMap"),
+        *("Strike", "Survey"),
+    ]
+)
+_NUMBERS: Sort = (_is_numbers, "numbers")
+_SORTS: dict[str, Sort] = {
+    "None": (lambda value: value is None, "None"),
+    "float": (lambda value: _is_number(value) and not _is_huge(value), "a number"),
+    "int": (_is_whole, "a whole number"),
+    "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
+    "str": (lambda value: isinstance(value, str) and "\0" not in value, "text"),
+    "Path": (lambda value: isinstance(value, Path), "a path"),
+    "os.PathLike": (lambda value: isinstance(value, os.PathLike), "a path"),
+    "Callable": (callable, "a function"),
+    "Mapping": (lambda value: isinstance(value, Mapping), "a mapping"),
+    "Place": (
+        lambda value: value is None or isinstance(value, str) or _is_numbers(value),
+        "a name or coordinates",
+    ),
+    **dict.fromkeys(
+        ["Array", "ArrayLike", "Complex", "Index", "NDArray", "Pairs", "Thickness"], _NUMBERS
+    ),
+}

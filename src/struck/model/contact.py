@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import ContactError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, numbers
 from struck.model.mesh import Mesh, Surface
 
 Place = str | Sequence[float] | Array | None
@@ -111,7 +111,7 @@ def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
 
 
 def _three(values: object, name: str) -> Array:
-    array = np.asarray(values, dtype=np.float64)
+    array = numbers(name, values, error=ContactError)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise ContactError(f"{name} is {values!r}: give three finite numbers x, y, z")
     return array

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError
-from struck.model.arrays import Array, require_number
+from struck.model.arrays import Array, checked, numbers, require_number
 
 _STEPS, _PRECISION = 200, 1e-14
 
@@ -23,6 +23,7 @@ class Damping(Protocol):
         ...
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InternalFriction:
     """Losses inside the material and to the outside (van den Doel & Pai 1998, eq. 12 and 13).
@@ -51,6 +52,7 @@ class InternalFriction:
         return np.pi * self.loss_tangent * np.asarray(frequencies, float) + self.external
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rayleigh:
     """Losses in proportion to mass and stiffness (O'Brien et al. 2002, eq. 6 and 9).
@@ -83,6 +85,7 @@ class Rayleigh:
         return (self.mass + self.stiffness * squares) / 2 + self.external
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
     """Decay rates known at some frequencies, interpolated linearly in log f and log d.
@@ -104,6 +107,9 @@ class Measured:
     rates: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        for name in ("frequencies", "rates"):
+            given = numbers(name, getattr(self, name), error=MaterialError)
+            object.__setattr__(self, name, tuple(np.atleast_1d(given).ravel().tolist()))
         if len(self.frequencies) != len(self.rates) or not self.rates:
             raise MaterialError(
                 f"{len(self.frequencies)} frequencies and {len(self.rates)} decay rates: give one "

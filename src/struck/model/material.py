@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import MaterialError
-from struck.model.arrays import require_number
+from struck.errors import ArgumentError, MaterialError
+from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 
 
@@ -52,6 +52,11 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not isinstance(self.damping, Damping):
+            raise ArgumentError(
+                f"name is {self.name!r} and damping {self.damping!r}: give text and a Damping, as "
+                "Rayleigh"
+            )
         for label, value, unit in (
             ("density", self.density, " kg/m^3"),
             ("Young's modulus", self.youngs_modulus, " Pa"),
@@ -59,9 +64,9 @@ class Material:
             require_number(
                 f"{label} of {self.name}",
                 value,
-                most=1e30,
-                above=True,
-                wanted="it must exceed 0",
+                1e-9,
+                1e30,
+                wanted="it must exceed 0, and 1e-09 is the least",
                 unit=unit,
                 error=MaterialError,
             )
@@ -75,6 +80,7 @@ class Material:
             raise MaterialError(f"{name} is {value}: {wanted}")
 
     @classmethod
+    @checked
     def from_lame(
         cls, *, first: float, shear: float, density: float, damping: Damping, name: str = "custom"
     ) -> Material:
@@ -99,6 +105,7 @@ class Material:
         )
 
     @classmethod
+    @checked
     def named(cls, name: str, damping: str = "own") -> Material:
         """Look a material up.
 
@@ -135,6 +142,7 @@ class Material:
         """Lame's first constant lambda, Pa."""
         return 2 * self.shear_modulus * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
 
+    @checked
     def damped(self, damping: Damping) -> Material:
         """Return a copy with other losses."""
         return replace(self, damping=damping)
@@ -158,6 +166,7 @@ _SOFTEST, _SLOWEST = 1e5, 10.0  # Pa, m/s: less than of rubber
 _LARGEST_IN_GPA = 1300.0  # no solid's exceeds it
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
     """A gas at rest, which carries sound from a body to an ear."""

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, MeshError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 
 if TYPE_CHECKING:
     import igl
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
     """A triangle surface whose normals point out of the material.
@@ -42,7 +43,7 @@ class Mesh:
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64, ndmin=2)
-        faces = np.array(self.faces, dtype=np.int64, ndmin=2)
+        faces = np.array(indices("faces", self.faces), ndmin=2)
         _validate(points, faces)
         points.setflags(write=False)
         faces.setflags(write=False)
@@ -95,6 +96,7 @@ class Mesh:
         """Longest edge of the bounding box, m."""
         return float(np.ptp(self.bounds, axis=0).max())
 
+    @checked
     def scaled(self, factor: float) -> Mesh:
         """Return a copy `factor` times as large about the origin."""
         return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
@@ -113,6 +115,17 @@ class Triangles(Protocol):
     def faces(self) -> ArrayLike:
         """Vertex indices (F, 3)."""
         ...
+
+
+def indices(name: str, values: ArrayLike) -> Index:
+    """Return whole numbers that may name vertices; MeshError on any other."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iub" and not np.all(np.abs(array) < _MOST):  # NaN included
+        raise MeshError(f"{name} hold what numbers no vertex: give whole numbers from 0 on")
+    return array.astype(np.int64)
+
+
+_MOST = 2.0**53
 
 
 def _validate(points: Array, faces: Index) -> None:

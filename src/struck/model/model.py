@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import MaterialError, OptionError
-from struck.model.arrays import Array, Index, require_number, require_numbers
+from struck.model.arrays import Array, Index, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
@@ -139,6 +139,7 @@ class ModalModel:
         """Times to fall by 60 dB, s (M,)."""
         return np.log(1000) / np.maximum(self.decays, np.finfo(float).tiny)
 
+    @checked
     def contact(self, at: Place = None, direction: Place = None) -> Contact:
         """Find a contact on the body.
 
@@ -163,6 +164,7 @@ class ModalModel:
             point = located(self.geometry, self.places, at, len(self.coordinates))
         return Contact.on(self.gains.locator, self.geometry, point, direction)
 
+    @checked
     def damped(self, damping: Damping) -> ModalModel:
         """Return a copy with other losses; overdamped modes are dropped and counted."""
         every = damping.decays(self.natural_frequencies)
@@ -179,6 +181,7 @@ class ModalModel:
             ),
         )
 
+    @checked
     def scaled(self, factor: float) -> ModalModel:
         """Return the same body `factor` times as large: frequencies fall as 1/factor.
 
@@ -190,6 +193,7 @@ class ModalModel:
         require_number("factor", factor, 1e-9, 1e9, wanted="a size must exceed 1e-9")
         return self._remade(self._stiffness(factor), self.material, size=factor)
 
+    @checked
     def tuned(self, *, lowest: float) -> ModalModel:
         """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
 
@@ -203,6 +207,7 @@ class ModalModel:
         own = Each(rates=self.decays[0]) if self.material is None else self.material.damping
         return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
 
+    @checked
     def made_of(self, material: Material | str) -> ModalModel:
         """Return the same body of another isotropic material.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, checked
 
 _ROUNDS = 30
 _LEAST = 1e-12  # less than that would only make denormal numbers, which processors are slow at
@@ -96,6 +96,7 @@ class Survey:
         _require_gains(self)
 
     @classmethod
+    @checked
     def full(
         cls,
         contacts: Array,
@@ -109,9 +110,12 @@ class Survey:
         calibrated: bool = False,
     ) -> Survey:
         """Take gains, and their errors, (P, Q, M) of every contact heard by every listener."""
+        gains = np.asarray(gains)
+        if gains.ndim != 3:
+            raise OptionError(f"gains have shape {gains.shape}: give (contacts, listeners, modes)")
         return cls(
-            contacts=contacts,
-            listeners=listeners,
+            contacts=np.asarray(contacts),
+            listeners=np.asarray(listeners),
             pairs=np.argwhere(np.ones(gains.shape[:2])),
             gains=gains.reshape(-1, gains.shape[2]),
             frequencies=frequencies,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.gains import Gains
 from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
@@ -386,6 +386,7 @@ class TimbreField(Gains):
     is_calibrated: bool
 
     @classmethod
+    @checked
     def of(cls, survey: Survey, *, radius: float = 0.0, worst: float = WORST) -> TimbreField:
         """Make the field of what was recorded.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index, Mask
+from struck.model.arrays import Array, Complex, Index, Mask, checked
 from struck.model.gains import Gains
 from struck.model.survey import Survey, from_spherical
 
@@ -74,6 +74,7 @@ def combinations(axes: tuple[GridAxis, ...]) -> Array:
     return np.stack([each.ravel() for each in every], axis=1)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SinglePoint(Gains):
     """Gains of a body struck at one place and heard from one, alike in all directions.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.contact import Place
 from struck.model.gains import Gains, ShapeGains
 from struck.model.model import ModalModel
@@ -26,6 +26,7 @@ _STAYING = 0.05
 _REFERENCES = ("glasberg1990", "terhardt1979", "fastl2007")
 
 
+@checked
 def audible(
     model: ModalModel,
     contacts: Sequence[Place] | None = None,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, require_number
+from struck.model.arrays import Array, Complex, checked, require_number
 from struck.model.contact import Place
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -136,6 +136,7 @@ _STEP = 0.5
 _LOWEST, _HIGHEST = 20.0, 20_000.0
 
 
+@checked
 def sonic_distance(
     a: ModalModel,
     b: ModalModel,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from struck.errors import FileFormatError, OptionError
 from struck.files.atomic import read_bytes, write_bytes
 from struck.files.container import from_bytes, to_bytes
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, checked, require_number
 from struck.model.contact import Contact
 from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
@@ -128,6 +128,7 @@ class SoundMap:
         """The triangles as a place to look contacts up on."""
         return Surface(self.surface)
 
+    @checked
     def stored(self, point: ArrayLike) -> tuple[int, float]:
         """Return which stored contact sounds at a point, and what to multiply it by.
 
@@ -146,6 +147,7 @@ class SoundMap:
         faces, weights = self.locator.barycentric(contact.point)
         return int(self.owners[faces[0]]), float(weights[0] @ self.factors[faces[0]])
 
+    @checked
     def at(self, point: ArrayLike) -> Complex:
         """Return the gains of a unit impulse at a point, straight into the surface (M,).
 
@@ -166,6 +168,7 @@ class SoundMap:
         energies = np.square(np.abs(self.gains)) * integrated(self.decays)
         return energies @ self.frequencies / energies.sum(axis=1)
 
+    @checked
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map as parameters, whole or not at all: a safetensors file.
 
@@ -195,6 +198,7 @@ class SoundMap:
         return found
 
 
+@checked
 def sound_map(
     model: ModalModel,
     threshold_db: float = THRESHOLD,
@@ -203,8 +207,8 @@ def sound_map(
     level: float | None = None,
 ) -> SoundMap:
     """Choose how few contacts are enough, and which sounds where (see `struck.api.sound_map`)."""
-    if not (np.isfinite(threshold_db) and threshold_db > 0):
-        raise OptionError(f"threshold_db is {threshold_db}: it must exceed 0, such as 3")
+    wanted = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
+    require_number("threshold_db", threshold_db, 0.1, wanted=wanted)
     surface = surface_of(model)
     heard = HeardModel.at(model, listener, level)
     if len(heard.listeners) > 1:

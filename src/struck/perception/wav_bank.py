@@ -14,7 +14,7 @@ from struck.errors import FileFormatError, OptionError
 from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.perception.sound_map import SoundMap
 
 Render = Callable[[Array, Array], Sound]
@@ -25,6 +25,7 @@ _FORMAT, _VERSION = "struck-bank", 1
 _ENCODING = "int24"
 
 
+@checked
 def write_bank(
     sound_map: SoundMap,
     folder: str | os.PathLike[str],
@@ -65,7 +66,7 @@ def write_bank(
     if encoding not in wav.ENCODINGS:
         raise OptionError(f"encoding is {encoding!r}: give one of {', '.join(wav.ENCODINGS)}")
     pushes = zip(sound_map.contacts, sound_map.directions, strict=True)
-    sounds = [render(contact, direction) for contact, direction in pushes]
+    sounds = [_rendered(render, contact, direction) for contact, direction in pushes]
     factor = PEAK / _peak(sounds)
     place = _made(folder)
     digits = len(str(len(sounds) - 1))
@@ -126,3 +127,11 @@ def _manifest(sound_map: SoundMap, names: list[str], sound: Sound, factor: float
             "factors": np.round(sound_map.factors, 6).tolist(),
         },
     }
+
+
+def _rendered(render: Render, contact: Array, direction: Array) -> Sound:
+    """Return what `render` makes of a contact, once it is a sound."""
+    made = render(contact, direction)
+    if not isinstance(made, Sound):
+        raise OptionError(f"render returned a {type(made).__name__}: return a Sound")
+    return made

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.gains import Radiation, quarter_turns
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
@@ -60,6 +60,7 @@ class ObrienCoupling:
         return frequencies * displacements * amounts * quarter_turns(frequencies)
 
 
+@checked
 class RadiatedPower:
     """Pressure from the power that a mode radiates into free air.
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.files.atomic import real
-from struck.model.arrays import Array, Complex, Index
+from struck.model import arrays
+from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.survey import SYMMETRIES
 from struck.recordings.acceptance import Bounds
 from struck.recordings.manifest import (
@@ -160,6 +161,7 @@ class SurveyPlan:
     silent: Index = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
+    @checked
     def of(
         cls,
         contacts: Array,
@@ -189,7 +191,8 @@ class SurveyPlan:
         OptionError
             When there is no such listener.
         """
-        places = listeners - (np.zeros(3) if centre is None else centre)
+        places = arrays.numbers("listeners", listeners, width=3)
+        places = places - (np.zeros(3) if centre is None else centre)
         pivot = _generic(places, symmetry) if listener is None else listener
         if not 0 <= pivot < len(listeners):
             raise OptionError(f"listener is {pivot}: there are 0 to {len(listeners) - 1}")
@@ -458,6 +461,7 @@ def _require_distinct(values: Iterable[object], what: str) -> None:
         known.add(value)
 
 
+@checked
 def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
     """Read a plan from a TOML file.
 

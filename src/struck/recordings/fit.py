@@ -16,7 +16,7 @@ from struck.errors import OptionError, RecordingError
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
@@ -72,6 +72,7 @@ _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
 
 
+@checked
 def fit_recordings(
     recordings: Recording | Sequence[Recording],
     *,

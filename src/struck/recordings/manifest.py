@@ -18,7 +18,7 @@ import numpy as np
 
 from struck.errors import FileFormatError, RecordingError
 from struck.files.atomic import is_file, read_bytes, real
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.survey import SYMMETRIES, from_spherical
 
 NAME = "manifest.toml"  # of the manifest that `struck record` writes
@@ -172,6 +172,7 @@ class Manifest:
         return _HEAD + _lines(head) + "".join(_entry_text(entry) for entry in self.entries)
 
 
+@checked
 def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     """Read a manifest, TOML or CSV.
 

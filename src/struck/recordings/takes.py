@@ -14,7 +14,7 @@ from struck.errors import FileFormatError, MissingDependencyError, OptionError, 
 from struck.files import wav
 from struck.files.atomic import is_file, is_folder, read_bytes, real
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Mask
+from struck.model.arrays import Array, Mask, checked
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES
 from struck.recordings.manifest import KINDS, NAME, Manifest, read_manifest
@@ -30,6 +30,7 @@ _OTHERS = {
 }
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Take:
     """Samples of one or several microphones, with one hit or several.
@@ -61,11 +62,13 @@ class Take:
         samples.setflags(write=False)
 
     @classmethod
+    @checked
     def of(cls, sound: Sound, name: str = "the take") -> Take:
         """Take a sound."""
         return cls(samples=sound.samples.astype(float), sample_rate=sound.sample_rate, name=name)
 
     @classmethod
+    @checked
     def load(cls, path: str | os.PathLike[str]) -> Take:
         """Read a WAV, FLAC or AIFF file.
 

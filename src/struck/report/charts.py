@@ -13,7 +13,7 @@ import numpy as np
 from struck.errors import FileFormatError
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
 from struck.report.surface_picture import Painter
@@ -51,6 +51,7 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
     return figure
 
 
+@checked
 def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a sound (else how long modes ring)."""
     if not len(model.frequencies):

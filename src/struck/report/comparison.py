@@ -20,7 +20,7 @@ from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.exponentials import samples
 from struck.model.html import document, picture, table
 from struck.model.model import ModalModel
@@ -177,6 +177,7 @@ class Comparison:
         return self.page()
 
 
+@checked
 def compare(
     model: ModalModel,
     other: Other,

@@ -15,7 +15,7 @@ import numpy as np
 from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK
-from struck.model.arrays import Array, Mask
+from struck.model.arrays import Array, Mask, checked
 from struck.model.html import document, note, picture, table
 from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
@@ -53,6 +53,7 @@ _BYTES = 2 * 4 / 3  # of one sample of 16 bits, as text
 _SHORTER = 0.1  # a sound may lack this much of its end without a word, s
 
 
+@checked
 def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
     """Write the page, whole or not at all.
 
@@ -64,6 +65,7 @@ def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
     write_bytes(path, report(fitting).encode())
 
 
+@checked
 def report(fitting: Fitting) -> str:
     """Return a page that needs no other file.
 

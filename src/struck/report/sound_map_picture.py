@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.perception.auditory_scale import integrated
 from struck.perception.sound_map import SoundMap
 from struck.report.charts import FAINT, INK, chart, counted
@@ -22,6 +22,7 @@ _COLOURS = "viridis"  # as bright as the sound, and the colour-blind can read it
 _SILENT = "#d9d9d9"
 
 
+@checked
 def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
     """Draw the brightness of a sound map, and beside it, where `cells`, that of what it plays."""
     from matplotlib.cm import ScalarMappable

@@ -12,12 +12,13 @@ from struck.ears.listeners import Course3, Trajectory
 from struck.ears.propagation import Emitter, aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.model import ModalModel
 
 Action = Excitation | Hold  # what may happen to a body
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
     """A model among others.

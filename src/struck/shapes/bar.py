@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, require_number
+from struck.model.arrays import Array, checked, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes.beam import ENDS, Beam, Bending, bending
@@ -31,6 +31,7 @@ from struck.solids import Block, Tube
 from struck.solids.resolution import require_length
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RectangularSection:
     """A solid rectangle.
@@ -89,6 +90,7 @@ class RectangularSection:
         return Block(size=(length, self.width, self.thickness)), UPRIGHT
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoundSection:
     """A disc, or the ring of a tube.
@@ -161,6 +163,7 @@ class RoundSection:
         return Tube(length=length, radius=self.radius, wall=self.wall or self.radius), ALONG_X
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenSection:
     """Any section, symmetric about y and z, by its constants.
@@ -239,6 +242,7 @@ THEORIES = {
 _ROUNDING = 1e-14
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bar(Shape):
     """A straight bar along x that bends along z.

@@ -13,7 +13,7 @@ from scipy import special
 from scipy.interpolate import BarycentricInterpolator
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.bessel import at_edge, membrane_roots, ring_parts
 from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
@@ -182,6 +182,7 @@ def _ring(orders: Index, roots: Array, ratio: float) -> tuple[Array, Array]:
     return regular / np.sqrt(square), singular / np.sqrt(square)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnnularMembrane(Shape):
     """A taut ring around the origin, held at its outer edge and at that of its round hole.
@@ -253,6 +254,7 @@ class AnnularMembrane(Shape):
         return _round_membrane(disk, self.thickness, self.tension, material, highest)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CircularMembrane(Shape):
     """A taut disk around the origin, held at its edge.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.bessel import (
     Function,
@@ -191,6 +191,7 @@ _ROUNDING = 1e-12
 _THIN = 0.1
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CircularPlate(Shape):
     """A thin disk around the origin that resists bending.

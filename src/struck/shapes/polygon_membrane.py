@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from struck.errors import MeshError, OptionError, SolverError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.material import Material
 from struck.shapes.particular_solutions import Basis, Found, PolygonForms, Trial, refined
 from struck.shapes.polygon import Polygon, Triangulation, around, edge_for, plan_of
@@ -237,6 +237,7 @@ def _packed(basis: Basis, found: list[Found], proved_to: float) -> LaplacianSpec
 _MOST_MODES = 1000
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolygonMembrane(Shape):
     """A membrane under tension, held along a polygon that does not cross itself.
@@ -301,6 +302,7 @@ class PolygonMembrane(Shape):
             raise OptionError(str(error)) from error
 
     @classmethod
+    @checked
     def l_shape(cls, *, side: float, thickness: float, tension: float) -> PolygonMembrane:
         """Make the L-shape: three squares of a `side`, m, in the quadrant x, y > 0.
 
@@ -338,7 +340,7 @@ class PolygonMembrane(Shape):
             When near modes cannot be told apart.
         """
         speed = float(np.sqrt(self.tension / (material.density * self.thickness)))
-        bound = (2 * np.pi * highest / speed) ** 2
+        bound = np.square(2 * np.pi * highest / speed)
         count = expected(self._plan, bound)
         if count > _MOST_MODES:
             raise OptionError(

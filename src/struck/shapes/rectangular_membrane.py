@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
 from struck.shapes.skins import Rectangle, Sheet
@@ -44,6 +44,7 @@ def _sines(shares: Array, half_waves: Index) -> Array:
     return np.sin(np.pi * np.clip(shares, 0, 1)[:, None] * numbers)[:, back]
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RectangularMembrane(Shape):
     """A taut rectangle, held at its edges x = 0, x = length, y = 0 and y = width.

@@ -14,7 +14,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_jacobi
 
 from struck.errors import OptionError, SolverError
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.shape import Counterpart, Shape, Vibration, require_clamped_or_free
 from struck.shapes.skins import Rectangle, Sheet
@@ -279,6 +279,7 @@ _ROUNDING = 1e-11
 _REMAINING = 3.0
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RectangularPlate(Shape):
     """A thin plate from x = 0 to length and y = 0 to width that resists bending.

@@ -181,13 +181,14 @@ def _spread(surface: Mesh) -> tuple[Array, Array]:
 
 def require_tension(body: str, tension: float) -> None:
     """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
-    name, wanted = f"tension of the {body}", "it must exceed 0"
-    require_number(name, tension, above=True, wanted=wanted, unit=" N/m")
+    name, wanted = f"tension of the {body}", "it must exceed 0, and 1e-12 N/m is the least"
+    require_number(name, tension, 1e-12, wanted=wanted, unit=" N/m")
 
 
 def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
     """Refuse bands with over 100,000 modes by Weyl's law: about area wavenumber^2 / (4 pi)."""
-    require_count(body, area * wavenumber**2 / (4 * math.pi), highest)
+    # A product in place of a square, which does not become infinite but raises.
+    require_count(body, area * wavenumber * wavenumber / (4 * math.pi), highest)
 
 
 def require_count(body: str, count: float, highest: float) -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from struck.model.arrays import Array, Index, require_number
+from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes.shape import Shape, Vibration, require_count
@@ -38,6 +38,7 @@ class StringForms:
         return replace(self, numbers=self.numbers[modes])
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class String(Shape):
     """A round string along x, held at both ends, that moves along z.

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.solids.hexahedra import divided, lattice, quadrilaterals, stacked
 from struck.solids.meridian import INSET, Patch, revolved
 from struck.solids.polygon_mesh import (
@@ -37,6 +37,7 @@ from struck.solids.resolution import (
 from struck.solids.volume_mesh import VolumeMesh
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrusion:
     """A plate or prism: a polygon in (x, y), with or without holes, from z = 0 to `height`.
@@ -170,6 +171,7 @@ def _near_corner(loops: Loops) -> Array:
 Places = Mapping[str, Array]
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tube:
     """A straight tube along z, its middle at the origin; a rod where the wall fills it.
@@ -259,6 +261,7 @@ class Tube:
         )
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """A rectangular block, its centre at the origin.

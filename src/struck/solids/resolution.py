@@ -52,10 +52,11 @@ def require_counts(elements: tuple[int, ...], names: Sequence[str], least: Seque
     if len(elements) != len(names):
         raise OptionError(f"elements are {elements}: give {len(names)} counts, {', '.join(names)}")
     for name, count, bound in zip(names, elements, least, strict=True):
-        if count != int(count) or count < bound:
-            raise OptionError(
-                f"elements {name} are {count}: give a whole number of at least {bound}"
-            )
+        wanted = f"give a whole number of at least {bound}"
+        require_number(f"elements {name}", count, bound, _MOST_ELEMENTS, whole=True, wanted=wanted)
+
+
+_MOST_ELEMENTS = 10_000  # in one direction
 
 
 def require_round(around: int) -> None:

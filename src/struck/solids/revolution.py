@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from struck.errors import MeshError, OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked, numbers
 from struck.solids.meridian import (
     Counts,
     Goblet,
@@ -38,6 +38,7 @@ from struck.solids.volume_mesh import VolumeMesh
 Thickness = float | Sequence[float] | Array
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stem:
     """A solid stem and the foot that it stands on, for a bowl that starts on the axis.
@@ -65,7 +66,7 @@ class Stem:
     foot_wall: Thickness
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radii", tuple(float(radius) for radius in self.radii))
+        object.__setattr__(self, "radii", tuple(numbers("radii", self.radii).ravel().tolist()))
         object.__setattr__(self, "foot", _profile("foot", self.foot))
         object.__setattr__(self, "foot_wall", _thickness("foot_wall", self.foot_wall, self.foot))
         if len(self.radii) < 2:
@@ -75,6 +76,7 @@ class Stem:
         _require_start_on_axis("the foot", self.foot)
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Revolution:
     """A body of revolution about the z axis.

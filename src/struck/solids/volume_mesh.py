@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index, Mask
-from struck.model.mesh import Mesh
+from struck.model.arrays import Array, Index, Mask, checked, numbers
+from struck.model.mesh import Mesh, indices
 from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VolumeMesh:
     """Nodes and elements of one kind.
@@ -40,6 +41,11 @@ class VolumeMesh:
     up: str = "z"
 
     def __post_init__(self) -> None:
+        for name, array in (
+            ("nodes", numbers("nodes", self.nodes, width=3, error=MeshError)),
+            ("elements", indices("elements", self.elements)),
+        ):
+            object.__setattr__(self, name, array)
         if self.kind not in ELEMENTS:
             raise MeshError(f"elements of kind {self.kind!r} are unknown: use {sorted(ELEMENTS)}")
         wanted = len(self.element.nodes)

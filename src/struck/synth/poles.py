@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
-from struck.model.arrays import Array, Complex, require_number
+from struck.model.arrays import Array, Complex, numbers, require_number
 
 LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000  # Hz
 LONGEST_BLOCK = 4096
 STRONGEST = 1e9  # N, force of a sample
 
 
+@runtime_checkable
 class Ringing(Protocol):
     """What resonators need to know of a body."""
 
@@ -104,6 +105,8 @@ def require_pushes(
     # A drive that is the very array of the `last` block need not be looked at again.
     checked: dict[Key, tuple[Array, Array]] = {}
     for push in pushes:
+        if not isinstance(push, Push):
+            raise OptionError(f"a push is a {type(push).__name__}: give a Push")
         key = (push.body, push.voice)
         if not 0 <= push.body < len(poles):
             raise OptionError(f"a push names body {push.body}: there are 0 to {len(poles) - 1}")
@@ -122,7 +125,7 @@ def require_pushes(
 
 
 def _force(push: Push, block: int) -> Array:
-    force = np.asarray(push.force, np.float64)
+    force = numbers("a force", push.force)
     if force.shape != (block,):
         raise OptionError(f"a force has shape {force.shape}: give {block} samples")
     # One sum of squares, small and no NaN, tells the same of nearly every block in less time.
@@ -135,7 +138,7 @@ def _force(push: Push, block: int) -> Array:
 
 
 def _drive(push: Push, poles: Poles) -> Array:
-    drive = np.asarray(push.drive, np.float64)
+    drive = np.atleast_1d(numbers("a drive", push.drive))
     poles.require_size(drive, "a drive")
     if not np.isfinite(drive).all():
         raise OptionError("a drive is not finite: look at the model's gains")
@@ -158,7 +161,7 @@ def require_outputs(
 
 
 def _output(output: NDArray[np.generic], poles: Poles, points: int) -> Complex:
-    gains = np.atleast_2d(np.asarray(output, np.complex128))
+    gains = np.atleast_2d(numbers("an output", output, kind=np.complex128))
     if gains.ndim != 2 or len(gains) != points:
         raise OptionError(f"outputs have shape {gains.shape}: give ({points}, modes)")
     poles.require_size(gains, "an output")

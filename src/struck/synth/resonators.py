@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from struck.core import compiled, entry
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
-from struck.model.arrays import Array, Complex
+from struck.model.arrays import Array, Complex, checked, require_number
 from struck.synth.memory import (
     BodyColumn,
     Drive,
@@ -148,6 +148,7 @@ class Stepped:
         self._drives[key] = drive
 
 
+@checked
 class Resonators:
     """Modes of all bodies, pushed and heard block after block.
 
@@ -192,7 +193,7 @@ class Resonators:
         quiet: float = QUIET,
     ) -> None:
         require_session(sample_rate, block, points)
-        if not models:
+        if not len(models):
             raise OptionError("there are 0 models: give at least one")
         self.sample_rate, self.block, self.points = sample_rate, block, points
         self._poles = [Poles.of(model, sample_rate) for model in models]
@@ -218,9 +219,10 @@ class Resonators:
         """Which bodies are asleep (bodies,)."""
         return self._engine.asleep
 
+    @checked
     def states(self, body: int) -> Complex:
         """Return c of a body's modes after the last block (M,)."""
-        return self._engine.states(body)
+        return self._engine.states(self._number(body))
 
     def process(
         self, pushes: Sequence[Push] = (), outputs: Sequence[NDArray[np.generic] | None] = ()
@@ -253,6 +255,7 @@ class Resonators:
         self._last = checked
         return samples
 
+    @checked
     def change(self, body: int, model: Ringing) -> None:
         """Let a body go on with other frequencies and decays, from the states that it has.
 
@@ -264,7 +267,12 @@ class Resonators:
         OptionError
             When the model is not fit to ring, or has another number of modes.
         """
-        poles = Poles.of(model, self.sample_rate)
+        poles, body = Poles.of(model, self.sample_rate), self._number(body)
         self._poles[body].require_size(poles.values, "the changed model")
         self._engine.take_poles(body, poles)
         self._poles[body] = poles
+
+    def _number(self, body: int) -> int:
+        """Return the number of a body, once it is one."""
+        require_number("body", body, 0, len(self._poles) - 1, whole=True)
+        return int(body)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -214,6 +214,7 @@ def _sums(odds: Array) -> tuple[Array, Array]:
 _BESIDE = 1.0  # where a model is heard from, m beyond its centre
 
 
+@runtime_checkable
 class FittedModes(Protocol):
     """Modes fitted to a recording.
 

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from struck.errors import MaterialError, OptionError, RecordingError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked, require_number
 from struck.model.damping import Measured, ringing
 from struck.model.material import Material
 from struck.model.model import ModalModel
@@ -36,6 +36,7 @@ from struck.recordings.calibration.pairing import Pairing, explains, paired
 _SHARED = 1e-3
 
 
+@checked
 def corrected(
     model: ModalModel, fitted: FittedModes | ModalModel, pairing: Pairing | None = None
 ) -> ModalModel:
@@ -379,6 +380,7 @@ class Calibration:
         ]
 
 
+@checked
 def calibrated(
     fitted: FittedModes | ModalModel,
     model: ModalModel,
@@ -442,6 +444,7 @@ def calibrated(
     )
 
 
+@checked
 def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     """Return the material of a model from which another can be inferred.
 
@@ -452,8 +455,8 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     OptionError
         On a `size_error` below 0.
     """
-    if not (np.isfinite(size_error) and size_error >= 0):
-        raise OptionError(f"size_error is {size_error}: give a relative error of at least 0")
+    wanted = "give a relative error of at least 0"
+    require_number("size_error", size_error, 0, 1, wanted=wanted)
     if model.material is None:
         raise MaterialError("the model's own material is unknown: analyze the shape with a guess")
     if model.tensioned:

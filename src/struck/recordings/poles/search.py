@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from struck.errors import OptionError
-from struck.model.arrays import AnyComplex, Array, Index, Mask
+from struck.model.arrays import AnyComplex, Array, Index, Mask, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
@@ -408,6 +408,7 @@ METHODS = ("shared", "corbett2007")
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # many small products: threads only wait
+@checked
 def fit_poles(
     takes: Take | Sequence[Take],
     *,

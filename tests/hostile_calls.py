@@ -1,0 +1,744 @@
+"""Calls of the public names with arguments that are right; tests put others in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+import struck
+from struck import (
+    analysis,
+    ears,
+    excitation,
+    files,
+    model,
+    perception,
+    radiation,
+    recordings,
+    report,
+    scene,
+    shapes,
+    solids,
+    synth,
+)
+
+RATE = 8000
+ON = (0.1, 0.0, 0.0025)
+PATH = [ON, (0.2, 0.0, 0.0025)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """A callable, arguments that it takes, and what is done with what it returns."""
+
+    made: Callable[..., Any]
+    given: Mapping[str, Any]
+    use: Callable[[Any], object] | None = None
+    dear: bool = False  # takes more than 0.3 s of a processor even with the right arguments
+    long: bool = False  # may take minutes, of arguments that a person might give
+
+
+@cache
+def bar() -> struck.ModalModel:
+    return struck.analyze(shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+
+
+@cache
+def box() -> struck.Mesh:
+    solid = trimesh.creation.box((0.2, 0.1, 0.01))
+    return struck.Mesh(points=np.asarray(solid.vertices), faces=np.asarray(solid.faces))
+
+
+@cache
+def block() -> struck.ModalModel:
+    return struck.analyze(solids.Block(size=(0.2, 0.03, 0.01)), "steel", accuracy="preview")
+
+
+@cache
+def sound() -> struck.Sound:
+    return struck.render(bar(), struck.Strike(impulse=0.01), seconds=0.3, sample_rate=RATE)
+
+
+@cache
+def fitting() -> recordings.Fitting:
+    return recordings.fit_recordings(sound(), modes=4, cache=False)
+
+
+@cache
+def survey() -> model.Survey:
+    chance = np.random.default_rng(3)
+    contacts, listeners = chance.random((6, 2)), 1 + chance.random((5, 3))
+    gains = chance.normal(size=(6, 5, 3)) + 1j * chance.normal(size=(6, 5, 3))
+    return model.Survey.full(contacts, listeners, gains, np.array([300.0, 700.0, 900.0]))
+
+
+@cache
+def sound_map() -> struck.SoundMap:
+    return struck.sound_map(bar(), 20.0)
+
+
+@cache
+def resonators() -> synth.Resonators:
+    engine = synth.Resonators([bar()], block=16, sample_rate=RATE)
+    engine.process([], [np.ones((1, len(bar().frequencies)))])
+    return engine
+
+
+def heard(made: Any) -> None:  # noqa: ANN401 - of any excitation
+    """Play an excitation: what comes out is finite."""
+    finite(struck.render(bar(), made, seconds=0.05, sample_rate=RATE))
+
+
+def finite(made: struck.Sound) -> None:
+    assert np.isfinite(made.samples).all()
+
+
+def sounding(made: struck.ModalModel) -> None:
+    """Strike a model: what comes out is finite."""
+    if made.geometry is not None or not len(made.frequencies):
+        finite(struck.render(made, struck.Strike(), seconds=0.05, sample_rate=RATE))
+
+
+def heard_by(made: Any) -> None:  # noqa: ANN401 - of any listener
+    finite(struck.render(bar(), struck.Strike(), listener=made, seconds=0.05, sample_rate=RATE))
+
+
+def analyzed(made: Any) -> None:  # noqa: ANN401 - of any shape
+    sounding(struck.analyze(made, "steel", band=(20.0, 2000.0)))
+
+
+def cut(made: Any) -> None:  # noqa: ANN401 - of any solid
+    assert np.isfinite(made.volume_mesh("preview").nodes).all()
+
+
+def of_material(made: struck.Material) -> None:
+    sounding(bar().made_of(made))
+
+
+def damped(made: struck.Damping) -> None:
+    sounding(bar().damped(made))
+
+
+def inside(made: ears.Room) -> None:
+    heard_in = struck.Mono(position=(1.0, 1.0, 1.5))
+    body = scene.Body(model=bar(), excitations=struck.Strike(), position=(2.0, 2.0, 1.0))
+    finite(struck.render([body], listener=heard_in, room=made, seconds=0.05, sample_rate=RATE))
+
+
+MODES = {
+    "points": box().points,
+    "faces": box().faces,
+    "frequencies": [400.0, 900.0],
+    "shapes": np.random.default_rng(0).normal(size=(len(box().points), 3, 2)),
+    "material": struck.Material.named("steel"),
+    "mass": 1.0,
+    "centre": (0.0, 0.0, 0.0),
+    "inertia": np.eye(3),
+}
+
+
+def calls(folder: Path) -> dict[str, Call]:
+    """Return a call of each public name that takes arguments."""
+    return {
+        **_shapes(),
+        **_materials(),
+        **_excitations(),
+        **_ears(),
+        **_models(folder),
+        **_verbs(folder),
+    }
+
+
+def _shapes() -> dict[str, Call]:
+    sheet = {"thickness": 2e-4, "tension": 5000.0}
+    box_of = {"length": 0.3, "width": 0.2}
+    return {
+        "shapes.Bar": Call(
+            made=shapes.Bar,
+            given={
+                "length": 0.3,
+                "width": 0.03,
+                "thickness": 0.005,
+                "ends": "free",
+                "theory": "timoshenko",
+            },
+            use=analyzed,
+        ),
+        "shapes.String": Call(
+            made=shapes.String,
+            given={"length": 0.6, "radius": 4e-4, "tension": 100.0, "stiff": True},
+            use=analyzed,
+        ),
+        "shapes.CircularMembrane": Call(
+            made=shapes.CircularMembrane, given={"radius": 0.15, **sheet}, use=analyzed
+        ),
+        "shapes.AnnularMembrane": Call(
+            made=shapes.AnnularMembrane, given={"radius": 0.15, "hole": 0.03, **sheet}, use=analyzed
+        ),
+        "shapes.RectangularMembrane": Call(
+            made=shapes.RectangularMembrane, given={**box_of, **sheet}, use=analyzed
+        ),
+        "shapes.PolygonMembrane": Call(
+            made=shapes.PolygonMembrane,
+            given={"corners": [(0, 0), (0.3, 0), (0.3, 0.2), (0, 0.2)], **sheet},
+            use=analyzed,
+            dear=True,
+        ),
+        "shapes.PolygonMembrane.l_shape": Call(
+            made=shapes.PolygonMembrane.l_shape, given={"side": 0.1, **sheet}
+        ),
+        "shapes.CircularPlate": Call(
+            made=shapes.CircularPlate,
+            given={"radius": 0.1, "thickness": 2e-3, "edge": "free"},
+            use=analyzed,
+        ),
+        "shapes.RectangularPlate": Call(
+            made=shapes.RectangularPlate,
+            given={**box_of, "thickness": 2e-3, "edges": "supported"},
+            use=analyzed,
+        ),
+        "shapes.RectangularSection": Call(
+            made=shapes.RectangularSection, given={"width": 0.03, "thickness": 0.005}
+        ),
+        "shapes.RoundSection": Call(
+            made=shapes.RoundSection, given={"radius": 0.01, "wall": 0.001}
+        ),
+        "shapes.GivenSection": Call(
+            made=shapes.GivenSection,
+            given={"area": 1e-4, "second_moment": 1e-9, "shear_coefficient": 0.8},
+        ),
+        "solids.Block": Call(
+            made=solids.Block, given={"size": (0.3, 0.2, 0.1), "elements": (2, 2, 2)}, use=cut
+        ),
+        "solids.Tube": Call(
+            made=solids.Tube, given={"length": 0.3, "radius": 0.02, "wall": 0.002}, use=cut
+        ),
+        "solids.Extrusion": Call(
+            made=solids.Extrusion,
+            given={"outline": [(0, 0), (0.1, 0), (0.1, 0.1), (0, 0.1)], "height": 0.01},
+            use=cut,
+        ),
+        "solids.Revolution": Call(
+            made=solids.Revolution,
+            given={"profile": [(0.0, 0.0), (0.05, 0.0), (0.06, 0.1)], "wall": 0.003},
+            use=cut,
+        ),
+        "solids.Stem": Call(
+            made=solids.Stem,
+            given={
+                "radii": [0.01, 0.005, 0.01],
+                "foot": [(0.0, -0.1), (0.04, -0.1)],
+                "foot_wall": 0.003,
+            },
+        ),
+        "solids.VolumeMesh": Call(
+            made=solids.VolumeMesh,
+            given={
+                "nodes": np.vstack([np.zeros(3), np.eye(3)]),
+                "elements": [[0, 1, 2, 3]],
+                "kind": "tet4",
+                "up": "z",
+            },
+        ),
+    }
+
+
+def _materials() -> dict[str, Call]:
+    constants = {"density": 7800.0, "youngs_modulus": 2e11, "poisson_ratio": 0.3}
+    rayleigh = model.Rayleigh(mass=1.0, stiffness=1e-7)
+    return {
+        "model.Material": Call(
+            made=struck.Material,
+            given={**constants, "name": "mine", "damping": rayleigh},
+            use=of_material,
+        ),
+        "model.Material.from_lame": Call(
+            made=struck.Material.from_lame,
+            given={"first": 1e11, "shear": 8e10, "density": 7800.0, "damping": rayleigh},
+            use=of_material,
+        ),
+        "model.Material.named": Call(
+            made=struck.Material.named, given={"name": "steel", "damping": "own"}, use=of_material
+        ),
+        "model.Rayleigh": Call(
+            made=model.Rayleigh, given={"mass": 1.0, "stiffness": 1e-7, "external": 0.0}, use=damped
+        ),
+        "model.InternalFriction": Call(
+            made=model.InternalFriction, given={"loss_tangent": 1e-3, "external": 0.0}, use=damped
+        ),
+        "model.Measured": Call(
+            made=model.Measured,
+            given={"frequencies": (100.0, 1000.0), "rates": (1.0, 5.0)},
+            use=damped,
+        ),
+        "radiation.by_name": Call(made=radiation.by_name, given={"name": "power"}),
+        "radiation.RadiatedPower": Call(made=radiation.RadiatedPower, given={"air": model.AIR}),
+    }
+
+
+def _excitations() -> dict[str, Call]:
+    rubbing = {"path": PATH, "speed": 0.1, "load": 1.0}
+    common = {"at": ON, "time": 0.0, "patch": 0.0}
+    return {
+        "excitation.Strike": Call(
+            made=struck.Strike,
+            given={
+                **common,
+                "impulse": 0.01,
+                "duration": 1e-3,
+                "shape": "hertz",
+                "transient": 0.1,
+                "seed": 1,
+            },
+            use=heard,
+        ),
+        "excitation.Strike by striker": Call(
+            made=struck.Strike,
+            given={"striker": "wood", "speed": 1.0, "direction": (0.0, 0.0, -1.0)},
+            use=heard,
+        ),
+        "excitation.Pluck": Call(
+            made=struck.Pluck, given={**common, "force": 1.0, "rise": 0.05}, use=heard
+        ),
+        "excitation.Release": Call(
+            made=struck.Release,
+            given={
+                "displacement": lambda points: 1e-4 * np.ones(len(points)),
+                "rise": 0.05,
+                "time": 0.0,
+            },
+            use=heard,
+        ),
+        "excitation.Hold": Call(
+            made=struck.Hold, given={**common, "grip": 10.0, "seconds": 0.1}, use=heard
+        ),
+        "excitation.ForceTrack": Call(
+            made=struck.ForceTrack,
+            given={**common, "force": np.ones(80), "sample_rate": 8000.0, "gain": 1.0},
+            use=heard,
+        ),
+        "excitation.Scrape": Call(
+            made=struck.Scrape,
+            given={
+                **rubbing,
+                "roughness": "sandpaper",
+                "radius": 0.005,
+                "seconds": 0.05,
+                "repeat": "once",
+                "seed": 0,
+            },
+            use=heard,
+        ),
+        "excitation.Roll": Call(
+            made=struck.Roll,
+            given={
+                **rubbing,
+                "radius": 0.01,
+                "material": "steel",
+                "flat": 0.0,
+                "seconds": 0.05,
+                "seed": 0,
+            },
+            use=heard,
+        ),
+        "excitation.TouchLog": Call(
+            made=excitation.TouchLog,
+            given={
+                "times": [0.0, 0.01],
+                "points": PATH,
+                "forces": [1.0, 0.0],
+                "speeds": [0.1, 0.1],
+            },
+            use=heard,
+        ),
+        "excitation.Roughness": Call(
+            made=struck.Roughness,
+            given={"heights": np.sin(np.arange(64.0)), "pitch": 1e-4, "name": "mine"},
+        ),
+        "excitation.Roughness.fractal": Call(
+            made=struck.Roughness.fractal,
+            given={"rms": 1e-5, "exponent": 2.0, "shortest": 1e-4, "longest": 1e-2, "seed": 0},
+        ),
+        "excitation.Roughness.named": Call(made=struck.Roughness.named, given={"name": "wood"}),
+        "excitation.Push": Call(
+            made=excitation.Push,
+            given={"force": np.ones(16), "drive": np.ones(len(bar().frequencies))},
+            use=lambda made: resonators().process([made]),
+        ),
+        "excitation.contact_time": Call(
+            made=excitation.contact_time,
+            given={"mass": 0.01, "radius": 0.01, "modulus": 1e9, "speed": 1.0},
+        ),
+        "excitation.impact_amplitudes": Call(
+            made=excitation.impact_amplitudes,
+            given={"model": bar(), "at": ON, "energy": 1.0, "distance": 1.0},
+        ),
+        "excitation.impact_impulse": Call(
+            made=excitation.impact_impulse, given={"model": bar(), "at": ON, "energy": 1.0}
+        ),
+    }
+
+
+def _ears() -> dict[str, Call]:
+    place = {"position": (0.0, 1.0, 0.0)}
+    facing = {**place, "facing": (0.0, -1.0, 0.0), "up": (0.0, 0.0, 1.0), "radius": 0.09}
+    return {
+        "ears.Mono": Call(made=struck.Mono, given=place, use=heard_by),
+        "ears.Stereo": Call(
+            made=struck.Stereo, given={**facing, "head": "simple1998"}, use=heard_by
+        ),
+        "ears.Binaural": Call(
+            made=struck.Binaural, given={**facing, "hrtf": "kemar"}, use=heard_by, dear=True
+        ),
+        "ears.SphereHead": Call(made=ears.SphereHead, given={"radius": 0.0875, "ear_angle": 90.0}),
+        "ears.MeasuredHead.named": Call(
+            made=ears.MeasuredHead.named, given={"name": "kemar"}, dear=True
+        ),
+        "ears.Room": Call(
+            made=struck.Room,
+            given={
+                "size": (5.0, 4.0, 3.0),
+                "walls": "brick",
+                "order": 2,
+                "corner": (0.0, 0.0, 0.0),
+            },
+            use=inside,
+        ),
+        "ears.Room.reverberation_time": Call(
+            made=struck.Room(size=(5, 4, 3)).reverberation_time, given={"formula": "eyring"}
+        ),
+        "ears.Room.responses": Call(
+            made=struck.Room(size=(5, 4, 3)).responses, given={"sample_rate": 8000.0, "taps": 64}
+        ),
+        "ears.Room.require_inside": Call(
+            made=struck.Room(size=(5, 4, 3)).require_inside,
+            given={"positions": [(1.0, 1.0, 1.0)], "name": "it"},
+        ),
+        "ears.Room.full_responses": Call(
+            made=struck.Room(size=(5, 4, 3)).full_responses,
+            given={
+                "source": (1.0, 1.0, 1.0),
+                "listeners": [(2.0, 2.0, 1.0)],
+                "sample_rate": 8000.0,
+                "order": 2,
+            },
+        ),
+        "ears.Reverberation": Call(
+            made=struck.Reverberation, given={"seconds": 0.5, "volume": 60.0, "seed": 0}
+        ),
+        "ears.Reverberation.tail": Call(
+            made=struck.Reverberation(seconds=0.3, volume=60).tail,
+            given={"sample_rate": 8000.0, "channels": 2, "start": 0.0, "ear_spacing": 0.175},
+        ),
+        "ears.Trajectory.of": Call(
+            made=ears.Trajectory.of, given={"name": "it", "course": (0.0, 1.0, 0.0)}
+        ),
+        "ears.Emitter": Call(
+            made=ears.Emitter,
+            given={"centre": ears.Trajectory.of("it", (0, 0, 0)), "radius": 0.1, "field": False},
+        ),
+        "ears.Hearing": Call(
+            made=ears.Hearing,
+            given={
+                "emitters": [ears.Emitter(centre=ears.Trajectory.of("it", (0, 0, 0)))],
+                "listener": struck.Mono(position=(0, 1, 0)),
+                "sample_rate": 8000.0,
+            },
+            use=lambda made: made.next_block(np.zeros((1, 32))),
+        ),
+    }
+
+
+def _models(folder: Path) -> dict[str, Call]:
+    chance = np.random.default_rng(5)
+    places = {"contacts": chance.random((6, 2)), "listeners": 1 + chance.random((5, 3))}
+    return {
+        "model.Mesh": Call(
+            made=struck.Mesh, given={"points": box().points, "faces": box().faces, "up": "z"}
+        ),
+        "model.Mesh.scaled": Call(made=box().scaled, given={"factor": 2.0}),
+        "model.ModalModel.contact": Call(
+            made=bar().contact, given={"at": ON, "direction": (0.0, 0.0, 1.0)}
+        ),
+        "model.ModalModel.damped": Call(
+            made=bar().damped, given={"damping": model.Rayleigh(mass=1, stiffness=0)}, use=sounding
+        ),
+        "model.ModalModel.scaled": Call(made=bar().scaled, given={"factor": 2.0}, use=sounding),
+        "model.ModalModel.tuned": Call(made=bar().tuned, given={"lowest": 440.0}, use=sounding),
+        "model.ModalModel.made_of": Call(
+            made=bar().made_of, given={"material": "glass"}, use=sounding
+        ),
+        "model.SinglePoint": Call(
+            made=model.SinglePoint, given={"outputs": np.ones(3, complex), "centre": np.zeros(3)}
+        ),
+        "model.Survey.full": Call(
+            made=model.Survey.full,
+            given={
+                **places,
+                "gains": np.ones((6, 5, 2), complex),
+                "frequencies": np.array([300.0, 500.0]),
+                "symmetry": "none",
+            },
+        ),
+        "model.TimbreField.of": Call(
+            made=model.TimbreField.of, given={"survey": survey(), "radius": 0.1, "worst": 0.1}
+        ),
+        "recordings.SurveyPlan.of": Call(
+            made=recordings.SurveyPlan.of, given={**places, "symmetry": "none", "listener": 0}
+        ),
+        "recordings.Take": Call(
+            made=recordings.Take,
+            given={"samples": np.zeros((1, 1000)), "sample_rate": 8000, "name": "it"},
+        ),
+        "recordings.Take.of": Call(made=recordings.Take.of, given={"sound": sound(), "name": "it"}),
+        "files.Sound": Call(
+            made=struck.Sound,
+            given={
+                "samples": np.zeros((1, 100), np.float32),
+                "sample_rate": 8000,
+                "calibrated": True,
+                "notes": ("a",),
+            },
+            use=lambda made: made.save(folder / "made.wav"),
+        ),
+        "files.Sound.save": Call(
+            made=sound().save,
+            given={"path": folder / "sound.wav", "level": "peak", "encoding": "int16"},
+        ),
+        "files.Sound.spectrogram": Call(
+            made=sound().spectrogram, given={"window": 0.04, "step": 0.005}
+        ),
+        "files.Cache": Call(
+            made=files.Cache, given={"folder": folder / "cache", "most_bytes": 2**20}
+        ),
+        "perception.SoundMap.at": Call(made=sound_map().at, given={"point": ON}),
+        "perception.SoundMap.stored": Call(made=sound_map().stored, given={"point": ON}),
+        "perception.SoundMap.save": Call(
+            made=sound_map().save, given={"path": folder / "map.safetensors"}
+        ),
+        "synth.Resonators": Call(
+            made=synth.Resonators,
+            given={
+                "models": [bar()],
+                "sample_rate": 8000.0,
+                "block": 16,
+                "points": 1,
+                "voices": 2,
+                "quiet": 1e-6,
+            },
+            use=lambda made: made.process(),
+        ),
+        "synth.Resonators.process": Call(
+            made=resonators().process,
+            given={
+                "pushes": [
+                    excitation.Push(force=np.ones(16), drive=np.ones(len(bar().frequencies)))
+                ],
+                "outputs": [np.ones((1, len(bar().frequencies)))],
+            },
+        ),
+        "synth.Resonators.change": Call(
+            made=resonators().change, given={"body": 0, "model": bar()}
+        ),
+        "synth.Resonators.states": Call(made=resonators().states, given={"body": 0}),
+        "scene.Body": Call(
+            made=scene.Body,
+            given={
+                "model": bar(),
+                "excitations": struck.Strike(),
+                "position": (0.0, 0.0, 0.0),
+                "rotation": np.eye(3),
+            },
+            use=lambda made: finite(struck.render([made], seconds=0.05, sample_rate=RATE)),
+        ),
+        "analysis.model_of_modes": Call(made=analysis.model_of_modes, given=MODES, use=sounding),
+        "report.overview": Call(
+            made=report.overview, given={"model": bar(), "sound": sound(), "title": "it"}, dear=True
+        ),
+        "report.sound_map_picture": Call(
+            made=report.sound_map_picture,
+            given={"sound_map": sound_map(), "cells": True},
+            dear=True,
+        ),
+        "report.report": Call(made=report.report, given={"fitting": fitting()}, dear=True),
+    }
+
+
+def _verbs(folder: Path) -> dict[str, Call]:
+    file, picture, wav = folder / "bar.struck", folder / "bar.png", folder / "bar.wav"
+    struck.save(bar(), file)
+    sound().save(wav)
+    trimesh.creation.box((0.2, 0.1, 0.01)).export(folder / "box.stl")
+    heard_there = {"listener": (0.0, 1.0, 0.0), "level": 80.0}
+    return {
+        "analyze": Call(
+            made=struck.analyze,
+            given={
+                "body": shapes.Bar(length=0.3, width=0.03, thickness=0.005),
+                "material": "steel",
+                "band": (20.0, 5000.0),
+                "damping": "own",
+                "radiation": "power",
+            },
+            use=sounding,
+        ),
+        "analyze a file": Call(
+            made=struck.analyze,
+            given={
+                "body": folder / "box.stl",
+                "material": "steel",
+                "units": "m",
+                "part": None,
+                "up": "z",
+                "accuracy": "preview",
+                "band": (20.0, 5000.0),
+                "wall": None,
+                "fixed": None,
+                "method": "fem",
+                "backend": "auto",
+                "cache": False,
+            },
+            use=sounding,
+            dear=True,
+        ),
+        "analyze a solid": Call(
+            made=struck.analyze,
+            given={
+                "body": solids.Block(size=(0.2, 0.03, 0.01), elements=(4, 1, 1)),
+                "material": "steel",
+                "accuracy": "preview",
+                "band": (20.0, 3000.0),
+                "fixed": [[0, 0, 0], [0.01, 1, 1]],
+                "size": None,
+                "cache": False,
+            },
+            use=sounding,
+        ),
+        "render": Call(
+            made=struck.render,
+            given={
+                "model": bar(),
+                "excitations": [struck.Strike(impulse=0.01)],
+                "seconds": 0.05,
+                "sample_rate": RATE,
+                "listener": (0.0, 1.0, 0.0),
+                "room": None,
+            },
+            use=finite,
+        ),
+        "load": Call(made=struck.load, given={"path": file}, use=sounding),
+        "save": Call(made=struck.save, given={"model": bar(), "path": folder / "again.struck"}),
+        "save for others": Call(
+            made=struck.save,
+            given={
+                "model": block(),
+                "path": folder / "it.sofa",
+                "contacts": ["top"],
+                "listeners": [(1.0, 0.0, 0.0)],
+            },
+        ),
+        "show": Call(made=struck.show, given={"model": bar(), "path": picture}, dear=True),
+        "compare": Call(
+            made=struck.compare,
+            given={
+                "model": bar(),
+                "other": sound(),
+                "strike": struck.Strike(at=ON),
+                "listener": (0.0, 1.0, 0.0),
+            },
+            dear=True,
+        ),
+        "fit": Call(
+            made=struck.fit,
+            given={
+                "recordings": sound(),
+                "modes": 4,
+                "method": "shared",
+                "way": "field",
+                "radius": 0.0,
+                "force": True,
+                "cache": False,
+            },
+            dear=True,
+        ),
+        "tune": Call(
+            made=struck.tune,
+            given={
+                "body": solids.Block(size=(0.2, 0.03, 0.01), elements=(4, 1, 1)),
+                "material": "steel",
+                "vary": "size",
+                "lowest": 400.0,
+                "accuracy": "preview",
+            },
+            dear=True,
+        ),
+        "audible": Call(
+            made=struck.audible,
+            given={"model": bar(), "contacts": [ON], **heard_there},
+            use=sounding,
+        ),
+        "sonic_distance": Call(
+            made=struck.sonic_distance,
+            given={"a": bar(), "b": bar(), "at": ON, "against": ON, "method": "erb", **heard_there},
+        ),
+        "sound_map": Call(
+            made=struck.sound_map,
+            given={"model": bar(), "threshold_db": 3.0, **heard_there},
+            long=True,
+        ),
+        "files.Sound.load": Call(made=struck.Sound.load, given={"path": wav}),
+        "files.load_body": Call(
+            made=files.load_body,
+            given={"path": folder / "box.stl", "units": "m", "part": None, "up": "z"},
+        ),
+        "files.load_surface": Call(
+            made=files.load_surface, given={"path": folder / "box.stl", "size": 0.2}
+        ),
+        "files.load_volume": Call(
+            made=files.load_volume, given={"path": folder / "no.msh", "units": "m"}
+        ),
+        "files.load_sofa_responses": Call(
+            made=files.load_sofa_responses, given={"path": folder / "no.sofa"}
+        ),
+        "recordings.read_manifest": Call(
+            made=recordings.read_manifest, given={"path": folder / "no.csv"}
+        ),
+        "recordings.read_plan": Call(made=recordings.read_plan, given={"path": folder / "no.toml"}),
+        "recordings.Take.load": Call(made=recordings.Take.load, given={"path": wav}),
+        "recordings.fit_poles": Call(
+            made=recordings.fit_poles,
+            given={
+                "takes": recordings.Take.of(sound()),
+                "method": "shared",
+                "budget": 4,
+                "attack": False,
+            },
+            dear=True,
+        ),
+        "recordings.inferable": Call(
+            made=recordings.inferable, given={"model": block(), "size_error": 0.0}
+        ),
+        "recordings.calibrated": Call(
+            made=recordings.calibrated,
+            given={"fitted": fitting().fitted, "model": bar(), "widest": 2.0, "size_error": 0.0},
+            dear=True,
+        ),
+        "recordings.corrected": Call(
+            made=recordings.corrected, given={"model": bar(), "fitted": fitting().fitted}
+        ),
+        "perception.write_bank": Call(
+            made=perception.write_bank,
+            given={
+                "sound_map": sound_map(),
+                "folder": folder / "bank",
+                "render": lambda _point, _direction: sound(),
+                "encoding": "int24",
+            },
+        ),
+    }

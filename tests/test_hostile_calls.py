@@ -1,0 +1,161 @@
+"""Arguments that nobody should give, to all public names: what comes is an answer or our error."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies
+
+from struck.errors import StruckError
+from tests.hostile_calls import Call, calls
+
+NUMBERS = (0, -1, 1, 3, 0.5, 1e-300, 1e300, -1e300, 1e9, 2**63, 10**400)
+NUMBERS += (float("nan"), float("inf"), -float("inf"))
+TEXTS = ("", "x", "nan", "1e400", "../x", "a$\\frac{$b", "steel\0", "/dev/zero", "x" * 5000)
+ARRAYS = ([], (), [1.0], [0, 0, 0], [np.nan] * 3, [1e300] * 3, [[1, 2], [3]], ["a", "b"], [None])
+ARRAYS += (
+    np.empty((0, 3)),
+    np.full((2, 3), np.inf),
+    np.ones((2, 2, 2)),
+    np.array(3.0),
+    [[1e9] * 3],
+)
+OTHERS = (
+    None,
+    True,
+    1j,
+    b"x",
+    {},
+    object(),
+    {"a": 1},
+    print,
+    slice(2),
+    np.array(["a"]),
+    Path("no"),
+)
+VALUES = (*NUMBERS, *TEXTS, *ARRAYS, *OTHERS)
+
+REFUSED, ACCEPTED = 2.0, 20.0  # seconds of a processor
+MEGABYTES, MOST_MEGABYTES = 200, 1500
+
+
+class TooLong(BaseException):
+    """More time than a call may take."""
+
+
+@contextmanager
+def bounded(megabytes: int) -> Iterator[None]:
+    """Let a call take so much memory beyond what is in use, and `ACCEPTED` seconds."""
+
+    def stop(*_: object) -> None:
+        raise TooLong
+
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    handler = signal.signal(signal.SIGVTALRM, stop)
+    resource.setrlimit(
+        resource.RLIMIT_AS, (pages * resource.getpagesize() + megabytes * 2**20, before[1])
+    )
+    signal.setitimer(signal.ITIMER_VIRTUAL, ACCEPTED)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        resource.setrlimit(resource.RLIMIT_AS, before)
+        signal.signal(signal.SIGVTALRM, handler)
+
+
+def kind(value: object) -> str:
+    """Return what sort of thing a value is: another sort is a wrong type."""
+    if isinstance(value, bool | np.bool_) or value is None:
+        return str(value)
+    if isinstance(value, int | float):
+        return "number"
+    if isinstance(value, str):
+        return "text"
+    if isinstance(value, np.ndarray) and (value.dtype.kind not in "fiuc" or not value.ndim):
+        return "no array of numbers"
+    if isinstance(value, list | tuple | np.ndarray):
+        return "array"
+    return type(value).__name__
+
+
+def attempt(call: Call, changed: Mapping[str, object]) -> str:
+    """Return what is wrong with what comes of changed arguments; nothing where it is right."""
+    wrong_type = any(kind(value) != kind(call.given[name]) for name, value in changed.items())
+    allowed = (StruckError, TypeError) if wrong_type else StruckError
+    for megabytes in (MEGABYTES, MOST_MEGABYTES):
+        begun = time.process_time()
+        try:
+            with bounded(megabytes), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                made = call.made(**{**call.given, **changed})
+                if call.use is not None:
+                    call.use(made)
+        except allowed as error:
+            taken = time.process_time() - begun
+            if taken > REFUSED:
+                return f"{taken:.1f} s until it was refused"
+            return "" if str(error) else f"{type(error).__name__} without a word"
+        except TooLong:
+            return "" if call.long else f"more than {ACCEPTED} s"
+        except MemoryError:
+            continue
+        except Exception as error:  # noqa: BLE001 - what is looked for
+            return f"{type(error).__name__}: {error}"
+        return ""
+    return f"more than {MOST_MEGABYTES} MB"
+
+
+@cache
+def table() -> dict[str, Call]:
+    return calls(Path(mkdtemp(prefix="struck-hostile-")))
+
+
+def draw(data: strategies.DataObject, *, dear: bool) -> None:
+    """Change one or two arguments of one call."""
+    names = [name for name, call in table().items() if dear or not call.dear]
+    name = data.draw(strategies.sampled_from(names))
+    call = table()[name]
+    options = sorted(call.given)
+    chosen = data.draw(
+        strategies.lists(strategies.sampled_from(options), min_size=1, max_size=2, unique=True)
+    )
+    changed = {
+        option: VALUES[data.draw(strategies.integers(0, len(VALUES) - 1))] for option in chosen
+    }
+    assert not attempt(call, changed), (name, changed)
+
+
+@hypothesis.settings(max_examples=50, suppress_health_check=list(hypothesis.HealthCheck))
+@hypothesis.given(strategies.data())
+def test_what_nobody_should_give_is_refused_in_words(data: strategies.DataObject) -> None:
+    draw(data, dear=False)
+
+
+@pytest.mark.prove
+@hypothesis.settings(max_examples=5000, suppress_health_check=list(hypothesis.HealthCheck))
+@hypothesis.given(strategies.data())
+def test_five_thousand_times_nobody_should(data: strategies.DataObject) -> None:
+    draw(data, dear=True)
+
+
+@pytest.mark.prove
+def test_the_right_arguments_are_taken() -> None:
+    for call in table().values():
+        if call.dear or "/no." in str(call.given):
+            continue
+        made = call.made(**call.given)
+        if call.use is not None:
+            call.use(made)
