@@ -262,6 +262,8 @@ def memory_of_this_process() -> int:
 def check(kind: str, numbers: range, folder: Path) -> None:
     path = folder / f"a.{kind}"
     outcomes = []
+    if sys.platform == "linux":  # what the tests before took is not theirs
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     for number in numbers:
         path.write_bytes(mutant(kind, number))
         outcomes.append(outcome(path))

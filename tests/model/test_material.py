@@ -262,7 +262,9 @@ def test_a_modulus_in_another_unit_is_told(modulus: float, density: float, told:
 
 def test_no_true_material_is_doubted() -> None:
     rubber = Material(density=1100, youngs_modulus=3e5, poisson_ratio=0.49)
+    without_units = Material(density=1.0, youngs_modulus=2.6, poisson_ratio=0.3)
     assert not rubber.doubt
+    assert not without_units.doubt
     assert not any(Material.named(name).doubt for name in NAMES)
 
 

@@ -152,7 +152,8 @@ class Material:
         """What is said of a Young's modulus so low that another unit was probably meant, or ""."""
         modulus = self.youngs_modulus
         speed = math.sqrt(modulus / self.density)
-        if modulus >= _SOFTEST and speed >= _SLOWEST:
+        plausible = modulus >= _SOFTEST and speed >= _SLOWEST
+        if plausible or self.density < _LIGHTEST:  # then numbers are without units
             return ""
         unit, factor = ("GPa", "e9") if modulus < _LARGEST_IN_GPA else ("MPa", "e6")
         return (
@@ -163,6 +164,7 @@ class Material:
 
 _LARGEST_POISSON_RATIO = 0.495
 _SOFTEST, _SLOWEST = 1e5, 10.0  # Pa, m/s: less than of rubber
+_LIGHTEST = 10.0  # kg/m^3, of solids
 _LARGEST_IN_GPA = 1300.0  # no solid's exceeds it
 
 
