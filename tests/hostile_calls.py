@@ -566,6 +566,9 @@ def _models(folder: Path) -> dict[str, Call]:
             given={"sound_map": sound_map(), "cells": True},
             dear=True,
         ),
+        "report.save_report": Call(
+            made=report.save_report, given={"fitting": fitting(), "path": folder / "report.html"}
+        ),
         "report.report": Call(made=report.report, given={"fitting": fitting()}, dear=True),
     }
 
@@ -711,6 +714,11 @@ def _verbs(folder: Path) -> dict[str, Call]:
         ),
         "recordings.read_plan": Call(made=recordings.read_plan, given={"path": folder / "no.toml"}),
         "recordings.Take.load": Call(made=recordings.Take.load, given={"path": wav}),
+        "recordings.fit_recordings": Call(
+            made=recordings.fit_recordings,
+            given={"recordings": [sound()], "modes": 4, "room": None, "residual": False},
+            dear=True,
+        ),
         "recordings.fit_poles": Call(
             made=recordings.fit_poles,
             given={

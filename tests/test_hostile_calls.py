@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
 import resource
 import signal
 import time
@@ -17,6 +20,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies
 
+import struck
+from struck.cli import main
 from struck.errors import StruckError
 from tests.hostile_calls import Call, calls
 
@@ -159,3 +164,101 @@ def test_the_right_arguments_are_taken() -> None:
         made = call.made(**call.given)
         if call.use is not None:
             call.use(made)
+
+
+# The shell: each command with words that are right, of which one is exchanged.
+TUBE = "tube:length=0.2,radius=0.01,wall=0.001"
+BAR = "--shape bar --length 0.3 --width 0.03 --thickness 0.005"
+LINES = [
+    f"analyze {BAR} --material steel --band 20,5000 -o a.struck",
+    f"analyze {TUBE} --material oak --accuracy preview --no-cache -o b.struck",
+    "analyze box.stl --material glass --units m --accuracy preview --band 20,4000 -o c.struck",
+    "info bar.struck --modes 5",
+    "render bar.struck --strike 0.02@0 --impulse 0.1 --seconds 0.1 --rate 8000 -o d.wav",
+    "render bar.struck --scrape 0.1..0.2 --load 1 --speed 0.1 --seconds 0.1 -o e.wav",
+    "render bar.struck --pluck 0.1 --force 1 --listener 0,1,0 --head exact --seconds 0.1 -o f.wav",
+    "export bar.struck --contacts 0.02 --listeners 1,0,0 --seconds 0.1 --rate 8000 -o g.sofa",
+    "compare bar.struck bar.wav --strike 0.02 --listener 0,1,0",
+    "fit bar.wav --modes 4 --force --way field --method shared --no-cache -o h.struck",
+    f"tune {TUBE} --material steel --vary length --lowest 700 --accuracy preview",
+    "calibrate bar.struck bar.wav --density 7850 --size-error 0.01",
+    "sound-map bar.struck --threshold 20 --level 80 --listener 0,1,0",
+    "record plan.toml -o takes --simulate nowhere",
+    "play bar.struck --seconds 0.1 --rate 8000 --block 64 --device nothing",
+    "show bar.struck -o j.png",
+]
+WORDS = ("-1", "0", "inf", "1e300", "-", "--", "0,0", "1,2,x", "..", "@", "--nonsense", *TEXTS[:-2])
+
+
+def outcome_of_line(words: list[str]) -> str:
+    """Return what is wrong with what a command does; nothing where it is right."""
+    begun = time.process_time()
+    try:
+        with bounded(MOST_MEGABYTES), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            code = main(words)
+    except SystemExit as end:
+        code = end.code
+    except TooLong:
+        return f"more than {ACCEPTED} s"
+    except BaseException as error:  # noqa: BLE001 - what is looked for
+        return f"{type(error).__name__}: {error}"
+    if code == 2 and time.process_time() - begun > REFUSED:
+        return "a long time until it was refused"
+    return "" if code in {0, 2} else f"exit code {code}"
+
+
+def draw_line(data: strategies.DataObject) -> None:
+    words = data.draw(strategies.sampled_from(LINES)).split()
+    place = data.draw(strategies.integers(1, len(words) - 1))
+    words[place] = data.draw(strategies.sampled_from(WORDS))
+    folder = Path(table()["load"].given["path"]).parent
+    with contextlib.chdir(folder), open_ended():
+        assert not outcome_of_line(words), words
+
+
+@contextmanager
+def open_ended() -> Iterator[None]:
+    """Let what commands print go nowhere."""
+    with (
+        Path(os.devnull).open("w") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+        contextlib.redirect_stderr(nowhere),
+    ):
+        yield
+
+
+@hypothesis.settings(max_examples=15, suppress_health_check=list(hypothesis.HealthCheck))
+@hypothesis.given(strategies.data())
+def test_words_that_nobody_should_type_are_refused(data: strategies.DataObject) -> None:
+    draw_line(data)
+
+
+@pytest.mark.prove
+@hypothesis.settings(max_examples=500, suppress_health_check=list(hypothesis.HealthCheck))
+@hypothesis.given(strategies.data())
+def test_five_hundred_times_nobody_should_type_them(data: strategies.DataObject) -> None:
+    draw_line(data)
+
+
+# Public names that no call of the table makes, by why.
+UNCALLED = {
+    "to be had by others' things": "Damping Excitation Filters Gains Head Listener Shape",
+    "made by struck itself": "Calibration CapturePlan Comparison Device Exponentials Fitted",
+    "made by it as well": "Fitting Manifest MeasuredHead ModalModel Modes Provenance Residual",
+    "made by it in between": "ShapeGains TimbreTable",
+    "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials roughnesses strikers",
+    "without arguments either": "wall_materials",
+    "on a device": "DeviceRecorder Player PortAudio capture microphone",
+    "for minutes": "gallery",
+}
+
+
+def test_every_public_name_is_called() -> None:
+    stubs = Path(struck.__file__).parent.glob("*/__init__.pyi")
+    listed = re.compile(r"^from \.\S+ import (\w+) as", re.MULTILINE)
+    public = {name for stub in stubs for name in listed.findall(stub.read_text("utf-8"))}
+    called = {word for key in table() for word in re.split(r"[. ]", key)}
+    exempt = {name for names in UNCALLED.values() for name in names.split()}
+    assert public - called - exempt == set()
+    assert not (exempt & called) - {"MeasuredHead", "ModalModel"}  # methods of theirs are called

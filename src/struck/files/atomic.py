@@ -16,6 +16,7 @@ import sys
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -196,10 +197,16 @@ def _host() -> str:
     facts = platform.node()
     if sys.platform == "linux":
         try:
-            facts += _BOOT.read_text(encoding="ascii") + str(_NAMESPACE.readlink())
+            facts += _kept_text(_BOOT) + str(_NAMESPACE.readlink())
         except OSError:
             facts = secrets.token_hex(8)  # nobody's, so that nobody sweeps what may be written
     return f"{zlib.crc32(facts.encode()):08x}"
+
+
+@cache
+def _kept_text(path: Path) -> str:
+    """Return the text of a file that does not change while the computer runs."""
+    return path.read_text(encoding="ascii")
 
 
 def _is_gone(process: int) -> bool:

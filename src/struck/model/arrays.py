@@ -248,7 +248,7 @@ def _is_whole(value: Any) -> bool:  # noqa: ANN401 - any object
 
 def _is_numbers(value: object) -> bool:
     """Tell whether a value is a number, or a list or an array of numbers."""
-    if isinstance(value, list | tuple):
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         try:
             value = np.asarray(value)
         except (ValueError, OverflowError, TypeError):
