@@ -494,7 +494,7 @@ def _models(folder: Path) -> dict[str, Call]:
         ),
         "recordings.Take": Call(
             made=recordings.Take,
-            given={"samples": np.zeros((1, 1000)), "sample_rate": 8000, "name": "it"},
+            given={"samples": sound().samples, "sample_rate": 8000, "name": "it"},
         ),
         "recordings.Take.of": Call(made=recordings.Take.of, given={"sound": sound(), "name": "it"}),
         "files.Sound": Call(
