@@ -157,6 +157,7 @@ def test_five_thousand_times_nobody_should(data: strategies.DataObject) -> None:
 
 
 @pytest.mark.prove
+@pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 def test_the_right_arguments_are_taken() -> None:
     for call in table().values():
         if call.dear or "/no." in str(call.given):
