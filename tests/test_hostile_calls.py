@@ -103,7 +103,7 @@ def attempt(call: Call, changed: Mapping[str, object]) -> str:
     for megabytes in (MEGABYTES, MOST_MEGABYTES):
         begun = time.process_time()
         try:
-            with bounded(megabytes), warnings.catch_warnings():
+            with contextlib.chdir(folder()), bounded(megabytes), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 made = call.made(**{**call.given, **changed})
                 if call.use is not None:
@@ -124,8 +124,14 @@ def attempt(call: Call, changed: Mapping[str, object]) -> str:
 
 
 @cache
+def folder() -> Path:
+    """Return where calls write, whatever names they are given."""
+    return Path(mkdtemp(prefix="struck-hostile-"))
+
+
+@cache
 def table() -> dict[str, Call]:
-    return calls(Path(mkdtemp(prefix="struck-hostile-")))
+    return calls(folder())
 
 
 def draw(data: strategies.DataObject, *, dear: bool) -> None:
@@ -213,8 +219,8 @@ def draw_line(data: strategies.DataObject) -> None:
     words = data.draw(strategies.sampled_from(LINES)).split()
     place = data.draw(strategies.integers(1, len(words) - 1))
     words[place] = data.draw(strategies.sampled_from(WORDS))
-    folder = Path(table()["load"].given["path"]).parent
-    with contextlib.chdir(folder), open_ended():
+    table()  # writes the files that commands read
+    with contextlib.chdir(folder()), open_ended():
         assert not outcome_of_line(words), words
 
 
