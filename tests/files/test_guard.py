@@ -744,3 +744,10 @@ def test_nodes_in_circles_and_diamonds_end(tmp_path: Path, children: list[int]) 
     except MeshError as error:
         assert "took longer" not in str(error)  # noqa: PT017
     assert time.perf_counter() - started < 5
+
+
+def test_what_people_are_told_of_the_limits_holds() -> None:
+    told = (Path(__file__).parents[2] / "SECURITY.md").read_text("utf-8")
+    limits = ReadingLimits()
+    assert f"{limits.memory / 2**30:g} GB of memory" in told
+    assert f"{limits.seconds:g} s of processor time and {limits.wall:g} s of clock" in told
