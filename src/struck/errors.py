@@ -72,7 +72,7 @@ class LossWarning(UserWarning):
 
 
 class ScaleWarning(UserWarning):
-    """A body has so many modes that its lengths may not be in metres: which unit may be meant."""
+    """Lengths may not be in metres, or a modulus not in Pa: the unit that may be meant."""
 
 
 class RepairWarning(UserWarning):

@@ -1,4 +1,4 @@
-"""Arguments: short names of arrays for annotations, and the checks of what is given.
+"""Arrays and other arguments: short names for annotations, and checks of the values given.
 
 `checked` compares what a public name is given with its annotations: whoever gives text for a
 number, or a path for a material, learns it from the argument's name, not from an error deep in the
@@ -123,7 +123,7 @@ def require_sample_rate(sample_rate: float, *, whole: bool = False, least: float
 # What the annotations of public names ask for, checked before anything is made.
 
 Made = TypeVar("Made", bound=Callable[..., Any])
-# Whether a value is of a sort, and what the sort is called.
+# A kind of argument: a test of a value, and the words by which messages name the kind.
 Sort = tuple[Callable[[Any], bool], str]
 
 _BITS = 1023  # of the largest whole number that fits one of double precision
@@ -216,7 +216,7 @@ def _list_of(inner: tuple[Sort, ...]) -> Sort:
 
 
 def _of_kind(kind: Any, name: str) -> Sort | None:  # noqa: ANN401 - any object
-    """Return the sort of a class or of a union of classes; None where it cannot be told."""
+    """Return the test that a class, or a union of classes, makes of arguments; None if neither."""
     if isinstance(kind, UnionType):
         parts = [_of_kind(get_origin(each) or each, each.__name__) for each in get_args(kind)]
         if not all(parts):

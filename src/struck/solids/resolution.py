@@ -166,9 +166,9 @@ def _extrusion_nodes(area: float, height: float, edge: float) -> float:
 
 
 MOST_MODES = 100_000
-"""That an analysis takes on: of a body that has more, the scale is wrong."""
+"""Modes that an analysis takes on at most: the scale of a body that has more is wrong."""
 MANY_MODES = 5_000
-"""From which on one is told: most such bodies were meant a thousand times smaller."""
+"""Modes of a body above which its scale is doubted: most were meant a thousand times smaller."""
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
 _CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved

@@ -249,10 +249,10 @@ class Resonators:
             On forces, drives or outputs that are not finite or do not fit, before anything is
             changed.
         """
-        checked = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
+        pushing = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
         gains = require_outputs(outputs, self._poles, self.points)
-        samples = self._engine.next_block(checked, gains)
-        self._last = checked
+        samples = self._engine.next_block(pushing, gains)
+        self._last = pushing
         return samples
 
     @checked
