@@ -57,6 +57,7 @@ def _shown(value: object) -> str:
 
 
 _LONGEST_SHOWN = 60  # characters of a value in a message
+_MOST = 1e100  # of a number: its square, and sums of such, are finite
 
 
 def require_numbers(
@@ -67,29 +68,40 @@ def require_numbers(
     least: float | None = None,
     gaps: bool = False,
 ) -> None:
-    """Refuse all but an array of numbers of that shape; with `gaps` some may be NaN or infinite."""
+    """Refuse all but an array of numbers of that shape, none so large that a square overflows.
+
+    With `gaps` some may be NaN or infinite.
+    """
     array = values if isinstance(values, np.ndarray) or shape else np.asarray(values)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iufc":
         raise ArgumentError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
     if array.shape != shape:
         raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
-    with np.errstate(all="ignore"):
-        total = array.sum()  # takes no memory; not finite where it is merely too large, too
-    if not (gaps or np.isfinite(total) or np.isfinite(array).all()):
-        wrong = array[~np.isfinite(array)]
-        raise OptionError(
-            f"{name}: {wrong.size} of {array.size} numbers are not finite, as {wrong[0]}: leave "
-            "those out"
-        )
     if least is not None and np.any(array < least):
         raise OptionError(f"{name}: some go down to {np.nanmin(array):g}: give at least {least:g}")
+    if not gaps and array.dtype.kind in "fc":
+        flat = array.reshape(-1)
+        with np.errstate(all="ignore"):
+            total = np.vdot(flat, flat).real  # one pass that takes no memory
+        if not float(total) <= _MOST**2:
+            _refuse_beyond(name, array)
+
+
+def _refuse_beyond(name: str, array: Array) -> None:
+    """Refuse numbers that are not finite or beyond `_MOST`."""
+    wrong = array[~(np.abs(array).astype(np.float64) <= _MOST)]
+    if wrong.size:
+        raise OptionError(
+            f"{name}: {wrong.size} of {array.size} numbers are not finite or beyond {_MOST:g}, as "
+            f"{wrong[0]}: leave those out"
+        )
 
 
 def require_number(
     name: str,
     value: object,
     least: float = 0.0,
-    most: float = 1e100,
+    most: float = _MOST,
     *,
     wanted: str = "it must be a finite number of at least 0",
     above: bool = False,

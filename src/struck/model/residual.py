@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -12,7 +13,7 @@ from struck.errors import OptionError
 from struck.model.arrays import Array
 
 FADE = 0.01  # the attack goes over into the noise within this time, s
-_GONE, _LONGEST = np.log(1000), 10.0  # noise lasts until -60 dB, at most s
+_GONE, _LONGEST = math.log(1000), 10.0  # noise lasts until -60 dB, at most s
 _FINEST = 48_000  # largest denominator of a ratio of sample rates
 _RATES = (1_000, 1_000_000)  # lowest and highest sample rate, Hz
 
