@@ -24,7 +24,7 @@ from struck.model.survey import SYMMETRIES, from_spherical
 NAME = "manifest.toml"  # of the manifest that `struck record` writes
 KINDS = (".toml", ".csv")
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
-LARGEST = 2**26  # bytes of a file that is read
+LARGEST = 2**23  # bytes of a file that is read: a worse one of so many takes ten seconds
 _BITS = 63  # of a whole number in TOML, its sign apart
 # Reading a key takes time as the square of its parts.
 _DEEPEST = 64

@@ -379,3 +379,11 @@ def test_loops_of_a_tube() -> None:
     rims = loops(faces)
     assert [len(rim) for rim in rims] == [24, 24]
     assert {float(np.ptp(tube.vertices[rim, 2])) for rim in rims} == {0.0}
+
+
+def test_more_faces_than_are_repaired_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("struck.solids.surface.repair.MOST_FACES", 1000)
+    whole = mesh(trimesh.creation.icosphere(subdivisions=4))
+    assert not repaired(whole).found  # one without damage may have any number
+    with pytest.raises(MeshError, match=r"damaged and has 5,119 faces, and at most 1,000 are.*dec"):
+        repaired(Mesh(points=whole.points, faces=whole.faces[1:]))

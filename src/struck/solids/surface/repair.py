@@ -61,6 +61,8 @@ LARGEST_OPENING = 0.1
 _BURIED = 1e-3  # share of the area within the material from which on crossing faces matter
 _LOST, _INVENTED = 0.05, 0.1  # share that a rebuilt surface may lose, or have in excess
 _PATCH = 0.02  # share of the area below which pieces of an open surface are crumbs
+MOST_FACES = 2_000_000
+"""Faces of a surface that is repaired at most: of that many it takes minutes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,6 +108,11 @@ def repaired(mesh: Mesh, *, wall: float | None = None) -> Repair:
     before = _volume(mesh)
     if _is_clean(mesh):
         return Repair(mesh=mesh, volume_before=before, volume_after=before)
+    if len(mesh.faces) > MOST_FACES:
+        raise MeshError(
+            f"it is damaged and has {len(mesh.faces):,} faces, and at most {MOST_FACES:,} are "
+            "repaired: decimate the surface, or export it again, closed"
+        )
     diary, (together, distance) = Diary(), sewn(mesh)
     if distance:
         merged = counted(len(mesh.points) - len(together.points), "vertex")
