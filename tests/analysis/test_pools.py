@@ -21,9 +21,9 @@ MOST_KILOBYTES = 2**20
 def made(number: int) -> tuple[Array, Array, int]:
     """Return the frequencies and the sound of a random body, and the memory that it took, kB."""
     chance = np.random.default_rng([40, number])
-    size = 10 ** chance.uniform(-1.3, -0.3)
+    size = 10 ** chance.uniform(-0.9, -0.3)
     solid = (
-        Block(size=tuple(size * chance.uniform(0.05, 1, 3)))
+        Block(size=(size, size * chance.uniform(0.1, 1), size * chance.uniform(0.02, 0.2)))
         if number % 2
         else Tube(length=size, radius=size / chance.uniform(4, 20), wall=size / 100)
     )

@@ -24,6 +24,7 @@ SHELL = (
     f"import os, sys; from struck.__main__ import main; os.write(1, {BEGUN!r}); sys.exit(main())"
 )
 STRING = "--shape string --length 0.65 --radius 2e-4 --tension 60 --material steel"
+CHIME = "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium"
 # About how long each takes, s, and its words.
 COMMANDS = [
     (0.3, "materials"),
@@ -35,6 +36,10 @@ COMMANDS = [
     (2.5, "analyze ball.stl --material steel --accuracy preview -o made.struck"),
     (1.5, "fit tap.wav -o made.struck"),
     (2.0, "compare bar.struck tap.wav"),
+    (1.5, "calibrate bar.struck tap.wav"),
+    (0.6, "export bar.struck --contacts 0.02 --listeners 1,0,0 -o made.sofa"),
+    (1.8, f"tune {CHIME} --vary length --lowest 587.33 --accuracy preview"),
+    (0.3, "cache"),
 ]
 
 
