@@ -51,6 +51,14 @@ def test_slices_hold_every_eigenvalue_once(limit: int, power: float) -> None:
     assert max(len(part.values) for part in parts) <= limit
 
 
+@pytest.mark.parametrize("bound", [101.0, 115.0, 130.0, 145.0])
+def test_a_gap_below_the_bound_leaves_no_empty_slice(bound: float) -> None:
+    values = np.concatenate([np.linspace(1, 100, 100), np.linspace(400, 900, 200)])
+    parts = sliced(values, bound, 30)
+    assert np.concatenate([part.values for part in parts]) == pytest.approx(values[:100], rel=1e-9)
+    assert all(len(part.values) for part in parts)
+
+
 @pytest.mark.parametrize(
     "times", [2, *(pytest.param(times, marks=pytest.mark.prove) for times in (5, 9, 13))]
 )

@@ -173,7 +173,8 @@ class Spectrum:
             tail, cut = _cut(upper, last.value, goal.value, goal.count - last.count)
             del upper
             self._done = (last.count + len(tail.values)) / goal.count
-        yield tail
+        if len(tail.values):
+            yield tail
 
     def _around(self, start: Reached, shift: Shift, goal: Reached) -> tuple[Eigenpairs, Eigenpairs]:
         """Return what lies between `start` and a shift, and as many above as make a slice."""
