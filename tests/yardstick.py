@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+
+from struck.model.provenance import FORECAST
 
 _NOISE = np.random.default_rng(0).normal(size=2**18)
 
@@ -23,3 +26,18 @@ def fastest(work: Callable[[], object], turns: int) -> float:
 def transforms(work: Callable[[], object], turns: int = 1) -> float:
     """Return how many real transforms of 2**18 samples take as long as some work."""
     return fastest(work, turns) / fastest(lambda: np.fft.rfft(_NOISE), 5)
+
+
+_USUAL = 4e-3  # s, of a transform where forecasts of seconds were fitted
+
+
+def slowness() -> float:
+    """Return how many times as long as there work takes here."""
+    return fastest(lambda: np.fft.rfft(_NOISE), 40) / _USUAL
+
+
+def seconds_foretold(stages: Iterable[str]) -> float:
+    """Return the seconds of a processor that an analysis said it would take, as they are here."""
+    told = " ".join(each for each in stages if each.startswith(FORECAST))
+    number, unit = re.search(r"about (\S+) (s|min) of a processor", told).groups()
+    return float(number.replace(",", "")) * {"s": 1, "min": 60}[unit] * slowness()

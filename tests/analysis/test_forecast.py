@@ -18,6 +18,7 @@ from struck.shapes import CircularPlate, RectangularPlate
 from struck.solids import Block, Tube
 from struck.solids.resolution import MOST_MODES, Forecast
 from struck.solids.revolution import bell, bowl, wine_glass
+from tests.yardstick import seconds_foretold
 
 STEEL, BRONZE, GLASS = (Material.named(name) for name in ("steel", "bronze", "glass"))
 
@@ -78,6 +79,48 @@ def test_forecasts_are_within_a_factor_of_two(name: str) -> None:
     assert told.lowest / found.frequencies[0] < 2  # else bodies with modes would be refused
 
 
+def solid_mesh(solid: trimesh.Trimesh) -> Mesh:
+    return Mesh(points=solid.vertices, faces=solid.faces)
+
+
+MESHES = {
+    "ball": solid_mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.08)),
+    "capsule": solid_mesh(trimesh.creation.capsule(height=0.2, radius=0.04)),
+    "torus": solid_mesh(trimesh.creation.torus(major_radius=0.1, minor_radius=0.03)),
+    "nut of a mesh": solid_mesh(trimesh.creation.annulus(r_min=0.02, r_max=0.04, height=0.03)),
+    "rail": solid_mesh(trimesh.creation.box((0.8, 0.07, 0.15))),
+    "board": solid_mesh(trimesh.creation.box((0.3, 0.2, 0.02))),
+    "cone": solid_mesh(trimesh.creation.cone(radius=0.05, height=0.12)),
+    "egg": solid_mesh(
+        trimesh.creation.icosphere(subdivisions=3, radius=0.05).apply_scale((1, 1, 1.6))
+    ),
+    "stick": solid_mesh(trimesh.creation.capsule(height=0.5, radius=0.02)),
+}
+FORETOLD = {name: (BODIES | MESHES)[name] for name in BODIES | MESHES if name != "cube"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        each if each in {"bar", "ball"} else pytest.param(each, marks=pytest.mark.prove)
+        for each in FORETOLD
+    ],
+)
+def test_forecasts_are_within_a_factor_of_three_in_seconds(name: str) -> None:
+    stages: list[str] = []
+    begun = time.process_time()
+    found = struck.analyze(
+        FORETOLD[name],
+        STEEL,
+        accuracy="preview",
+        cache=False,
+        progress=lambda stage, _: stages.append(stage),
+    )
+    told, taken = seconds_foretold(stages), time.process_time() - begun
+    assert 1 / 3 < told / taken < 3
+    assert len(found.frequencies)
+
+
 def nut(size: float) -> trimesh.Trimesh:
     return trimesh.creation.annulus(r_min=0.25 * size, r_max=0.5 * size, height=0.4 * size)
 
@@ -118,7 +161,7 @@ def test_a_size_that_is_too_large_is_told(tmp_path: Path) -> None:
 def test_what_takes_long_is_warned_of_with_the_band_that_does_not() -> None:
     hull = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))
     with (
-        pytest.warns(ScaleWarning, match=r"takes long:.*band=\(20, \d+\)"),
+        pytest.warns(ScaleWarning, match=r"take about \S+ s of a processor.*band=\(20, \d+\)"),
         pytest.raises(OptionError, match="stopped"),
     ):
         struck.analyze(hull, "oak", progress=stopped, cache=False)

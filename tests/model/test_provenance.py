@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from struck.model.provenance import TerminalProgress
+from struck.model.provenance import FORECAST, TerminalProgress
 
 
 class Terminal(io.StringIO):
@@ -44,3 +44,12 @@ def test_nothing_is_told_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPa
     progress("mesh", 0.5)
     progress.close()
     assert stream.getvalue() == ""
+
+
+def test_a_forecast_stays_to_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    progress = TerminalProgress()
+    progress(f"{FORECAST}about 200 modes", 0.0)
+    progress("iterate", 0.0)
+    assert terminal.getvalue().endswith("\r\x1b[Kforecast: about 200 modes\n\r\x1b[Kiterate")

@@ -27,8 +27,9 @@ from struck.model.material import Material
 from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
 from struck.model.modes import Modes
-from struck.model.provenance import Progress, Provenance, silent
+from struck.model.provenance import FORECAST, Progress, Provenance, silent
 from struck.radiation import by_name
+from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
     comparable,
@@ -39,7 +40,7 @@ from struck.solids.fem.error_estimates import (
 )
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.resolution import Forecast
+from struck.solids.resolution import Cost, Forecast
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
@@ -57,6 +58,7 @@ METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
+_CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
 def _model_to_bytes(model: ModalModel) -> bytes:
@@ -111,7 +113,7 @@ def analyze(
     solver = _solver(method, backend)
     progress("mesh", 0.0)
     source = discretise(body, file, stages, wall=wall, accuracy=accuracy, repair=repair)
-    _require_scale(source, chosen, highest, held=fixed is not None)
+    _require_scale(source, chosen, highest, progress, held=fixed is not None)
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )
@@ -240,13 +242,16 @@ class _Work:
 
 
 def _require_scale(
-    source: Discretisation, material: Material, highest: float, *, held: bool
+    source: Discretisation, material: Material, highest: float, progress: Progress, *, held: bool
 ) -> None:
-    """Refuse or warn of a body of a size that can hardly be meant, before it is cut."""
-    forecast = Forecast.of(source.outline, material, source.wall)
-    told = forecast.require_reasonable(highest, held=held)
+    """Tell what the modes of a body take, and refuse or warn where that can hardly be meant."""
+    forecast, nodes = Forecast.of(source.outline, material, source.wall), source.nodes
+    told = forecast.require_reasonable(highest, nodes, held=held)
+    cost = Cost.of(forecast.modes(highest), nodes)
     if told:
         warnings.warn(told, ScaleWarning, stacklevel=4)
+    factorisation.require(int(cost.memory / _CERTAIN))
+    progress(f"{FORECAST}{cost}", 0.0)
 
 
 def _require_band(band: tuple[float, float]) -> tuple[float, float]:

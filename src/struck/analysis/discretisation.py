@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -23,16 +23,19 @@ from struck.solids.filling.filling import (
     filled,
     filled_coarsely,
     nodes_allowed,
+    nodes_expected,
 )
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.surface.repair import Repair, repaired
-from struck.solids.volume_mesh import VolumeMesh
+from struck.solids.volume_mesh import PROMOTED, VolumeMesh
 
 SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
 ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
 COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMesh)
 FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
+
+_PROMOTED = 6.0  # times the nodes of linear elements that quadratic ones have
 
 
 @runtime_checkable
@@ -91,6 +94,11 @@ class GivenElements:
         """Surface of the body."""
         return self.mesh.surface()[0]
 
+    @property
+    def nodes(self) -> Sequence[float]:
+        """Number of nodes, once elements are quadratic."""
+        return [len(self.mesh.nodes) * (_PROMOTED if self.mesh.kind in PROMOTED else 1.0)]
+
     def coarse(self, _stages: Stages, /) -> Elements | None:
         """Return None: there is no second set."""
         return None
@@ -114,11 +122,22 @@ class StructuredSolid:
         """Surface of the body, roughly."""
         return self.solid.volume_mesh("preview").surface()[0]
 
-    def coarse(self, stages: Stages, /) -> Elements | None:
-        """Return the elements of the accuracy below."""
+    @property
+    def nodes(self) -> Sequence[float]:
+        """Number of nodes of the accuracy below, if there is one, and of its own."""
+        names = (*self._below, self.accuracy)
+        return [len(self.solid.volume_mesh(each).nodes) for each in names]
+
+    @property
+    def _below(self) -> tuple[str, ...]:
+        """The accuracy below, if there is one."""
         levels = list(ACCURACIES)
         level = levels.index(self.accuracy) if self.accuracy in levels else 0
-        return self._at(levels[level - 1], stages) if level else None
+        return tuple(levels[:level][-1:])
+
+    def coarse(self, stages: Stages, /) -> Elements | None:
+        """Return the elements of the accuracy below."""
+        return next((self._at(each, stages) for each in self._below), None)
 
     def fine(self, stages: Stages, _nodes: int, /) -> Elements:
         """Return the elements of its accuracy."""
@@ -160,6 +179,11 @@ class FilledSurface:
         if self.repair.sheet and self.wall is not None:
             return WalledSheet(mesh=self.repair.mesh, wall=self.wall)
         return FilledBody(mesh=self.repair.mesh, wall=self.wall)
+
+    @property
+    def nodes(self) -> Sequence[float]:
+        """Number of nodes, coarse (0: none) and fine, roughly."""
+        return nodes_expected(self._body, self.accuracy)
 
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return about a third of the nodes, where so few can follow the body."""

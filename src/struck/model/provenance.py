@@ -70,6 +70,7 @@ def bibliography() -> Mapping[str, str]:
 
 
 Progress = Callable[[str, float], None]  # takes a stage of long work and the fraction done
+FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
 def silent(_stage: str, _fraction: float) -> None:
@@ -90,7 +91,8 @@ class TerminalProgress:
         if stage != self._stage:
             self._stage, self._begun = stage, now
         if self._shown:
-            self._stream.write(f"\r\x1b[K{stage}{_share(fraction, now - self._begun)}")
+            kept = "\n" if stage.startswith(FORECAST) else ""
+            self._stream.write(f"\r\x1b[K{stage}{_share(fraction, now - self._begun)}{kept}")
             self._stream.flush()
 
     def close(self) -> None:

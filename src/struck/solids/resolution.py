@@ -169,11 +169,47 @@ MOST_MODES = 100_000
 """Modes that an analysis takes on at most: the scale of a body that has more is wrong."""
 MANY_MODES = 5_000
 """Modes of a body above which its scale is doubted: most were meant a thousand times smaller."""
+MANY_SECONDS = 300.0
+"""Seconds of a processor from which an analysis is told to take long."""
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
 _CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 _SMALL, _LARGE = 5e-3, 3.0  # m: lengths of things that are struck
+# Seconds of a processor of 2023, and bytes: at all, a node, and a node and mode.
+_SECONDS, _MEMORY = (0.5, 3.5e-4, 8e-6), (3e7, 4.5e4, 65.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What finding a number of modes takes, within a factor of about 2."""
+
+    modes: float
+    seconds: float  # of a processor
+    memory: float  # bytes
+
+    @classmethod
+    def of(cls, modes: float, nodes: Sequence[float]) -> Self:
+        """Return the cost of so many modes of one or two sets of elements of so many nodes."""
+        start, node, both = _SECONDS
+        seconds = start + sum(nodes) * (node + both * modes)
+        start, node, both = _MEMORY
+        return cls(modes=modes, seconds=seconds, memory=start + max(nodes) * (node + both * modes))
+
+    @property
+    def effort(self) -> str:
+        """Time and memory in words."""
+        minutes = self.seconds / 60
+        time = f"{_rough(self.seconds)} s" if minutes < 2 else f"{_rough(minutes)} min"
+        return f"about {time} of a processor and {_rough(self.memory / 1e9)} GB"
+
+    def __str__(self) -> str:
+        return f"about {_rough(self.modes)} modes, {self.effort}"
+
+
+def _rough(value: float) -> str:
+    """Return a figure in one digit."""
+    return f"{float(f'{value:.1g}'):,g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,10 +270,13 @@ class Forecast:
         above, below = 1 - ring / (3 * highest), 2 / 3 * math.sqrt(highest / ring)
         return above if highest > ring else below
 
-    def require_reasonable(self, highest: float, *, held: bool = False) -> str:
+    def require_reasonable(
+        self, highest: float, nodes: Sequence[float] = (0.0,), *, held: bool = False
+    ) -> str:
         """Return a warning about the scale, or nothing; raise OptionError where it must be wrong.
 
-        `highest`, Hz, is the end of the band; a body that is held has lower modes.
+        `highest`, Hz, is the end of the band; a body that is held has lower modes. The `nodes` are
+        those of each set of its elements.
         """
         count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
         if least > highest:
@@ -245,13 +284,15 @@ class Forecast:
                 f"no mode lies below {highest:g} Hz: the lowest is at about {self.lowest:.2g} Hz "
                 f"in {self._size} so check its units (lengths are in m), or widen band="
             )
-        if count <= MANY_MODES:
+        cost = Cost.of(count, nodes)
+        if count <= MANY_MODES and cost.seconds <= MANY_SECONDS:
             return ""
-        told = f"{self._size} has about {count:.1g} modes below {highest:g} Hz"
-        ways = f"{self._unit(highest)}end the band lower, as in band=(20, {self._end(highest):.0f})"
+        told = f"{self._size} has about {_rough(count)} modes below {highest:g} Hz"
+        end = self._end(highest, nodes)
+        ways = f"{self._unit(highest)}end the band lower, as in band=(20, {end:.0f})"
         if count > MOST_MODES:
             raise OptionError(f"{told}, and at most {MOST_MODES:,} are computed: {ways}")
-        return f"{told}, which takes long: {ways}"
+        return f"{told}, which take {cost.effort}: {ways}"
 
     @property
     def _size(self) -> str:
@@ -274,9 +315,12 @@ class Forecast:
             if _SMALL <= other.sides[0] <= _LARGE and other.modes(highest) <= MANY_MODES:
                 yield unit, other.sides[0]
 
-    def _end(self, highest: float) -> float:
-        """Return the end of a band that has few enough modes, in steps of a quarter octave."""
-        while self.modes(highest) > MANY_MODES:
+    def _end(self, highest: float, nodes: Sequence[float]) -> float:
+        """Return the end of a band that takes less long, in steps of a quarter octave."""
+        least = Cost.of(0.0, nodes).seconds
+        while (count := self.modes(highest)) > MANY_MODES or (
+            Cost.of(count, nodes).seconds > max(MANY_SECONDS, 2 * least)
+        ):
             highest /= 2**0.25
         return highest
 

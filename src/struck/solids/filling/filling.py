@@ -47,6 +47,7 @@ _FLATTEST_LAYER = 8  # spacing over wall at which one layer bends well; more if 
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
 _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few show most cavities
 _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the lattice grazes
+_CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over coarse nodes
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
 
 
@@ -73,6 +74,22 @@ def nodes_allowed(accuracy: str, wanted: int) -> int:
     """Return how many nodes the lattice may make where so many are wanted."""
     goal = accuracy_named(accuracy)
     return min(max(goal.nodes, wanted), goal.most)
+
+
+def nodes_expected(body: FilledBody | WalledSheet, accuracy: str) -> tuple[float, float]:
+    """Return about how many nodes a coarse filling, 0 if none follows the body, and a fine have."""
+    goal = accuracy_named(accuracy)
+    few = goal.coarser()
+    spacing = spacing_for(body, few.nodes)
+    coarse = _crowded(body, spacing) if nodes_for(body, spacing) <= few.most else 0.0
+    fine = _crowded(body, _spacing(body, min(goal.nodes, goal.most // 2), goal))
+    return coarse, min(max(fine, _FINER * coarse), goal.most)
+
+
+def _crowded(body: FilledBody | WalledSheet, spacing: float) -> float:
+    """Return about how many nodes a lattice makes with the cells that its surface cuts."""
+    shares = spacing / body.thickness if _is_solid(body) else 1.0
+    return nodes_for(body, spacing) * (1 + shares) / _CUT
 
 
 def filled(
