@@ -21,14 +21,14 @@ MOST_KILOBYTES = 2**20
 def made(number: int) -> tuple[Array, Array, int]:
     """Return the frequencies and the sound of a random body, and the memory that it took, kB."""
     chance = np.random.default_rng([40, number])
-    size = 10 ** chance.uniform(-0.9, -0.3)
+    size = 10 ** chance.uniform(-0.9, -0.5)
     solid = (
         Block(size=(size, size * chance.uniform(0.1, 1), size * chance.uniform(0.02, 0.2)))
         if number % 2
         else Tube(length=size, radius=size / chance.uniform(4, 20), wall=size / 100)
     )
     material = ("steel", "glass", "oak", "bronze")[number % 4]
-    model = struck.analyze(solid, material, accuracy="preview", cache=False)
+    model = struck.analyze(solid, material, accuracy="preview", band=(20, 12_000), cache=False)
     sound = struck.render(model, struck.Strike(), seconds=0.1)
     return model.frequencies, sound.samples, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 

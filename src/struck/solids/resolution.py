@@ -171,6 +171,7 @@ MANY_MODES = 5_000
 """Modes of a body above which its scale is doubted: most were meant a thousand times smaller."""
 MANY_SECONDS = 300.0
 """Seconds of a processor from which an analysis is told to take long."""
+_RIGID = 6  # motions without bending, which the waves of a free body count too
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
 _CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved
@@ -258,7 +259,7 @@ class Forecast:
         rods = a * omega / math.pi * (1 / shear + 1 / math.sqrt(young))
         sheets = area * omega**2 / (4 * math.pi) * (1 / shear**2 + 1 / plane**2)
         through = self.volume * omega**3 / (6 * math.pi**2) * (2 / shear**3 + 1 / bulk**3)
-        return bending + rim + rods + sheets + through
+        return max(bending + rim + rods + sheets + through - _RIGID, 0.0)
 
     def _flat(self, highest: float, plane: float) -> float:
         """Return the share of a plate's bending waves that curved walls have up to a frequency."""
