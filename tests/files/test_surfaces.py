@@ -468,6 +468,49 @@ def gltf_with(change: Callable[[dict], None], path: Path) -> Path:
     return saved(path, json.dumps(header))
 
 
+def as_one_object(header: dict) -> None:
+    """Make the surfaces of a glTF header one object of two materials, a line along it beside."""
+    first, second = (mesh["primitives"][0] for mesh in header["meshes"])
+    line = {"attributes": dict(first["attributes"]), "mode": 3, "material": 0}
+    primitives = [{**first, "material": 0}, line, {**second, "material": 1}]
+    header["meshes"] = [{"name": "mug", "primitives": primitives}]
+    header["nodes"], header["scenes"] = [{"mesh": 0, "name": "mug"}], [{"nodes": [0]}]
+    painted = {"baseColorTexture": {"index": 0}}
+    header["materials"] = [{"name": "clay"}, {"name": "glaze", "pbrMetallicRoughness": painted}]
+    header["textures"], header["images"] = [{"source": 0}], [{"uri": "not_there.png"}]
+
+
+def edited(data: bytes, change: Callable[[dict], None]) -> bytes:
+    """Return a GLB file with another header."""
+    end = 20 + int.from_bytes(data[12:16], "little")
+    header = json.loads(data[20:end])
+    change(header)
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    lengths = [len(each).to_bytes(4, "little") for each in (data[end:] + text + bytes(20), text)]
+    return b"".join([data[:8], *lengths, data[16:20], text, data[end:]])
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf"])
+def test_gltf_of_two_materials_is_one_body(tmp_path: Path, kind: str) -> None:
+    halves = trimesh.Scene()
+    for faces in (wedge().faces[:3], wedge().faces[3:]):
+        half = trimesh.Trimesh(wedge().vertices, faces, process=False)
+        half.visual.vertex_colors = np.full((6, 4), 255, np.uint8)
+        halves.add_geometry(half)
+    path = written(halves, tmp_path / f"mug.{kind}")
+    if kind == "gltf":
+        header = json.loads(path.read_text())
+        as_one_object(header)
+        path.write_text(json.dumps(header))
+    else:
+        path.write_bytes(edited(path.read_bytes(), as_one_object))
+    assert load_mesh(path).volume == pytest.approx(3, rel=1e-6)
+    assert load_mesh(path, part="mug").volume == pytest.approx(3, rel=1e-6)
+    if kind == "glb":
+        refused(saved(tmp_path / "cut.glb", path.read_bytes()[:-40]))
+
+
 BEYOND: dict[str, tuple[Callable[[dict], None], str]] = {
     "packed": (
         lambda header: header.update(extensionsRequired=["KHR_draco_mesh_compression"]),
@@ -487,7 +530,7 @@ BEYOND: dict[str, tuple[Callable[[dict], None], str]] = {
     ),
     "huge": (lambda header: header["accessors"][0].update(count=10**12), "cannot be read as GLTF"),
     "lost": (lambda header: header["buffers"][0].update(uri="no.bin"), "'no.bin', which it names"),
-    "old": (lambda header: header.update(asset={"version": "1.0"}), "cannot be read as GLTF"),
+    "old": (lambda header: header.update(asset={"version": "1.0"}), "it is glTF 1.0, and 2.0 is"),
 }
 
 
@@ -495,6 +538,11 @@ BEYOND: dict[str, tuple[Callable[[dict], None], str]] = {
 def test_gltf_beyond_what_is_read(tmp_path: Path, case: str) -> None:
     change, message = BEYOND[case]
     assert message in refused(gltf_with(change, tmp_path / "a.gltf"))
+
+
+def test_a_glb_file_of_the_first_version_is_named(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.glb", b"glTF" + bytes([1, 0, 0, 0, 40, 0, 0, 0]) + bytes(28))
+    assert "it is glTF 1.0, and 2.0 is read" in refused(path)
 
 
 def test_gltf_with_a_buffer_beside_it(tmp_path: Path) -> None:

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from trimesh import Scene
 
 _FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
-_GLTF = {"skip_materials": True, "merge_primitives": True}
+_GLTF = {"merge_primitives": True}
 _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}, "off": {}, "glb": _GLTF, "gltf": _GLTF}
 _LONGEST_HEADER = 2**16
 _MOST_LETTERS = 10**6
 # Required extensions that leave vertices and faces as the core specification has them.
 _HARMLESS = re.compile(r"KHR_(materials|texture|lights)_\w+|EXT_texture_\w+")
-_TRIANGLE_FAN = 6
+_TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
 
 def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
@@ -99,7 +99,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> list[Part]:
         # NumPy only warns when text numbers end in something else, and drops the rest.
         warnings.filterwarnings("error", message="string or file could not be read to its end")
         scene = trimesh.load_scene(
-            io.BytesIO(source.data),
+            io.BytesIO(_geometry_alone(source.data, source.kind, header)),
             file_type=source.kind,
             resolver=Buffers(source.beside) if source.kind in {"glb", "gltf"} else None,  # type: ignore[arg-type]
             process=False,
@@ -259,6 +259,8 @@ def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
     """Return the JSON header of a glTF or GLB file, and {} for other formats."""
     if kind == "gltf":
         return json.loads(data)
+    if kind == "glb" and data[4:8] == b"\1\0\0\0":
+        return {"asset": {"version": "1.0"}}  # whose file is laid out otherwise
     if kind == "glb":
         length = int.from_bytes(data[12:16], "little")
         return json.loads(data[20 : 20 + length])
@@ -267,6 +269,9 @@ def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
 
 def require_core_gltf(header: dict[str, Any]) -> None:
     """Refuse glTF that trimesh would misread: compressed vertices and triangle fans."""
+    version = str(header.get("asset", {}).get("version", "2.0"))
+    if version[:2] == "1.":
+        raise MeshError(f"it is glTF {version}, and 2.0 is read: export it again as that")
     strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
     primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
     used = [part.get("attributes", {}).get("POSITION") for part in primitives]
@@ -283,6 +288,41 @@ def require_core_gltf(header: dict[str, Any]) -> None:
             f"it uses {' and '.join(strange)}, not read here: export it again as plain "
             "triangles without compression"
         )
+
+
+def _geometry_alone(data: bytes, kind: str, header: dict[str, Any]) -> bytes:
+    """Return glTF without materials, colours, points and lines, and other files as they are."""
+    if not header:
+        return data
+    # trimesh joins the primitives of a mesh by their materials: all get the same, which is empty.
+    slim = {name: header[name] for name in header if name not in {"textures", "images", "samplers"}}
+    slim["materials"] = [{}]
+    slim["meshes"] = [
+        {
+            **mesh,
+            "primitives": [_surface_alone(one) for one in mesh["primitives"] if _is_drawn(one)],
+        }
+        for mesh in header.get("meshes", [])
+    ]
+    text = json.dumps(slim).encode()
+    if kind == "gltf":
+        return text
+    text += b" " * (-len(text) % 4)
+    before = int.from_bytes(data[12:16], "little")
+    whole = int.from_bytes(data[8:12], "little") + len(text) - before  # damage stays visible
+    lengths = (each.to_bytes(4, "little", signed=True) for each in (whole, len(text)))
+    return b"".join([data[:8], *lengths, data[16:20], text, data[20 + before :]])
+
+
+def _surface_alone(primitive: dict[str, Any]) -> dict[str, Any]:
+    kept = {name: primitive[name] for name in ("indices", "mode") if name in primitive}
+    places = {"POSITION": primitive["attributes"]["POSITION"]}
+    return {**kept, "attributes": places, "material": 0}
+
+
+def _is_drawn(primitive: dict[str, Any]) -> bool:
+    """Return whether a primitive holds triangles."""
+    return primitive.get("mode", _TRIANGLES) in {_TRIANGLES, _TRIANGLE_STRIP}
 
 
 class Buffers:
