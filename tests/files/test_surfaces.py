@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -49,6 +50,7 @@ def refused(path: Path, **options: object) -> str:
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
+    assert not re.search(r"\w(Error|Exception)\b", message)  # which tell a person nothing
     return message
 
 

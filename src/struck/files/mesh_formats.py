@@ -47,7 +47,7 @@ def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
         raise
     except Exception as error:
         raise MeshError(
-            f"it cannot be read as {source.kind.upper()} ({_one_line(error)}): it is truncated, "
+            f"it cannot be read as {source.kind.upper()}{_reason(error)}: it is truncated, "
             "damaged or another format; export it again, as triangles"
         ) from error
     return source.kind, _few((part for part in parts if len(part.faces)), limits)
@@ -170,8 +170,12 @@ def _announced_by_ply(data: bytes) -> list[int]:
     return [*counts.values(), counts.get(b"face", 0)]
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:120]
+def _reason(error: BaseException, printed: str = "") -> str:
+    """Return what an error of a reader says to people, in brackets; those of Python say nothing."""
+    speaks = isinstance(error, ValueError | OSError) or type(error).__module__ != "builtins"
+    said = f"{error} {printed}" if speaks else printed
+    told = " ".join(said.split())[:140]
+    return f" ({told})" if told else ""
 
 
 # Wavefront OBJ text: vertices, polygons, objects and groups.
@@ -356,9 +360,9 @@ def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:
-        reason = " ".join(f"{type(error).__name__}: {error} {printed.getvalue()}".split())[:160]
+        reason = _reason(error, printed.getvalue())
         raise MeshError(
-            f"it cannot be read as {path.suffix[1:]} ({reason}): it is truncated, damaged or "
+            f"it cannot be read as {path.suffix[1:]}{reason}: it is truncated, damaged or "
             "another format; export it again"
         ) from error
 
