@@ -18,6 +18,7 @@ from struck.recordings.capture import CapturedTake
 from struck.recordings.capture_plan import Point
 from tests.cli.test_record import struck_record
 from tests.live.servers import RATE
+from tests.live.watchdog import stalls
 
 TAKE = CapturedTake(point=Point(name="a", contact=(), listeners=(), hits=1), hit=1, attempt=1)
 
@@ -67,6 +68,9 @@ def test_more_channels_than_there_are_and_strange_devices_are_refused() -> None:
         DeviceRecorder("other")
 
 
+_TRIES = 15
+
+
 @pytest.mark.usefixtures("jack")
 def test_the_command_records_from_the_device_and_refuses_its_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -75,13 +79,16 @@ def test_the_command_records_from_the_device_and_refuses_its_silence(
     plan.write_text(
         "seconds = 0.1\nlead_in = 0.05\npatience = 0.1\ntries = 2\ncontacts = [[1.0]]\n"
     )
-    for _ in range(15):  # a machine that stands still loses samples, which is refused as such
-        monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
-        with pytest.raises(RecordingError, match="refused 2 times") as refused:
-            struck_record(plan, "--device", "system")
-        told = capsys.readouterr().err
-        if "lost samples" not in str(refused.value):
-            break
+    with stalls() as late_wakes:
+        for _ in range(_TRIES):  # a machine that stands still loses samples: refused as such
+            monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
+            with pytest.raises(RecordingError, match="refused 2 times") as refused:
+                struck_record(plan, "--device", "system")
+            told = capsys.readouterr().err
+            if "lost samples" not in str(refused.value):
+                break
+    if "lost samples" in str(refused.value) and len(late_wakes) >= _TRIES:
+        pytest.skip(f"{refused.value}; the machine stood still {len(late_wakes)} times")
     assert "channel 1 hears no hit" in str(refused.value)
     assert told.count("press Enter") == 2
     assert "strike now" in told
