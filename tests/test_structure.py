@@ -31,7 +31,6 @@ ALONE = 15  # modules with one importer, in their own room
 
 # Files under 100 lines, and why a reader looks for each by itself.
 SHORT: dict[str, str] = {
-    "__main__.py": "what must be settled before NumPy is imported",
     "errors.py": "the tree of errors, at the root of every import",
     "live/callback.py": "what the audio device reaches, field by field as in the core",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",

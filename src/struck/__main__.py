@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
+import time
 from collections.abc import Mapping
 from types import FrameType
 
@@ -47,9 +49,12 @@ class Interruption:
             signal.signal(signal.SIGINT, self._take)
         sys.unraisablehook = self._again
 
-    def _take(self, _number: int, _frame: FrameType | None) -> None:
+    def _take(self, _number: int, frame: FrameType | None) -> None:
         self.came = True
-        raise KeyboardInterrupt
+        if _loads_compiled(frame):
+            _thread.start_new_thread(_once_more, (_thread.get_ident(),))
+        else:
+            raise KeyboardInterrupt
 
     @staticmethod
     def _again(what: sys.UnraisableHookArgs) -> None:
@@ -57,6 +62,25 @@ class Interruption:
             signal.raise_signal(signal.SIGINT)
         else:
             sys.__unraisablehook__(what)
+
+
+def _loads_compiled(frame: FrameType | None) -> bool:
+    """Return whether a frame lies within the loading of a compiled module."""
+    while frame is not None:
+        loader = type(frame.f_locals.get("self")).__name__
+        if loader == "ExtensionFileLoader" and frame.f_code.co_name.endswith("_module"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _once_more(main_thread: int) -> None:
+    """Interrupt the main thread a little later."""
+    time.sleep(0.01)
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main_thread, signal.SIGINT)  # which ends its sleep, too
+    else:
+        _thread.interrupt_main()
 
 
 def main() -> int:

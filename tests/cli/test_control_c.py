@@ -104,6 +104,33 @@ def test_forty_early_moments(folder: Path) -> None:
     require_interruptions(folder, 40, 1, latest=0.3)
 
 
+WAITING = """
+import signal, time
+from struck.__main__ import Interruption
+
+class ExtensionFileLoader:
+    def exec_module(self):
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.05)
+        return "whole"
+
+Interruption()
+print(ExtensionFileLoader().exec_module())
+try:
+    time.sleep(20)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_a_compiled_module_is_loaded_whole_before() -> None:
+    """nanobind ends the process (SIGABRT) where Python raises while its modules load."""
+    done = subprocess.run(
+        [sys.executable, "-c", WAITING], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.split() == ["whole", "interrupted"]
+
+
 @pytest.mark.prove
 @pytest.mark.parametrize("seed", range(2, 8))
 def test_three_hundred_moments(folder: Path, seed: int) -> None:
