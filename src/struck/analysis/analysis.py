@@ -244,7 +244,7 @@ class _Work:
 def _require_scale(
     source: Discretisation, material: Material, highest: float, progress: Progress, *, held: bool
 ) -> None:
-    """Tell what the modes of a body take, and refuse or warn where that can hardly be meant."""
+    """Forecast modes, time and memory of an analysis; warn or refuse where they are too many."""
     forecast, nodes = Forecast.of(source.outline, material, source.wall), source.nodes
     told = forecast.require_reasonable(highest, nodes, held=held)
     cost = Cost.of(forecast.modes(highest), nodes)

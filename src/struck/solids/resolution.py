@@ -170,7 +170,7 @@ MOST_MODES = 100_000
 MANY_MODES = 5_000
 """Modes of a body above which its scale is doubted: most were meant a thousand times smaller."""
 MANY_SECONDS = 300.0
-"""Seconds of a processor from which an analysis is told to take long."""
+"""Seconds of processor time above which a person is warned that an analysis takes long."""
 _RIGID = 6  # motions without bending, which the waves of a free body count too
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
