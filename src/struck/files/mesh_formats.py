@@ -171,7 +171,7 @@ def _announced_by_ply(data: bytes) -> list[int]:
 
 
 def _reason(error: BaseException, printed: str = "") -> str:
-    """Return what an error of a reader says to people, in brackets; those of Python say nothing."""
+    """Return the message of a reader's error in brackets, or nothing for errors of Python."""
     speaks = isinstance(error, ValueError | OSError) or type(error).__module__ != "builtins"
     said = f"{error} {printed}" if speaks else printed
     told = " ".join(said.split())[:140]

@@ -191,7 +191,7 @@ class Cost:
 
     @classmethod
     def of(cls, modes: float, nodes: Sequence[float]) -> Self:
-        """Return the cost of so many modes of one or two sets of elements of so many nodes."""
+        """Return the cost of finding `modes` modes with sets of elements of `nodes` nodes each."""
         start, node, both = _SECONDS
         seconds = start + sum(nodes) * (node + both * modes)
         start, node, both = _MEMORY
