@@ -193,11 +193,17 @@ def test_strikes_cost_as_many_times_as_there_are(
     strike: Strike, few: int, seconds: tuple[float, float]
 ) -> None:
     """Eight times as many, as dense or in a sound as much longer; quadratic cost is 25 or more."""
-    render(BLOCK, strike, seconds=0.1)  # imports and tables
-    taken = []
-    for count, length in zip((few, 8 * few), seconds, strict=True):
+
+    def seconds_of(count: int, length: float) -> float:
         strikes = [replace(strike, time=length * i / count) for i in range(count)]
         begun = time.process_time()
         render(BLOCK, strikes, seconds=length)
-        taken.append(time.process_time() - begun)
-    assert taken[1] <= 16 * taken[0]
+        return time.process_time() - begun
+
+    render(BLOCK, strike, seconds=0.1)  # imports and tables
+    few_and_many = list(zip((few, 8 * few), seconds, strict=True))
+    # Once in three turns: whatever shares the core may double the time of one of the two.
+    assert any(
+        many <= 16 * one
+        for one, many in ([seconds_of(*each) for each in few_and_many] for _ in range(3))
+    )
