@@ -23,6 +23,8 @@ DEAR = {
     "docs/how-to/fit_recordings.md",
     "docs/how-to/hear_in_space.md",
     "docs/how-to/long_work.md",
+    "docs/how-to/play_live.md",
+    "docs/how-to/touch_a_body.md",
     "docs/how-to/use_a_mesh_file.md",
     "examples/a_broken_file.py",
     "examples/hollow_figurine.py",

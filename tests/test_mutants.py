@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +18,25 @@ MUTANTS = tomllib.loads((ROOT / "tests/mutants.toml").read_text(encoding="utf-8"
 LONGEST = 300.0  # s: a fault may also never end
 
 
+@cache
+def sources() -> dict[Path, str]:
+    """Return the text of each file of the sources."""
+    kinds = (".py", ".c", ".h")
+    files = sorted(path for path in (ROOT / "src").rglob("*") if path.suffix in kinds)
+    return {path: path.read_text(encoding="utf-8") for path in files}
+
+
 def holder(mutant: dict[str, Any]) -> Path:
     """Return the only file of the sources that holds what a mutant changes."""
-    kinds = (".py", ".c", ".h")
-    sources = sorted(path for path in (ROOT / "src").rglob("*") if path.suffix in kinds)
-    counts = {path: path.read_text(encoding="utf-8").count(mutant["find"]) for path in sources}
+    counts = {path: text.count(mutant["find"]) for path, text in sources().items()}
     assert sum(counts.values()) == 1, f"stands {sum(counts.values())} times: {mutant['find']!r}"
-    return max(sources, key=counts.__getitem__)
+    return max(counts, key=counts.__getitem__)
 
 
-def run(tests: list[str], sources: Path) -> int:
+def run(tests: list[str], folder: Path) -> int:
     """Return the exit code of tests of these sources; 1 where they do not come to an end."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", ""]
-    environment = {**os.environ, "PYTHONPATH": str(sources)}
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
     environment.pop("PYTEST_XDIST_WORKER", None)
     try:
         done = subprocess.run(
