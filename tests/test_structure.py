@@ -33,6 +33,7 @@ ALONE = 15  # modules with one importer, in their own room
 SHORT: dict[str, str] = {
     "errors.py": "the tree of errors, at the root of every import",
     "live/callback.py": "what the audio device reaches, field by field as in the core",
+    "solids/fem/cubic_surface.py": "the surface of thin bodies, which others do not load",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",
     **dict.fromkeys(
         (
@@ -60,6 +61,7 @@ KEPT_ALONE: dict[str, str] = {
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "synth/reference.py": "plain NumPy, by which the core is judged",
+    "solids/fem/cubic_surface.py": "loaded for thin bodies alone",
     "shapes/bessel_series.py": "Bessel functions and their loops, which are tested by themselves",
 }
 # Rooms that are not built yet, counted among the entries of the package.

@@ -12,6 +12,9 @@ from struck.model.arrays import Array, Index, Mask, checked, numbers
 from struck.model.mesh import Mesh, indices
 from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 
+FUNCTIONS_A_NODE = 3.0
+"""Functions of cubic displacements a node of their elements, about."""
+
 
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,6 +31,9 @@ class VolumeMesh:
         A key of ``ELEMENTS``: "tet4", "tet10", "hex8", "hex20", "wedge6" or "wedge15".
     up : str
         The axis that points up.
+    cubic : bool
+        Whether displacements are cubic on these elements, as thin ones of kind "tet10" need it to
+        bend; the nodes carry the geometry.
 
     Raises
     ------
@@ -39,6 +45,7 @@ class VolumeMesh:
     elements: Index
     kind: str
     up: str = "z"
+    cubic: bool = False
 
     def __post_init__(self) -> None:
         for name, array in (
@@ -48,6 +55,8 @@ class VolumeMesh:
             object.__setattr__(self, name, array)
         if self.kind not in ELEMENTS:
             raise MeshError(f"elements of kind {self.kind!r} are unknown: use {sorted(ELEMENTS)}")
+        if self.cubic and self.kind != "tet10":
+            raise MeshError(f"displacements on {self.kind} are not cubic: only tet10 takes cubic=")
         wanted = len(self.element.nodes)
         if self.elements.ndim != 2 or self.elements.shape[1] != wanted or not len(self.elements):
             raise MeshError(
@@ -60,6 +69,11 @@ class VolumeMesh:
     def element(self) -> Element:
         """The reference element of this kind."""
         return ELEMENTS[self.kind]
+
+    @property
+    def functions(self) -> int:
+        """Number of functions that its displacements are sums of, about."""
+        return round(len(self.nodes) * (FUNCTIONS_A_NODE if self.cubic else 1))
 
     @property
     def corners(self) -> Index:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.solids.fem.error_estimates import Finer, residual_errors
+from struck.solids.fem.assembly import Displacements, Hierarchic
+from struck.solids.fem.error_estimates import energies_gained, residual_errors
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import UNIT, distorted, grid
@@ -28,8 +29,10 @@ def yielded(mesh: VolumeMesh, movement: Array, value: float = 0.0) -> float:
     for sides in mesh.boundary_sides():
         outside[sides] = True
     # What lies on the surface is held: no load of the test's own is to be taken for an error.
-    finer = Finer.of(mesh, held=outside)
-    return float(finer.energies(UNIT, np.array([value]), movement[:, :, None])[0][0])
+    finer = Hierarchic.of(mesh, held=outside)
+    basis = Displacements.of(mesh)
+    gained, _ = energies_gained(basis, finer, UNIT, np.array([value]), movement[:, :, None])
+    return float(gained[0])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -61,7 +64,7 @@ def test_cubic_field_leaves_force(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_functions_are_continuous(kind: str) -> None:
     mesh = quadratic(kind, 2)
-    finer = Finer.of(mesh, held=np.zeros(len(mesh.nodes), bool))
+    finer = Hierarchic.of(mesh, held=np.zeros(len(mesh.nodes), bool))
     corners = mesh.element.corners
     seen: dict[tuple[int, ...], Array] = {}
     met = 0

@@ -12,15 +12,159 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Self
 
 import numpy as np
 from scipy import sparse
 
 from struck.errors import MeshError
-from struck.model.arrays import Array, Index, Mask
+from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.material import Material
-from struck.solids.fem.elements import Quadrature
+from struck.solids.fem.elements import ELEMENTS, PROMOTED, TET_14, TET_24, Quadrature
 from struck.solids.volume_mesh import VolumeMesh
+
+_STEP = 1e-30  # derivatives by complex steps are exact
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hierarchic:
+    """Functions of one degree more than a mesh's own: on edges, sides, and within elements."""
+
+    # Integrated Legendre polynomials along edges and bubbles (Szabo & Babuska 1991, chapter 13).
+    mesh: VolumeMesh
+    degree: int  # 2 to 4
+    members: tuple[tuple[int, ...], ...]  # corners of the edge, side or element of each function
+    numbers: Index  # (E, m), of the functions in the whole mesh
+    signs: Array  # (E, m): which way an odd function runs along its edge; 0 held
+
+    @classmethod
+    def of(cls, mesh: VolumeMesh, held: Mask, degree: int = 0) -> Self:
+        """Return the functions of a degree, of the next one to the mesh's unless given."""
+        own = 1 if mesh.kind in PROMOTED else 3 if mesh.cubic else 2
+        degree = degree or own + 1
+        edges = ELEMENTS[PROMOTED.get(mesh.kind, mesh.kind)].edges
+        within = {2: (), 3: mesh.element.sides, 4: (tuple(range(len(mesh.element.corners))),)}
+        members = (*edges, *within[degree])
+        keys = np.empty((len(mesh.elements), len(members)), np.int64)
+        signs = np.ones(keys.shape)
+        for i, member in enumerate(members):
+            corners = mesh.corners[:, member]
+            keys[:, i] = edge_or_side_keys(np.sort(corners, axis=1), len(mesh.nodes))
+            if len(member) == 2 and degree == 3:
+                signs[:, i] = np.sign(corners[:, 1] - corners[:, 0])
+            signs[held[corners].all(axis=1), i] = 0
+        numbers = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+        return cls(mesh=mesh, degree=degree, members=members, numbers=numbers, signs=signs)
+
+    @property
+    def count(self) -> int:
+        """Number of functions."""
+        return int(self.numbers.max()) + 1
+
+    def values(self, points: Array | Complex) -> Array | Complex:
+        """Return the functions at reference `points` (q, 3): (q, m)."""
+        at = shares(self.mesh.kind, points)
+        corners = shares(self.mesh.kind, self.mesh.element.corners)
+        found = []
+        for member in self.members:
+            involved = corners[list(member)].any(axis=0)
+            function = np.prod(at[:, involved], axis=1)
+            if len(member) == 2:
+                along = at @ (corners[member[1]] - corners[member[0]])
+                function = function * {2: 1.0, 3: along, 4: 5 * along**2 - 1}[self.degree]
+            found.append(function)
+        return np.stack(found, axis=1)
+
+    def gradients(self, points: Array) -> Array:
+        """Return their gradients in reference coordinates: (q, m, 3)."""
+        steps = [points + 1j * _STEP * axis for axis in np.eye(3)]
+        return np.stack([np.imag(self.values(at)) / _STEP for at in steps], axis=2)
+
+
+def shares(kind: str, points: Array | Complex) -> Array | Complex:
+    """Return barycentric coordinates (q, s) of reference `points` (q, 3), factor after factor."""
+    # A hexahedron is the product of three lines, a wedge of a triangle and a line.
+    x, y, z = points.T
+    if kind.startswith("tet"):
+        return np.stack([1 - x - y - z, x, y, z], axis=1)
+    if kind.startswith("hex"):
+        return np.stack([1 - x, x, 1 - y, y, 1 - z, z], axis=1)
+    return np.stack([1 - x - y, x, y, 1 - z, z], axis=1)
+
+
+def edge_or_side_keys(corners: Index, nodes: int) -> Index:
+    """Return a number for each edge (two corners), side (three lowest) or element (four)."""
+    keys = corners[:, 0] * nodes + corners[:, 1]
+    if corners.shape[1] > 2:
+        keys = nodes**2 + keys * nodes + corners[:, 2]
+    return keys
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Displacements:
+    """Functions whose sums are the displacements of a mesh: those of its nodes come first."""
+
+    mesh: VolumeMesh
+    numbers: Index  # (E, n), of the functions in the whole mesh
+    added: Hierarchic | None  # cubics, after those of the nodes
+
+    @classmethod
+    def of(cls, mesh: VolumeMesh) -> Self:
+        """Return the functions of a mesh."""
+        if not mesh.cubic:
+            return cls(mesh=mesh, numbers=mesh.elements, added=None)
+        added = Hierarchic.of(mesh, np.zeros(len(mesh.nodes), bool), degree=3)
+        numbers = np.hstack([mesh.elements, len(mesh.nodes) + added.numbers])
+        return cls(mesh=mesh, numbers=numbers, added=added)
+
+    @property
+    def count(self) -> int:
+        """Number of functions."""
+        return len(self.mesh.nodes) + (self.added.count if self.added else 0)
+
+    @property
+    def mass_rule(self) -> Quadrature:
+        """What integrates products of two functions."""
+        return TET_24 if self.added else self.mesh.element.mass_rule
+
+    @property
+    def stiffness_rules(self) -> tuple[Quadrature, Quadrature]:
+        """What integrates products of two slopes on straight elements, and on curved ones."""
+        if self.added:
+            return TET_14, TET_24
+        return self.mesh.element.straight_rule, self.mesh.element.stiffness_rule
+
+    def values(self, points: Array, chosen: Index | slice) -> Array:
+        """Return the functions at reference `points` (q, 3): (E or 1, q, n)."""
+        own = self.mesh.element.values(points)
+        if self.added is None:
+            return own[None]
+        signs = self.added.signs[chosen, None]
+        more = np.real(self.added.values(points)) * signs
+        return np.concatenate([np.broadcast_to(own, (len(signs), *own.shape)), more], axis=2)
+
+    def slopes(self, points: Array, inverse: Array, chosen: Index | slice) -> Array:
+        """Return physical gradients (E, q, n, 3) from the `inverse` Jacobians (E, q, 3, 3)."""
+        own = self.mesh.element.gradients(points) @ inverse
+        if self.added is None:
+            return own
+        signs = self.added.signs[chosen, None, :, None]
+        return np.concatenate([own, self.added.gradients(points) @ inverse * signs], axis=2)
+
+    def held(self, nodes: Mask) -> Mask:
+        """Return which functions move nothing but nodes (N,) that are held."""
+        if self.added is None:
+            return nodes
+        held = np.zeros(self.count, bool)
+        held[: len(nodes)] = nodes
+        for i, member in enumerate(self.added.members):
+            still = nodes[self.mesh.corners[:, member]].all(axis=1)
+            held[len(nodes) + self.added.numbers[still, i]] = True
+        return held
+
+    def padded(self, motions: Array) -> Array:
+        """Return motions of the nodes (3N, k) as motions of all functions."""
+        return np.pad(motions, ((0, 3 * self.count - len(motions)), (0, 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,56 +223,56 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
     """Assemble stiffness and mass; `lumped` puts an element's mass on its nodes (2002, eq. 15)."""
     if lumped and mesh.kind != "tet4":
         raise MeshError(f"mass is lumped on tet4 elements only, not on {mesh.kind}: leave it out")
-    lower, upper = np.tril_indices(len(mesh.element.nodes))
-    first, second = mesh.elements[:, lower], mesh.elements[:, upper]
-    pairs, place = _node_pairs(first, second, len(mesh.nodes))
+    basis = Displacements.of(mesh)
+    lower, upper = np.tril_indices(basis.numbers.shape[1])
+    first, second = basis.numbers[:, lower], basis.numbers[:, upper]
+    pairs, place = _node_pairs(first, second, basis.count)
     turned = first < second
     stiffness, mass = np.zeros((3, 3, len(pairs))), np.zeros(len(pairs))
-    for chosen, rule in _batches(mesh):
-        products = _products(mesh, chosen, rule)
+    for chosen, rule in _batches(basis):
+        products = _products(basis, chosen, rule)
         # np.add.at is six times faster on flat arrays.
         where = place[chosen].ravel()
         for a, b, part in _components(products, lower, upper, turned[chosen], material):
             np.add.at(stiffness[a, b], where, part.ravel())
-        parts = _masses(mesh, chosen, material, lumped=lumped)[:, lower, upper]
+        parts = _masses(basis, chosen, material, lumped=lumped)[:, lower, upper]
         np.add.at(mass, where, parts.ravel())
-    columns, rows = np.divmod(pairs, len(mesh.nodes))
-    counts = np.bincount(columns, minlength=len(mesh.nodes))
+    columns, rows = np.divmod(pairs, basis.count)
+    counts = np.bincount(columns, minlength=basis.count)
     starts = np.concatenate([[0], np.cumsum(counts)])
     return System(starts=starts, rows=rows, stiffness=stiffness, mass=mass)
 
 
-def _batches(mesh: VolumeMesh) -> Iterator[tuple[Index, Quadrature]]:
+def _batches(basis: Displacements) -> Iterator[tuple[Index, Quadrature]]:
     """Yield groups of elements that fit the processor's cache, with the rule they need."""
-    straight = mesh.straight()
-    rules = ((straight, mesh.element.straight_rule), (~straight, mesh.element.stiffness_rule))
-    for group, rule in rules:
+    straight = basis.mesh.straight()
+    for group, rule in zip((straight, ~straight), basis.stiffness_rules, strict=True):
         members = np.flatnonzero(group)
         for start in range(0, len(members), 512):
             yield members[start : start + 512], rule
 
 
-def gradients(mesh: VolumeMesh, chosen: Index, rule: Quadrature) -> tuple[Array, Array]:
+def gradients(basis: Displacements, chosen: Index, rule: Quadrature) -> tuple[Array, Array]:
     """Return physical gradients (E, q, n, 3) and volume weights (E, q) of the elements."""
-    jacobians = mesh.jacobians(rule.points, chosen)
+    jacobians = basis.mesh.jacobians(rule.points, chosen)
     determinants = np.linalg.det(jacobians)
     inverted = np.count_nonzero((determinants <= 0).any(axis=1))
     if inverted:
         raise MeshError(
-            f"{inverted} of {len(mesh.elements)} elements are turned inside out: the mesh folds "
-            "over itself there; use another lattice (accuracy=) or a smoother surface"
+            f"{inverted} of {len(basis.mesh.elements)} elements are turned inside out: the mesh "
+            "folds over itself there; use another lattice (accuracy=) or a smoother surface"
         )
-    reference = mesh.element.gradients(rule.points)
-    return reference @ np.linalg.inv(jacobians), determinants * rule.weights
+    slopes = basis.slopes(rule.points, np.asarray(np.linalg.inv(jacobians), np.float64), chosen)
+    return slopes, determinants * rule.weights
 
 
-def _products(mesh: VolumeMesh, chosen: Index, rule: Quadrature) -> Array:
+def _products(basis: Displacements, chosen: Index, rule: Quadrature) -> Array:
     """Return the integrals of G_ia G_jb of the elements: (E, n, 3, n, 3)."""
-    slopes, weights = gradients(mesh, chosen, rule)
-    count, points, nodes, _ = slopes.shape
-    flat = slopes.reshape(count, points, 3 * nodes)
+    slopes, weights = gradients(basis, chosen, rule)
+    count, points, functions, _ = slopes.shape
+    flat = slopes.reshape(count, points, 3 * functions)
     products = (flat * weights[:, :, None]).transpose(0, 2, 1) @ flat
-    return products.reshape(count, nodes, 3, nodes, 3)
+    return products.reshape(count, functions, 3, functions, 3)
 
 
 def _components(
@@ -150,13 +294,16 @@ def _components(
             yield a, b, material.first_lame * straight + material.shear_modulus * crossed
 
 
-def _masses(mesh: VolumeMesh, chosen: Index, material: Material, *, lumped: bool) -> Array:
-    rule = mesh.element.mass_rule
-    weights = material.density * np.linalg.det(mesh.jacobians(rule.points, chosen)) * rule.weights
+def _masses(basis: Displacements, chosen: Index, material: Material, *, lumped: bool) -> Array:
+    rule = basis.mass_rule
+    jacobians = basis.mesh.jacobians(rule.points, chosen)
+    weights = material.density * np.linalg.det(jacobians) * rule.weights
     if lumped:
         return weights.sum(axis=1)[:, None, None] * np.eye(4) / 4
-    values = mesh.element.values(rule.points)
-    products = values[:, :, None] * values[:, None, :]
+    values = basis.values(rule.points, chosen)
+    if len(values) > 1:
+        return (values * weights[:, :, None]).transpose(0, 2, 1) @ values
+    products = values[0, :, :, None] * values[0, :, None, :]
     return np.asarray(np.tensordot(weights, products, axes=1), np.float64)
 
 

@@ -124,12 +124,22 @@ def _wedge(*, quadratic: bool) -> Index:
 
 
 # Walkington's rule of degree 5 with positive weights, and the rule of degree 2.
-_TET_14 = _tetrahedron_rule(
+TET_14 = _tetrahedron_rule(
     (0.11268792571801585, (0.0673422422100982, *(0.3108859192633006,) * 3)),
     (0.07349304311636195, (0.7217942490673264, *(0.0927352503108912,) * 3)),
     (0.04254602077708147, (*(0.0455037041256497,) * 2, *(0.4544962958743503,) * 2)),
 )
 _TET_4 = _tetrahedron_rule((0.25, (0.5854101966249685, *(0.1381966011250105,) * 3)))
+# Keast's rule of degree 6 with positive weights, for cubic displacements.
+TET_24 = _tetrahedron_rule(
+    (0.0399227502581679, (0.3561913862225449, *(0.2146028712591517,) * 3)),
+    (0.0100772110553207, (0.8779781243961660, *(0.0406739585346113,) * 3)),
+    (0.0553571815436544, (0.0329863295731731, *(0.3223378901422757,) * 3)),
+    (
+        0.0482142857142857,
+        (0.0636610018750175, 0.0636610018750175, 0.2696723314583159, 0.6030056647916491),
+    ),
+)
 # Dunavant's triangle rule of degree 4.
 _TRIANGLE_6 = (
     (0.223381589678011, 0.445948490915965, 0.108103018168070),
@@ -170,9 +180,9 @@ _TET4, _TET10 = _linear_and_quadratic(
     ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
     (_up_to(1), _up_to(2)),
-    stiffness=_TET_14,
+    stiffness=TET_14,
     straight=_TET_4,
-    mass=_TET_14,
+    mass=TET_14,
 )
 _HEX8, _HEX20 = _linear_and_quadratic(
     np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float),

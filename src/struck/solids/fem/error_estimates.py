@@ -7,150 +7,96 @@ too high by (Bank & Smith 1993, SIAM J. Numer. Anal. 30:921).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import sparse
 
-from struck.model.arrays import Array, Complex, Index, Mask
+from struck.model.arrays import Array
 from struck.model.material import Material
 from struck.model.modes import Modes
-from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
+from struck.solids.fem.assembly import Displacements, Hierarchic
+from struck.solids.fem.elements import ELEMENTS, Element
 from struck.solids.volume_mesh import VolumeMesh
 
 _COLUMNS = 32
 _CHUNK = 512
-_STEP = 1e-30  # derivatives by complex steps are exact
 # Hexahedra are integrated by few points. Half of what they yield is no error, as their stresses
 # are better there than in between; and where an element is too large for a thin or curved wall,
 # the energy that those points do not see tells it, much too loudly.
 _YIELDING, _UNSEEN = 0.45, 0.03
+# Cubics in one layer of a wall: functions that each yield alone win a small part of what is missing
+# there, as bending takes many at once.
+_CUBIC = 4.0
 
 
 def residual_errors(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
     """Return the relative error of each frequency (M,) from the residuals of its mode."""
     # Values are in 1/s^2 (M,), vectors mass-normalised (N, 3, M); nodes that never move are held.
-    finer = Finer.of(mesh, held=np.all(vectors == 0, axis=(1, 2)))
+    held = np.all(vectors[: len(mesh.nodes)] == 0, axis=(1, 2))
+    pair = Displacements.of(mesh), Hierarchic.of(mesh, held)
     parts = np.array_split(np.arange(len(values)), max(1, -(-len(values) // _COLUMNS)))
-    energies = [_missing(finer, material, values[p], vectors[:, :, p]) for p in parts]
-    return np.concatenate(energies) / (2 * values)
+    energies = [_missing(*pair, material, values[p], vectors[:, :, p]) for p in parts]
+    return np.concatenate(energies) / (2 * values) * (_CUBIC if mesh.cubic else 1.0)
 
 
-def _missing(finer: Finer, material: Material, values: Array, vectors: Array) -> Array:
-    yielded, seen_everywhere = finer.energies(material, values, vectors)
-    if not finer.reduced:
+def _missing(
+    basis: Displacements, finer: Hierarchic, material: Material, values: Array, vectors: Array
+) -> Array:
+    yielded, seen_everywhere = energies_gained(basis, finer, material, values, vectors)
+    if not _is_reduced(basis.mesh):
         return yielded
     return np.maximum(_YIELDING * yielded, _UNSEEN * (seen_everywhere - values))
 
 
-def shares(kind: str, points: Array | Complex) -> Array | Complex:
-    """Return barycentric coordinates (q, s) of reference `points` (q, 3), factor after factor."""
-    # A hexahedron is the product of three lines, a wedge of a triangle and a line.
-    x, y, z = points.T
-    if kind.startswith("tet"):
-        return np.stack([1 - x - y - z, x, y, z], axis=1)
-    if kind.startswith("hex"):
-        return np.stack([1 - x, x, 1 - y, y, 1 - z, z], axis=1)
-    return np.stack([1 - x - y, x, y, 1 - z, z], axis=1)
+def _is_reduced(mesh: VolumeMesh) -> bool:
+    """Tell whether fewer points carry the stiffness than would integrate it."""
+    return mesh.kind.startswith("hex")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Finer:
-    """The functions of the next degree on a mesh."""
-
-    mesh: VolumeMesh
-    members: tuple[tuple[int, ...], ...]  # corners of the edge or side of each function
-    numbers: Index  # (E, m), of the functions in the whole mesh
-    signs: Array  # (E, m): which way a cubic runs along its edge; 0 held
-
-    @classmethod
-    def of(cls, mesh: VolumeMesh, held: Mask) -> Finer:
-        """Return the functions of all edges and, for quadratic elements, of all sides."""
-        edges = ELEMENTS[PROMOTED.get(mesh.kind, mesh.kind)].edges
-        members = edges if mesh.kind in PROMOTED else (*edges, *mesh.element.sides)
-        keys = np.empty((len(mesh.elements), len(members)), np.int64)
-        signs = np.ones(keys.shape)
-        for i, member in enumerate(members):
-            corners = mesh.corners[:, member]
-            keys[:, i] = _keys(np.sort(corners, axis=1), len(mesh.nodes))
-            if len(member) == 2 and mesh.kind not in PROMOTED:
-                signs[:, i] = np.sign(corners[:, 1] - corners[:, 0])
-            signs[held[corners].all(axis=1), i] = 0
-        numbers = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
-        return cls(mesh=mesh, members=members, numbers=numbers, signs=signs)
-
-    @property
-    def reduced(self) -> bool:
-        """Whether fewer points carry the stiffness than would integrate it."""
-        return self.mesh.kind.startswith("hex")
-
-    def values(self, points: Array | Complex) -> Array | Complex:
-        """Return the functions at reference `points` (q, 3): (q, m)."""
-        at = shares(self.mesh.kind, points)
-        corners = shares(self.mesh.kind, self.mesh.element.corners)
-        found = []
-        for member in self.members:
-            involved = corners[list(member)].any(axis=0)
-            function = np.prod(at[:, involved], axis=1)
-            if len(member) == 2 and self.mesh.kind not in PROMOTED:
-                function = function * (at @ (corners[member[1]] - corners[member[0]]))
-            found.append(function)
-        return np.stack(found, axis=1)
-
-    def gradients(self, points: Array) -> Array:
-        """Return their gradients in reference coordinates: (q, m, 3)."""
-        steps = [points + 1j * _STEP * axis for axis in np.eye(3)]
-        return np.stack([np.imag(self.values(at)) / _STEP for at in steps], axis=2)
-
-    def energies(self, material: Material, values: Array, vectors: Array) -> tuple[Array, Array]:
-        """Return twice the energy gained, and twice that of the modes at all points (M,)."""
-        count, modes = int(self.numbers.max()) + 1, len(values)
-        forces, stiffness = np.zeros((count, 3 * modes)), np.zeros((count, 9))
-        everywhere = np.zeros(modes)
-        for chunk in self.mesh.chunks(_CHUNK):
-            part = _Part(self, chunk)
-            shapes = vectors[self.mesh.elements[chunk]].reshape(len(part.weights), -1, modes)
-            force, own = part.forces(material, values, shapes), part.stiffness(material)
-            here, at = np.unique(self.numbers[chunk], return_inverse=True)
-            signs = self.signs[chunk].ravel()
-            gather = sparse.csr_array((signs, (at.ravel(), np.arange(len(signs)))))
-            forces[here] += gather @ force.reshape(len(signs), -1)
-            stiffness[here] += abs(gather) @ own.reshape(len(signs), -1)
-            if self.reduced:
-                everywhere += part.strain_energy(material, shapes)
-        free = stiffness[:, 0] > 0
-        loads = forces[free].reshape(-1, 3, modes)
-        moved = np.linalg.solve(stiffness[free].reshape(-1, 3, 3), loads)
-        return np.einsum("kam,kam->m", loads, moved), everywhere
-
-
-def _keys(corners: Index, nodes: int) -> Index:
-    """Return a number for each edge (two corners) or side (its three lowest corners)."""
-    ends = corners[:, 0] * nodes + corners[:, 1]
-    return ends if corners.shape[1] == 2 else nodes**2 + ends * nodes + corners[:, 2]
+def energies_gained(
+    basis: Displacements, finer: Hierarchic, material: Material, values: Array, vectors: Array
+) -> tuple[Array, Array]:
+    """Return twice the energy gained, and twice that of the modes at all points (M,)."""
+    modes = len(values)
+    forces, stiffness = np.zeros((finer.count, 3 * modes)), np.zeros((finer.count, 9))
+    everywhere = np.zeros(modes)
+    for chunk in basis.mesh.chunks(_CHUNK):
+        part = _Part(basis, finer, chunk)
+        shapes = vectors[basis.numbers[chunk]].reshape(len(part.weights), -1, modes)
+        force, own = part.forces(material, values, shapes), part.stiffness(material)
+        here, at = np.unique(finer.numbers[chunk], return_inverse=True)
+        signs = finer.signs[chunk].ravel()
+        gather = sparse.csr_array((signs, (at.ravel(), np.arange(len(signs)))))
+        forces[here] += gather @ force.reshape(len(signs), -1)
+        stiffness[here] += abs(gather) @ own.reshape(len(signs), -1)
+        if _is_reduced(basis.mesh):
+            everywhere += part.strain_energy(material, shapes)
+    free = stiffness[:, 0] > 0
+    loads = forces[free].reshape(-1, 3, modes)
+    moved = np.linalg.solve(stiffness[free].reshape(-1, 3, 3), loads)
+    return np.einsum("kam,kam->m", loads, moved), everywhere
 
 
 class _Part:
     """Some elements of a mesh at quadrature points."""
 
-    def __init__(self, finer: Finer, chunk: slice) -> None:
-        element, rule = finer.mesh.element, finer.mesh.element.mass_rule
-        jacobians = finer.mesh.jacobians(rule.points, chunk)
+    def __init__(self, basis: Displacements, finer: Hierarchic, chunk: slice) -> None:
+        rule = basis.mass_rule
+        jacobians = basis.mesh.jacobians(rule.points, chunk)
         self.weights = np.linalg.det(jacobians) * rule.weights
-        inverse = np.linalg.inv(jacobians)
-        self._slopes = element.gradients(rule.points) @ inverse
+        inverse = np.asarray(np.linalg.inv(jacobians), np.float64)
+        self._slopes = basis.slopes(rule.points, inverse, chunk)
         self._finer_slopes = finer.gradients(rule.points) @ inverse
-        self._products = finer.values(rule.points), element.values(rule.points)
-        self._seen = _carried(finer.mesh, chunk) if finer.reduced else self._slopes
+        self._products = finer.values(rule.points), basis.values(rule.points, chunk)
+        self._seen = _carried(basis.mesh, chunk) if _is_reduced(basis.mesh) else self._slopes
 
     def forces(self, material: Material, values: Array, shapes: Array) -> Array:
         """Return what modes (E, 3n, M) leave of forces on the functions (E, m, 3, M)."""
         across = _stiffness(self._integrals(self._finer_slopes, self._seen), material)
         count, functions, _, nodes, _ = across.shape
         elastic = across.reshape(count, 3 * functions, 3 * nodes) @ shapes
-        inertia = material.density * np.einsum(
-            "eq,qm,qn->emn", self.weights, *self._products, optimize=True
-        )
+        finer, own = self._products
+        weighted = self.weights[:, :, None] * finer
+        inertia = material.density * (weighted.transpose(0, 2, 1) @ own)
         moved = inertia @ shapes.reshape(count, nodes, -1)
         return (elastic.reshape(count, functions, 3, -1)) - moved.reshape(
             count, functions, 3, -1
@@ -211,9 +157,12 @@ _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where
 _LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
 
 
-def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int) -> Array:
+def stated_errors(
+    modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int, *, layer: bool = False
+) -> Array:
     """Return the relative error of each frequency (M,) from those of one or of two meshes."""
-    # `modes` and `coarse` (a coarser mesh, a wider band) come with residual errors of one mesh.
+    # `modes` and `coarse` (a coarser mesh, a wider band) come with residual errors of one mesh;
+    # in a wall of one `layer` both have as many elements through it.
     if coarse is None or not comparable(nodes, coarse_nodes):
         return np.maximum(modes.errors, _LEAST)
     known = min(len(modes.frequencies), len(coarse.frequencies))
@@ -224,7 +173,8 @@ def stated_errors(modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: 
     scale = gone / np.maximum(before - after, _LEAST_GAIN * before)
     # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
     scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
-    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / 3) - 1)
+    directions = 2 if layer else 3  # in which elements become smaller
+    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / directions) - 1)
     errors = modes.errors.copy()
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
     return _levelled(errors)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy import sparse
 
 from struck.model.arrays import Array, Index, Mask
 from struck.model.material import Material
@@ -14,7 +15,7 @@ from struck.model.mesh import Mesh
 from struck.model.modes import Modes
 from struck.model.provenance import Progress, Provenance, silent
 from struck.solids.fem import factorisation
-from struck.solids.fem.assembly import System, assemble, gradients
+from struck.solids.fem.assembly import Displacements, System, assemble, gradients
 from struck.solids.fem.factorisation import Factoriser
 from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
 from struck.solids.fem.spectrum import (
@@ -47,21 +48,22 @@ def vibration_modes(
     solver = solver or Solver()
     progress("assemble", 0.0)
     whole = assemble(mesh, material, lumped=solver.lumped)
-    movable = np.ones(len(mesh.nodes), bool) if fixed is None else ~fixed
+    basis = Displacements.of(mesh)
+    movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
     system = whole if movable.all() else whole.free(movable)
     sight = _Sight(
-        mesh=mesh,
+        basis=basis,
         material=material,
         movable=movable,
-        surface=mesh.surface(),
+        surface=_surface(basis),
         estimate=estimate,
     )
     search = Search(
         system=system,
-        motions=rigid_motions(mesh.nodes) if movable.all() else np.zeros((system.unknowns, 0)),
+        motions=_free_motions(basis) if movable.all() else np.zeros((system.unknowns, 0)),
         bound=(2 * np.pi * highest) ** 2,
         solver=solver,
-        shown=3 * len(sight.surface[1]),
+        shown=3 * len(sight.surface[0].points),
         progress=progress,
     )
     # Nothing here may hold on to a slice's vectors while the next one is found.
@@ -85,10 +87,10 @@ class _Seen:
 class _Sight:
     """A body and what of its modes is wanted."""
 
-    mesh: VolumeMesh
+    basis: Displacements
     material: Material
     movable: Mask
-    surface: tuple[Mesh, Index]
+    surface: tuple[Mesh, Index | sparse.csr_array]  # and which functions move its vertices
     estimate: Estimate | None
 
     def of(self, pairs: Eigenpairs, residual: float) -> _Seen:
@@ -97,20 +99,35 @@ class _Sight:
         unknown = np.full(len(pairs.values), np.nan)
         return _Seen(
             values=pairs.values,
-            shapes=vectors[self.surface[1]],
-            slopes=poisson_slopes(self.mesh, self.material, pairs.values, vectors),
+            shapes=self._on_surface(vectors),
+            slopes=poisson_slopes(self.basis, self.material, pairs.values, vectors),
             errors=unknown if self.estimate is None else self.estimate(pairs.values, vectors),
             residual=residual,
         )
 
+    def _on_surface(self, vectors: Array) -> Array:
+        """Return the movement of the surface's vertices (V, 3, m)."""
+        moved = self.surface[1]
+        if isinstance(moved, np.ndarray):
+            return vectors[moved]
+        return (moved @ vectors.reshape(len(vectors), -1)).reshape(-1, *vectors.shape[1:])
+
     def _everywhere(self, pairs: Eigenpairs) -> Array:
-        """Return the movement of all nodes (N, 3, m), of those that are held too."""
+        """Return the movement by all functions (N, 3, m), by those that are held too."""
         moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
         if self.movable.all():
             return moving
-        vectors = np.zeros((len(self.mesh.nodes), *moving.shape[1:]))
+        vectors = np.zeros((len(self.movable), *moving.shape[1:]))
         vectors[self.movable] = moving
         return vectors
+
+
+def _surface(basis: Displacements) -> tuple[Mesh, Index | sparse.csr_array]:
+    if basis.added is None:
+        return basis.mesh.surface()
+    from struck.solids.fem.cubic_surface import surface_of  # only thin bodies need it
+
+    return surface_of(basis.mesh, basis.added)
 
 
 def _certified(search: Search, sight: _Sight, pairs: Eigenpairs) -> _Seen:
@@ -142,7 +159,7 @@ def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
 def _as_modes(
     sight: _Sight, system: System, seen: _Seen, highest: float, provenance: Provenance
 ) -> Modes:
-    mass, centre, inertia = mass_properties(system, sight.mesh.nodes)
+    mass, centre, inertia = mass_properties(system, sight.basis.mesh.nodes)
     return Modes(
         frequencies=np.sqrt(seen.values) / (2 * np.pi),
         surface=sight.surface[0],
@@ -162,10 +179,10 @@ def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
     lumped = "lumped" if search.solver.lumped else "consistent"
     method = "anderson1999" if search.small else "grimes1994"
     return Provenance(
-        method=f"finite elements ({mesh.kind}, {lumped} mass)",
+        method=f"finite elements ({_named(mesh)}, {lumped} mass)",
         references=("zienkiewicz2013", method, "parlett1998"),
         details={
-            "elements": f"{len(mesh.elements)} {mesh.kind}",
+            "elements": f"{len(mesh.elements)} {_named(mesh)}",
             "nodes": len(mesh.nodes),
             "unknowns": search.system.unknowns,
             "largest_residual": seen.residual,
@@ -175,9 +192,14 @@ def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
     )
 
 
+def _named(mesh: VolumeMesh) -> str:
+    return f"cubic {mesh.kind}" if mesh.cubic else mesh.kind
+
+
 def mass_properties(system: System, nodes: Array) -> tuple[float, Array, Array]:
     """Return mass, centre of mass and moments of inertia about it from the mass matrix."""
-    between = system.mass_matrix()
+    # The functions of the nodes make up all translations; others follow them.
+    between = system.mass_matrix()[: len(nodes), : len(nodes)]
     weights = np.asarray(between.sum(axis=0)).ravel()
     mass = float(weights.sum())
     centre = weights @ nodes / mass
@@ -186,37 +208,44 @@ def mass_properties(system: System, nodes: Array) -> tuple[float, Array, Array]:
     return mass, centre, np.trace(second) * np.eye(3) - second
 
 
-def poisson_slopes(mesh: VolumeMesh, material: Material, values: Array, vectors: Array) -> Array:
+def poisson_slopes(
+    basis: Displacements, material: Material, values: Array, vectors: Array
+) -> Array:
     """Return d ln f / d(Poisson's ratio) at constant Young's modulus for each mode (M,)."""
     # First-order perturbation: K = lambda D + mu B, so the energy of dilatation x'Dx of a mode
     # tells how its eigenvalue follows lambda and mu.
     nu, young = material.poisson_ratio, material.youngs_modulus
-    dilatation = _dilatation(mesh, vectors)
+    dilatation = _dilatation(basis, vectors)
     rest = (values - material.first_lame * dilatation) / material.shear_modulus
     first = young * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2
     shear = -young / (2 * (1 + nu) ** 2)
     return (first * dilatation + shear * rest) / (2 * values)
 
 
-def _dilatation(mesh: VolumeMesh, vectors: Array) -> Array:
+def _dilatation(basis: Displacements, vectors: Array) -> Array:
     """Return the integral of (div x)^2 of each mode (M,)."""
     total = np.zeros(vectors.shape[2])
-    rule = mesh.element.stiffness_rule
-    for chunk in mesh.chunks(512):
-        chosen = np.arange(len(mesh.elements))[chunk]
-        slopes, weights = gradients(mesh, chosen, rule)
-        count, points, nodes, _ = slopes.shape
-        shapes = vectors[mesh.elements[chosen]].reshape(count, 3 * nodes, -1)
-        divergence = slopes.reshape(count, points, 3 * nodes) @ shapes
+    rule = basis.stiffness_rules[1]
+    for chunk in basis.mesh.chunks(512):
+        chosen = np.arange(len(basis.mesh.elements))[chunk]
+        slopes, weights = gradients(basis, chosen, rule)
+        count, points, functions, _ = slopes.shape
+        shapes = vectors[basis.numbers[chosen]].reshape(count, 3 * functions, -1)
+        divergence = slopes.reshape(count, points, 3 * functions) @ shapes
         total += np.einsum("eq,eqm,eqm->m", weights, divergence, divergence, optimize=True)
     return total
+
+
+def _free_motions(basis: Displacements) -> Array:
+    """Return translations and rotations (3N, 6): linear, so the functions of the nodes do."""
+    return basis.padded(rigid_motions(basis.mesh.nodes))
 
 
 def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None = None) -> float:
     """Return the lowest natural frequency of a freely floating body, Hz."""
     solver = solver or Solver()
     system = assemble(mesh, material, lumped=solver.lumped)
-    motions = rigid_motions(mesh.nodes)
+    motions = _free_motions(Displacements.of(mesh))
     # Any shift below all frequencies will do; this one is the square of a travelling wave's.
     speed = np.sqrt(material.youngs_modulus / material.density)
     bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
