@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def kept() -> tuple[VolumeMesh, NDArray[np.float64]]:
 
 def keep() -> None:
     """Ask CalculiX for what `kept` returns: a coarse mesh, so that the file stays small."""
-    mesh = filled(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh
+    mesh = replace(filled(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh, cubic=False)
     with tempfile.TemporaryDirectory() as folder:
         found = frequencies(mesh, Material.named("ceramic"), COUNT, Path(folder))
     elements = mesh.elements.astype(np.int32)

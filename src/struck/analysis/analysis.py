@@ -58,6 +58,7 @@ METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
+_MORE = 1.5  # times the nodes of coarse elements that fine ones have at least
 _CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
@@ -172,14 +173,17 @@ class _Work:
         coarse, first = self._coarse(source)
         nodes = 0
         if coarse and first and source.error and self.method == "quadratic":
-            nodes = nodes_needed(first, len(coarse.mesh.nodes), source.error)
+            few = coarse.mesh.functions
+            nodes = max(nodes_needed(first, few, source.error), round(_MORE * few))
         elements = source.fine(self.stages, nodes)
         modes = self._modes(elements.mesh, MODES, self.highest)
-        count = len(coarse.mesh.nodes) if coarse else 0
+        count = coarse.mesh.functions if coarse else 0
+        own = elements.mesh.functions
         errors = with_shape(
-            stated_errors(modes, len(elements.mesh.nodes), first, count), elements.volume_error
+            stated_errors(modes, own, first, count, layer=elements.mesh.cubic),
+            elements.volume_error,
         )
-        two = comparable(len(elements.mesh.nodes), count)
+        two = comparable(own, count)
         judge = f"{count} nodes beside these" if two else "the next degree of polynomials"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)
         return elements, replace(modes, errors=errors, provenance=provenance)

@@ -226,7 +226,7 @@ class FilledSurface:
         }
         provenance = Provenance(
             method=filling.path,
-            references=("barill2018", "labelle2007", "rivara1991"),
+            references=("barill2018", "labelle2007", "rivara1991", *filling.references),
             details=details,
         )
         # The volume of a wall is sampled: as a measure of its shape that is too rough.

@@ -203,6 +203,14 @@ class Surface(Closest):
         _, faces, nearest = self.closest(points)
         return faces, barycentric(self._points[self._parts[faces]], nearest)
 
+    def first_below(self, points: Array, ways: Array) -> tuple[Index, Array]:
+        """Return the faces (K,) that rays meet first, and how far away; -1 and infinity: none."""
+        met = self._tree.intersect_ray_first(
+            self._points, self._parts, in_space(points), in_space(ways)
+        )
+        faces, depths = np.atleast_1d(met[0]), np.atleast_1d(met[1])
+        return faces, np.where(faces < 0, np.inf, depths)
+
 
 def barycentric(triangles: Array, points: Array) -> Array:
     """Return the weights (K, 3) of the corners of `triangles` that make `points` (K, 3)."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -16,8 +17,11 @@ from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
 from struck.solids.filling.stuffing import PAIRS, Cells, Lattice, cells_in
 from struck.solids.resolution import level
-from struck.solids.surface.distance import FilledBody, WalledSheet
-from struck.solids.volume_mesh import VolumeMesh, side_keys, unique_rows
+from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
+from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, side_keys, unique_rows
+
+if TYPE_CHECKING:
+    from struck.solids.surface.thin_walls import ThinBody
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,20 +39,27 @@ class Accuracy:
 
 ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
     {
-        "preview": Accuracy(nodes=3_000, most=15_000, error=0.03),
-        "standard": Accuracy(nodes=12_000, most=70_000, error=0.005),
+        "preview": Accuracy(nodes=3_000, most=30_000, error=0.03),
+        "standard": Accuracy(nodes=12_000, most=100_000, error=0.005),
         "fine": Accuracy(nodes=25_000, most=130_000, error=0.001),
     }
 )
-_NODES_SOLID, _NODES_WALL = 18, 26  # quadratic nodes a cell: solid, in a wall of 2 or 3 elements
+# Functions a cell: solid, in a wall of 2 or 3 elements, in a wall of one element with cubics.
+_NODES_SOLID, _NODES_WALL, _NODES_LAYER = 18, 26, 80
 _NODES_HALVED = 15  # quadratic nodes that halving an edge adds, neighbours included
-_SPACING_OF_SOLID = 0.75  # over thickness: a solid part thinner than its lattice tears
-_FLATTEST_LAYER = 8  # spacing over wall at which one layer bends well; more if nodes run out
+_SOLID = 2.0  # times the nodes to begin with, up to which a body is filled as a solid one
+_FLATTEST_LAYER = 20  # spacing over wall at which one layer bends well; more if nodes run out
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
 _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few show most cavities
 _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the lattice grazes
 _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over coarse nodes
+_HALVED = 1_000  # edges of a lattice over thin walls that may be halved at least
+_FINER_LATTICE = 0.75  # spacing over the one before, where that did not serve
+_OF_VOLUME = 0.4  # error of the volume over that of frequencies that is aimed at
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
+
+
+Body: TypeAlias = "FilledBody | WalledSheet | ThinBody"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,12 +67,17 @@ class Filling:
     """Elements of a body with what a person would ask about them."""
 
     mesh: VolumeMesh
-    path: str  # "stuffing"; "one layer" where the lattice is coarser than the wall is thick
+    path: str  # "stuffing"; "one layer" where the lattice is coarser than walls are thick
     reason: str  # why that path, in figures
     spacing: float  # of the lattice, m
     volume_error: float  # relative, against the body's own volume
     short: int  # boundary nodes that stayed short of the surface
     crumbs: int  # tetrahedra left out because they hung by an edge or a corner
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Sources of cubic displacements, where there are any."""
+        return ("szabo1991",) if self.mesh.cubic else ()
 
 
 def accuracy_named(name: str) -> Accuracy:
@@ -76,81 +92,95 @@ def nodes_allowed(accuracy: str, wanted: int) -> int:
     return min(max(goal.nodes, wanted), goal.most)
 
 
-def nodes_expected(body: FilledBody | WalledSheet, accuracy: str) -> tuple[float, float]:
+def nodes_expected(given: FilledBody | WalledSheet, accuracy: str) -> tuple[float, float]:
     """Return about how many nodes a coarse filling, 0 if none follows the body, and a fine have."""
     goal = accuracy_named(accuracy)
-    few = goal.coarser()
+    few, body = goal.coarser(), _as_it_is(given, goal)
     spacing = spacing_for(body, few.nodes)
     coarse = _crowded(body, spacing) if nodes_for(body, spacing) <= few.most else 0.0
     fine = _crowded(body, _spacing(body, min(goal.nodes, goal.most // 2), goal))
     return coarse, min(max(fine, _FINER * coarse), goal.most)
 
 
-def _crowded(body: FilledBody | WalledSheet, spacing: float) -> float:
+def _crowded(body: Body, spacing: float) -> float:
     """Return about how many nodes a lattice makes with the cells that its surface cuts."""
-    shares = spacing / body.thickness if _is_solid(body) else 1.0
+    shares = spacing / body.thickness if body.is_solid else 1.0
     return nodes_for(body, spacing) * (1 + shares) / _CUT
 
 
 def filled(
-    body: FilledBody | WalledSheet, accuracy: str = "standard", *, nodes: int = 0
+    given: FilledBody | WalledSheet, accuracy: str = "standard", *, nodes: int = 0
 ) -> Filling:
     """Fill a closed surface, its wall, or a sheet's wall, with curved quadratic tetrahedra."""
     # `nodes`: more than the accuracy begins with, as far as it allows.
     goal = accuracy_named(accuracy)
-    _require_cavity(body)
-    wanted = nodes_allowed(accuracy, nodes)
+    _require_cavity(given)
+    body, wanted = _as_it_is(given, goal), nodes_allowed(accuracy, nodes)
     # Creases, clefts and slender parts may take as many again: how many, only filling tells.
     begun = min(wanted, goal.most // 2)
     filling = _filled(body, _spacing(body, begun, goal), goal)
-    left = min(wanted, begun * goal.most // len(filling.mesh.nodes))
-    return _refilled(body, filling, left, goal) if left > begun else filling
+    left = min(wanted, begun * goal.most // filling.mesh.functions)
+    if left > begun:
+        filling = _refilled(body, filling, _spacing(body, left, goal), goal)
+    return _shaped(body, filling, goal) if body.both_faces and not body.is_solid else filling
 
 
 def filled_coarsely(
-    body: FilledBody | WalledSheet, accuracy: str = "standard"
+    given: FilledBody | WalledSheet, accuracy: str = "standard"
 ) -> tuple[Filling, ...]:
     """Fill a body with about a third of the nodes; return nothing when so few cannot follow it."""
-    goal = accuracy_named(accuracy).coarser()
-    _require_cavity(body)
+    goal = accuracy_named(accuracy)
+    _require_cavity(given)
+    body, goal = _as_it_is(given, goal), goal.coarser()
     spacing = spacing_for(body, goal.nodes)
-    if nodes_for(body, spacing) > goal.most:
-        return ()
-    filling = _stuffing(body, spacing, goal)
-    return () if _complaint(filling, _LARGEST_COARSE_VOLUME_ERROR) else (filling,)
+    while nodes_for(body, spacing) <= goal.most:
+        filling = _stuffing(body, spacing, goal)
+        if not _complaint(filling, _LARGEST_COARSE_VOLUME_ERROR):
+            return (filling,)
+        if body.is_solid:
+            break
+        spacing *= _FINER_LATTICE
+    return ()
 
 
-def spacing_for(body: FilledBody | WalledSheet, nodes: int) -> float:
+def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> Body:
+    """Return a solid as a thin body where a lattice that it would not tear takes many nodes."""
+    if not isinstance(body, FilledBody) or not body.is_solid:
+        return body
+    thin = nodes_for(body, THINNEST * body.thickness) > _SOLID * goal.nodes
+    if not thin:
+        return body
+    from struck.solids.surface.thin_walls import ThinBody  # few bodies need it
+
+    return ThinBody(solid=body)
+
+
+def spacing_for(body: Body, nodes: int) -> float:
     """Return the lattice spacing that makes about so many nodes, m."""
-    volume, thickness = _rough_volume(body), body.thickness
-    if _is_solid(body):
-        return min(_SPACING_OF_SOLID * thickness, (volume * _NODES_SOLID / nodes) ** (1 / 3))
+    volume, thickness = body.rough_volume, body.thickness
+    if body.is_solid:
+        return min(THINNEST * thickness, (volume * _NODES_SOLID / nodes) ** (1 / 3))
     thick = (volume * _NODES_WALL / nodes) ** (1 / 3)
-    thin = (volume * _NODES_WALL / nodes / thickness) ** (1 / 2)
-    return thick if thick < thickness else thin
+    thin = (volume * _NODES_LAYER / nodes / thickness) ** (1 / 2)
+    return thick if thick < thickness else max(thin, thickness)
 
 
-def nodes_for(body: FilledBody | WalledSheet, spacing: float) -> float:
-    """Return about how many nodes a lattice makes."""
-    cell = spacing**2 * (spacing if _is_solid(body) else min(spacing, body.thickness))
-    return _rough_volume(body) * _NODES_WALL / cell
+def nodes_for(body: Body, spacing: float) -> float:
+    """Return about how many nodes, or as many functions, a lattice makes."""
+    thin = _is_layer(body, spacing)
+    cell = spacing**2 * (body.thickness if thin else spacing)
+    return body.rough_volume * (_NODES_LAYER if thin else _NODES_WALL) / cell
 
 
-def _is_solid(body: FilledBody | WalledSheet) -> bool:
-    return isinstance(body, FilledBody) and body.wall is None
+def _is_layer(body: Body, spacing: float) -> bool:
+    """Tell whether a lattice puts one layer of elements into walls."""
+    return not body.is_solid and spacing > body.thickness
 
 
-def _rough_volume(body: FilledBody | WalledSheet) -> float:
-    if isinstance(body, WalledSheet):
-        return float(body.mesh.areas.sum()) * body.wall
-    whole = body.mesh.volume
-    return whole if body.wall is None else min(whole, float(body.mesh.areas.sum()) * body.wall)
-
-
-def _spacing(body: FilledBody | WalledSheet, nodes: int, goal: Accuracy) -> float:
+def _spacing(body: Body, nodes: int, goal: Accuracy) -> float:
     """Return the spacing that makes about so many nodes, or more where a layer were too flat."""
     spacing = spacing_for(body, nodes)
-    if _is_solid(body):
+    if body.is_solid:
         return spacing
     return min(spacing, max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most)))
 
@@ -173,7 +203,7 @@ def _require_cavity(body: FilledBody | WalledSheet) -> None:
     )
 
 
-def _filled(body: FilledBody | WalledSheet, spacing: float, goal: Accuracy) -> Filling:
+def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
     """Fill the body; where a part finer than the lattice tears, try again finer."""
     if nodes_for(body, spacing) > goal.most:
         raise MeshError(
@@ -186,38 +216,52 @@ def _filled(body: FilledBody | WalledSheet, spacing: float, goal: Accuracy) -> F
         complaint = _complaint(filling, _LARGEST_VOLUME_ERROR)
         if not complaint:
             return filling
-        spacing *= 0.75
+        spacing *= _FINER_LATTICE
         if nodes_for(body, spacing) > goal.most:
+            other = "the outer surface alone with wall=" if body.both_faces else "a thicker wall"
             raise MeshError(
-                f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', a "
-                "thicker wall, or a smoother surface"
+                f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', "
+                f"{other}, or a smoother surface"
             )
 
 
-def _refilled(
-    body: FilledBody | WalledSheet, filling: Filling, nodes: int, goal: Accuracy
-) -> Filling:
-    """Fill a body again with more nodes, or leave it as it is where these do not serve."""
-    spacing = _spacing(body, nodes, goal)
+def _refilled(body: Body, filling: Filling, spacing: float, goal: Accuracy) -> Filling:
+    """Fill a body again on a finer lattice, or leave it as it is where that does not serve."""
     finer = _stuffing(body, spacing, goal) if spacing < filling.spacing else filling
-    fits = len(finer.mesh.nodes) <= goal.most and not _complaint(finer, _LARGEST_VOLUME_ERROR)
+    fits = finer.mesh.functions <= goal.most and not _complaint(finer, _LARGEST_VOLUME_ERROR)
     return finer if fits else filling
 
 
-def _stuffing(body: FilledBody | WalledSheet, spacing: float, goal: Accuracy) -> Filling:
-    halved = int(max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED)
-    cells, crumbs = _whole(cells_in(body.depths, body.bounds, spacing, halved=halved))
-    features = Features(mesh=body.mesh) if isinstance(body, FilledBody) else None
-    mesh, short = curved(cells, body.onto, body.mesh.up, features)
-    thin = not _is_solid(body) and spacing > body.thickness
+def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
+    """Fill a thin body finer until its shape costs less than the error that is aimed at."""
+    spacing = filling.spacing
+    while abs(filling.volume_error) > _OF_VOLUME * goal.error:
+        spacing *= _FINER_LATTICE
+        if nodes_for(body, spacing) > goal.most:
+            break
+        finer = _refilled(body, filling, spacing, goal)
+        better = abs(finer.volume_error) < abs(filling.volume_error)
+        filling = finer if better else filling
+    return filling
+
+
+def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
+    thin = _is_layer(body, spacing)
+    halved = max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED
+    if thin:
+        halved = max(halved / FUNCTIONS_A_NODE, _HALVED)
+    seen = body.at(spacing)
+    cells, crumbs = _whole(cells_in(seen.depths, seen.bounds, spacing, halved=int(halved)))
+    features = None if isinstance(body, WalledSheet) else Features(mesh=body.mesh)
+    mesh, short = curved(cells, seen.onto, body.mesh.up, opposed=seen.opposed, features=features)
     relation = "thicker" if spacing < body.thickness else "thinner"
-    what = "body" if _is_solid(body) else "wall"
+    what = "body" if body.is_solid else "wall"
     return Filling(
-        mesh=mesh,
+        mesh=replace(mesh, cubic=thin),
         path="one layer" if thin else "stuffing",
         reason=f"the {what} of {body.thickness:.3g} m is {relation} than the lattice",
         spacing=spacing,
-        volume_error=mesh.volume() / body.volume(spacing / _SAMPLES_A_CELL) - 1,
+        volume_error=mesh.volume() / seen.volume(spacing / _SAMPLES_A_CELL) - 1,
         short=short,
         crumbs=crumbs,
     )
@@ -268,8 +312,8 @@ def pieces_of(mesh: VolumeMesh) -> Index:
 # Curved sides: straight-sided quadratic tetrahedra are worse than linear hexahedra on curved walls,
 # so boundary nodes move onto the true surface as far as no element folds over.
 
-Onto = Callable[[float, Array], Array]
-HALFWAY = 0.5
+Surfaces = tuple[int, ...]  # one surface, or two for what lies halfway between them
+Onto = Callable[[Surfaces, Array], Array]
 _FLATTEST = 0.02  # least over mean Jacobian determinant of an element
 _LEAST_SHAPE = 0.05  # of a tetrahedron after moving, unless half as flat as it was
 _HALVINGS = 3
@@ -277,22 +321,29 @@ _CHUNK = 4096
 
 
 def curved(
-    cells: Cells, onto: Onto, up: str = "z", features: Features | None = None
+    cells: Cells,
+    onto: Onto,
+    up: str = "z",
+    *,
+    opposed: Iterable[tuple[int, int]] = (),
+    features: Features | None = None,
 ) -> tuple[VolumeMesh, int]:
     """Return quadratic tetrahedra bent onto the surfaces, and how many nodes stay short of them."""
-    # Depths of 0 tell near which surface a node lies; `onto` moves points (K, 3) onto the surface
-    # of a number (0.5: halfway from 0 to 1). The `features` are the crisp edges of surface 0.
+    # Depths of 0 tell near which surface a node lies; `onto` moves points (K, 3) onto a surface, or
+    # halfway between two that are `opposed`. The `features` are the crisp edges of all.
     linear = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
     surfaces = range(cells.depths.shape[1])
-    on: dict[float, Mask] = {number: cells.depths[:, number] == 0 for number in surfaces}
+    on: dict[Surfaces, Mask] = {(number,): cells.depths[:, number] == 0 for number in surfaces}
     linear, held = _moved(linear, on, onto)
-    linear = linear if features is None else features.kept(linear, on[0])
+    linear = linear if features is None else features.kept(linear, _any(on))
     quadratic = linear.promoted()
-    result, short = _moved(quadratic, _middles(quadratic, on), onto)
+    result, short = _moved(quadratic, _middles(quadratic, on, opposed), onto)
     return result, held + short
 
 
-def _middles(mesh: VolumeMesh, on: dict[float, Mask]) -> dict[float, Mask]:
+def _middles(
+    mesh: VolumeMesh, on: dict[Surfaces, Mask], opposed: Iterable[tuple[int, int]]
+) -> dict[Surfaces, Mask]:
     """Return which mid-edge nodes of the boundary, or of a wall's edges, are near a surface."""
     # Edges through a thin wall must bow as its faces do, or the faces would pass them.
     found = {surface: np.zeros(len(mesh.nodes), bool) for surface in on}
@@ -301,19 +352,21 @@ def _middles(mesh: VolumeMesh, on: dict[float, Mask]) -> dict[float, Mask]:
         for surface, flags in on.items():
             along = flags[corners] & flags[np.roll(corners, -1, axis=1)]
             found[surface][middles[along]] = True
-    if 1 in on:
-        first, second = mesh.elements[:, np.array(mesh.element.edges)].transpose(2, 0, 1)
-        through = (on[0][first] & on[1][second]) | (on[1][first] & on[0][second])
-        found[HALFWAY] = np.zeros(len(mesh.nodes), bool)
-        found[HALFWAY][mesh.elements[:, len(mesh.element.corners) :][through]] = True
+    first, second = mesh.elements[:, np.array(mesh.element.edges)].transpose(2, 0, 1)
+    middles = mesh.elements[:, len(mesh.element.corners) :]
+    for pair in opposed:
+        one, other = on[pair[:1]], on[pair[1:]]
+        through = (one[first] & other[second]) | (other[first] & one[second])
+        found[pair] = np.zeros(len(mesh.nodes), bool)
+        found[pair][middles[through]] = True
     return found
 
 
-def _any(on: dict[float, Mask]) -> Mask:
+def _any(on: dict[Surfaces, Mask]) -> Mask:
     return np.asarray(np.any(list(on.values()), axis=0))
 
 
-def _ways(mesh: VolumeMesh, on: dict[float, Mask], onto: Onto) -> Array:
+def _ways(mesh: VolumeMesh, on: dict[Surfaces, Mask], onto: Onto) -> Array:
     """Return how far each node is from the surfaces it belongs on, one after the other (N, 3)."""
     goal = mesh.nodes.copy()
     for surface, flags in on.items():
@@ -321,7 +374,7 @@ def _ways(mesh: VolumeMesh, on: dict[float, Mask], onto: Onto) -> Array:
     return goal - mesh.nodes
 
 
-def _moved(mesh: VolumeMesh, on: dict[float, Mask], onto: Onto) -> tuple[VolumeMesh, int]:
+def _moved(mesh: VolumeMesh, on: dict[Surfaces, Mask], onto: Onto) -> tuple[VolumeMesh, int]:
     """Move nodes onto their surfaces, or part of the way where elements would fold."""
     way = _ways(mesh, on, onto)
     least = np.minimum(_LEAST_SHAPE, shapes(mesh) / 2)

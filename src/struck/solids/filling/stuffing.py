@@ -304,6 +304,7 @@ _STENCILS = {
 
 
 _LARGEST_MISS = 0.2  # of the depth halfway along an edge against the mean of its ends, over length
+_BEYOND = 0.1  # lengths of an edge from a surface at which other surfaces matter no more
 _NEAR = 0.5  # lengths of an edge within which surfaces matter to it
 
 
@@ -369,8 +370,12 @@ def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> A
     middle = middles.of(cells.points, edges[worth])
     length = length[worth]
     off = np.abs(middle - (first[worth] + second[worth]) / 2) / length
+    # Where all of an edge lies well beyond one surface, others bound nothing.
+    lowest = np.minimum(np.minimum(first[worth], second[worth]), middle)
+    beyond = lowest > _BEYOND * length
+    idle = beyond.sum(axis=1, keepdims=True) > beyond
     misses = np.zeros(len(edges))
-    misses[worth] = np.where(np.abs(middle) < _NEAR * length, off, 0.0).max(axis=1)
+    misses[worth] = np.where((np.abs(middle) < _NEAR * length) & ~idle, off, 0.0).max(axis=1)
     return misses
 
 

@@ -17,6 +17,8 @@ from struck.solids.surface.closedness import INSIDE
 if TYPE_CHECKING:
     import igl
 
+THINNEST = 0.75
+"""Spacing of a lattice over the thickness of a solid part, above which the lattice tears there."""
 _ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away: libigl's own
 
 
@@ -57,6 +59,26 @@ class FilledBody:
         solid = 2 * whole / float(self.mesh.areas.sum())
         return solid if self.wall is None else min(self.wall, solid)
 
+    @property
+    def is_solid(self) -> bool:
+        """Whether the body has no wall, so that a lattice must be finer than its parts."""
+        return self.wall is None
+
+    @property
+    def both_faces(self) -> bool:
+        """Whether the surface bounds all of the body."""
+        return self.wall is None
+
+    def at(self, _spacing: float) -> FilledBody:
+        """Return the body as any lattice is to see it."""
+        return self
+
+    @property
+    def rough_volume(self) -> float:
+        """Volume of the material, a wall's about, m^3."""
+        whole = self.mesh.volume
+        return whole if self.wall is None else min(whole, float(self.mesh.areas.sum()) * self.wall)
+
     def distance(self, points: Array) -> Array:
         """Return the signed distance to the surface, negative inside, m (K,)."""
         # The sign is that of the winding number (Barill et al. 2018).
@@ -70,8 +92,14 @@ class FilledBody:
         surfaces = [distance] if self.wall is None else [distance, -distance - self.wall]
         return np.stack(surfaces, axis=1)
 
-    def onto(self, surface: float, points: Array) -> Array:
-        """Return points (K, 3) moved onto the outer (0) or inner face (1), or halfway (0.5)."""
+    @property
+    def opposed(self) -> tuple[tuple[int, int], ...]:
+        """Numbers of the surfaces that have a wall between them."""
+        return () if self.wall is None else ((0, 1),)
+
+    def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
+        """Return points (K, 3) moved onto the outer (0) or inner face (1), or halfway (0, 1)."""
+        surface = float(np.mean(surfaces))
         length, _, nearest = self._surface.closest(points)
         if surface == 0 or self.wall is None:
             return nearest
@@ -104,6 +132,11 @@ class WalledSheet:
     def _surface(self) -> Surface:
         return Surface(self.mesh)
 
+    @property
+    def rough_volume(self) -> float:
+        """Volume of the material, about, m^3."""
+        return float(self.mesh.areas.sum()) * self.wall
+
     @cached_property
     def _rim(self) -> Rim:
         return Rim(self.mesh)
@@ -123,8 +156,16 @@ class WalledSheet:
         past = self._rim.past(points, nearest)
         return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
 
-    def onto(self, surface: float, points: Array) -> Array:
-        """Return points moved onto the upper (0), lower (1) or given (0.5) face, or the rim (2)."""
+    opposed = ((0, 1),)
+    is_solid = both_faces = False
+
+    def at(self, _spacing: float) -> WalledSheet:
+        """Return the body as any lattice is to see it."""
+        return self
+
+    def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
+        """Return points moved onto the upper (0), lower (1) or middle (0, 1) face, or the rim."""
+        surface = float(np.mean(surfaces))
         height, nearest = self._height(points)
         if surface == 2:
             return points - self._rim.way(points, nearest)

@@ -1,0 +1,326 @@
+"""Thin walls of a closed surface: its faces sorted into sheets, each with a distance of its own.
+
+Where a wall is thinner than the lattice that fills it, one distance cannot tell its two faces
+apart. So the surface is cut into segments along convex creases and around thin rims; segments that
+bound the same wall, or meet at its rim, become different sheets. Each sheet goes on past its border
+along its tangent, and what lies behind all of them is the body. Thickness is that of the largest
+ball inside that touches the surface (Ma, Bae & Choi 2012, Vis. Comput. 28, 7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from struck.model.arrays import Array, Index, Mask
+from struck.model.mesh import Closest, Mesh, Surface, barycentric
+from struck.model.mesh_topology import components, edges_of
+from struck.solids.surface.distance import THINNEST, FilledBody
+
+_TURNS = 30  # of shrinking a ball: few faces take more than ten
+_TOUCHING = 1e-3  # share of its radius by which a ball may overlap the surface
+_FACING, _ASKEW = -0.87, -0.5  # cosines between the normals of two faces: a wall, and no wall
+_HOLLOW = 0.2  # concave over convex bending up to which a strip is a rim, and no fillet
+_INWARD = 1e-6  # of the body's extent, by which rays start below the surface
+_CREASE = np.radians(40.0)
+_REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
+_FEW_FACES = 4_000  # up to which each face is sounded at four points
+
+
+def balls_at(surface: Surface, points: Array, normals: Array, most: Array) -> tuple[Array, Index]:
+    """Return the balls inside that touch the surface at `points`: diameters, m, and other faces."""
+    # No ball is larger than `most` (K,); where it touches nothing else, its face is -1 (K,).
+    radii, touched = most / 2, np.full(len(points), -1)
+    active = np.arange(len(points))
+    for _ in range(_TURNS):
+        centres = points[active] - radii[active, None] * normals[active]
+        length, faces, nearest = surface.closest(centres)
+        way = points[active] - nearest
+        height = np.einsum("kd,kd->k", way, normals[active])
+        square = np.einsum("kd,kd->k", way, way)
+        over = (length < radii[active] * (1 - _TOUCHING)) & (height > 0)
+        active = active[over]
+        touched[active] = faces[over]
+        radii[active] = np.minimum(radii[active], square[over] / (2 * height[over]))
+        if not len(active):
+            break
+    return 2 * radii, touched
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThinBody:
+    """A closed surface around a body that is thin against its size."""
+
+    solid: FilledBody
+    is_solid, both_faces = False, True
+
+    @property
+    def mesh(self) -> Mesh:
+        """Surface of the body."""
+        return self.solid.mesh
+
+    @property
+    def thickness(self) -> float:
+        """Of a plate with the same volume and surface, m."""
+        return self.solid.thickness
+
+    @property
+    def rough_volume(self) -> float:
+        """Volume of the material, m^3."""
+        return self.solid.mesh.volume
+
+    def at(self, spacing: float) -> FilledBody | SheetedBody:
+        """Return the body as a lattice of some spacing, m, is to see it."""
+        segments = Segments.of(self.mesh, spacing / THINNEST)
+        colours = segments.coloured()
+        if not len(segments.opposed):
+            return self.solid
+        kept = np.where(segments.faces < 0, -1, colours[segments.faces])
+        sheets = tuple(
+            BoundingSheet(self.mesh, np.flatnonzero(kept == number), np.flatnonzero(kept < 0))
+            for number in range(colours.max() + 1)
+        )
+        pairs = {(int(a), int(b)) for a, b in np.sort(colours[segments.opposed], axis=1)}
+        return SheetedBody(
+            solid=self.solid, sheets=sheets, opposed=tuple(sorted(pairs)), spacing=spacing
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SheetedBody:
+    """A closed surface whose faces are sorted into sheets, for a lattice of one spacing."""
+
+    solid: FilledBody
+    sheets: tuple[BoundingSheet, ...]
+    opposed: tuple[tuple[int, int], ...]  # numbers of sheets that bound the same wall
+    spacing: float  # m
+
+    @property
+    def mesh(self) -> Mesh:
+        """Surface of the body."""
+        return self.solid.mesh
+
+    @property
+    def bounds(self) -> Array:
+        """Corners of a box around the body, m (2, 3)."""
+        return self.solid.bounds
+
+    def depths(self, points: Array) -> Array:
+        """Return the depths below each sheet, all negative in the material alone, m (K, n)."""
+        distance = self.solid.distance(points)
+        found = [sheet.height(points) for sheet in self.sheets]
+        heights, lengths = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+        far = lengths > np.abs(distance)[:, None] + _REACH * self.spacing
+        heights = np.where(far, -lengths, heights)
+        inside = distance <= 0
+        heights[inside] = np.minimum(heights[inside], distance[inside, None])
+        # Outside, one sheet at least says so.
+        best = heights.argmax(axis=1)
+        lost = np.flatnonzero(~inside & (heights.max(axis=1) <= 0))
+        heights[lost, best[lost]] = distance[lost]
+        return heights
+
+    def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
+        """Return points (K, 3) moved onto a sheet, or halfway between two."""
+        return np.mean([self.sheets[number].onto(points) for number in surfaces], axis=0)
+
+    def volume(self, _spacing: float) -> float:
+        """Return the volume of the material, m^3."""
+        return self.solid.mesh.volume
+
+
+class BoundingSheet:
+    """Some faces of a surface that bound a body from one side."""
+
+    def __init__(self, mesh: Mesh, faces: Index, rounded: Index) -> None:
+        # `rounded` faces round off a rim: they belong to the sheets on both sides of it.
+        self._points, self._faces = mesh.points, mesh.faces[faces]
+        self._tree = Closest(mesh.points, self._faces)
+        self._whole = Closest(mesh.points, mesh.faces[np.concatenate([faces, rounded])])
+        self._normals, self._at_border = _normals(mesh, faces)
+
+    def height(self, points: Array) -> tuple[Array, Array]:
+        """Return heights above the sheet and its tangents past it, and distances, m (K,)."""
+        length, face, nearest = self._tree.closest(points)
+        weights = barycentric(self._points[self._faces[face]], nearest)
+        place = _places(weights)
+        normals = self._normals[face, place]
+        above = np.einsum("kd,kd->k", points - nearest, normals)
+        return np.where(self._at_border[face, place], above, np.sign(above) * length), length
+
+    def onto(self, points: Array) -> Array:
+        """Return the nearest points, m (K, 3)."""
+        return self._whole.closest(points)[2]
+
+
+_AT = 1e-6  # share of a face's height within which a point counts as on its edge or corner
+
+
+def _places(weights: Array) -> Index:
+    """Return where in its face a point lies: corner 0 to 2, edge 3 to 5 opposite those, or 6."""
+    nought = weights < _AT
+    corner = weights.argmax(axis=1)
+    edge = 3 + nought.argmax(axis=1)
+    count = nought.sum(axis=1)
+    return np.where(count > 1, corner, np.where(count == 1, edge, 6))
+
+
+def _normals(mesh: Mesh, faces: Index) -> tuple[Array, Mask]:
+    """Return the normals (F, 7, 3) at the places of each face, and which are on the border."""
+    # Sums over the faces that meet there, at corners by their angles (Baerentzen & Aanaes 2005).
+    corners = mesh.faces[faces]
+    own = mesh.face_normals[faces]
+    edges = edges_of(corners)
+    sides = np.zeros((len(edges.ends), 3))
+    np.add.at(sides, edges.owner, np.repeat(own, 3, axis=0))
+    opposite = edges.owner.reshape(-1, 3)[:, [1, 2, 0]]
+    ways = mesh.points[np.roll(corners, -1, axis=1)] - mesh.points[corners]
+    ways /= np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), np.finfo(float).tiny)
+    cosines = -np.einsum("fcd,fcd->fc", ways, np.roll(ways, 1, axis=1))
+    angles = np.arccos(np.clip(cosines, -1, 1))
+    around = np.zeros((len(mesh.points), 3))
+    np.add.at(around, corners.ravel(), (angles[:, :, None] * own[:, None]).reshape(-1, 3))
+    rim = np.zeros(len(mesh.points), bool)
+    rim[edges.ends[edges.faces_at == 1]] = True
+    found = np.concatenate([around[corners], sides[opposite], own[:, None]], axis=1)
+    border = np.concatenate(
+        [rim[corners], edges.faces_at[opposite] == 1, np.zeros((len(faces), 1), bool)], axis=1
+    )
+    lengths = np.linalg.norm(found, axis=2, keepdims=True)
+    return found / np.maximum(lengths, np.finfo(float).tiny), border
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segments:
+    """Parts of a surface between convex creases and rims, and which have a wall between them."""
+
+    faces: Index  # (F,) segment of each face; -1 where it rounds off a rim
+    areas: Array  # (S,), m^2
+    opposed: Index  # (P, 2) segments that bound the same wall
+    apart: Index  # (P, 2) segments that cannot be one sheet: these, and those that meet at a rim
+
+    @classmethod
+    def of(cls, mesh: Mesh, thin: float) -> Self:
+        """Cut a surface where it goes round walls of less than `thin`, m."""
+        sounded = _Soundings.of(mesh, thin)
+        pairs = edges_of(mesh.faces).pairs()[0]
+        bend = _bends(mesh, pairs)
+        bent, rim = _rims(mesh, sounded, pairs, bend)
+        kept = ~bent
+        whole = kept[pairs].all(axis=1)
+        cut = (bend > _CREASE) | (rim[pairs[:, 0]] != rim[pairs[:, 1]])
+        labels = components(pairs[whole & ~cut], len(mesh.faces))
+        rounded = components(pairs[~kept[pairs].any(axis=1)], len(mesh.faces))
+        labels = np.where(kept, labels, -1)
+        across = pairs[whole & cut & sounded.thin[pairs].any(axis=1)]
+        around = _around(labels, rounded, pairs[kept[pairs].sum(axis=1) == 1], kept)
+        opposed = _distinct(labels[sounded.opposed])
+        areas = np.zeros(labels.max() + 1)
+        np.add.at(areas, labels[kept], mesh.areas[kept])
+        return cls(
+            faces=labels,
+            areas=areas,
+            opposed=opposed,
+            apart=np.vstack(
+                [opposed, *(_distinct(labels[pairs]) for pairs in (across, sounded.beside)), around]
+            ),
+        )
+
+    def coloured(self) -> Index:
+        """Return the sheet of each segment (S,): the fewest, the largest segments first."""
+        sheets = np.full(len(self.areas), -1)
+        both = np.vstack([self.apart, self.apart[:, ::-1]])
+        for segment in np.argsort(-self.areas, kind="stable"):
+            taken = set(sheets[both[both[:, 0] == segment, 1]].tolist())
+            sheets[segment] = next(i for i in range(len(taken) + 1) if i not in taken)
+        return sheets
+
+
+def _distinct(pairs: Index) -> Index:
+    """Return pairs (P, 2) of two different segments, each once."""
+    return np.unique(pairs[(pairs >= 0).all(axis=1) & (pairs[:, 0] != pairs[:, 1])], axis=0)
+
+
+def _bends(mesh: Mesh, pairs: Index) -> Array:
+    """Return the angles between neighbouring faces (P, 2), rad: above 0 where they are convex."""
+    first, second = mesh.face_normals[pairs.T]
+    angles = np.arccos(np.clip(np.einsum("pd,pd->p", first, second), -1, 1))
+    way = mesh.centroids[pairs[:, 1]] - mesh.centroids[pairs[:, 0]]
+    return np.where(np.einsum("pd,pd->p", first, way) < 0, angles, -angles)
+
+
+def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[Mask, Mask]:
+    """Return the faces that lead round to a rim, and those of rims themselves (F,) each."""
+    strip = sounded.bent | sounded.rim
+    inner = strip[pairs].all(axis=1) & (bend <= _CREASE)
+    labels = components(pairs[inner], len(mesh.faces))
+    met = pairs[strip[pairs].any(axis=1) & (bend <= _CREASE)]
+    angle = bend[strip[pairs].any(axis=1) & (bend <= _CREASE)]
+    owner = labels[np.where(strip[met[:, 0]], met[:, 0], met[:, 1])]
+    convex, hollow = (
+        np.bincount(owner, weights=np.maximum(sign * angle, 0), minlength=len(strip))
+        for sign in (1, -1)
+    )
+    has_rim = np.bincount(labels, weights=sounded.rim, minlength=len(strip)) > 0
+    is_rim = strip & (has_rim & (hollow <= _HOLLOW * convex))[labels]
+    return is_rim & sounded.bent, is_rim & sounded.rim
+
+
+def _around(labels: Index, rounded: Index, pairs: Index, kept: Mask) -> Index:
+    """Return the segments (P, 2) that meet around the same rounded rim."""
+    inner = np.where(kept[pairs[:, 0]], pairs[:, 0], pairs[:, 1])
+    outer = np.where(kept[pairs[:, 0]], pairs[:, 1], pairs[:, 0])
+    met = np.unique(np.stack([rounded[outer], labels[inner]], axis=1), axis=0)
+    found = [
+        (a, b)
+        for rim in np.unique(met[:, 0])
+        for a in met[met[:, 0] == rim, 1]
+        for b in met[met[:, 0] == rim, 1]
+        if a < b
+    ]
+    return np.array(found, np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Soundings:
+    """What balls and rays inside a surface tell of its faces."""
+
+    thin: Mask  # (F,): a wall or its rim
+    bent: Mask  # (F,): near a wall's rim, or where a wall leaves a thicker part
+    rim: Mask  # (F,): material goes on below, though a thin wall begins or ends there
+    opposed: Index  # (P, 2) faces with a thin wall between them
+    beside: Index  # (P, 2) faces that the same small ball touches
+
+    @classmethod
+    def of(cls, mesh: Mesh, thin: float) -> Self:
+        surface = Surface(mesh)
+        face, points = _sounded(mesh)
+        normals = mesh.face_normals[face]
+        below, depth = surface.first_below(points - _INWARD * mesh.extent * normals, -normals)
+        # A ball that reaches through the body is no larger, and far from a middle of all faces.
+        across, touched = balls_at(surface, points, normals, np.minimum(depth, 2 * thin))
+        slender = across < thin
+        cosine = np.einsum("kd,kd->k", normals, mesh.face_normals[below])
+        wall = (depth < thin) & (cosine < _FACING)
+        middle = slice(len(mesh.faces))  # the first point of each face is its middle
+        rim = slender & ~wall & ((depth >= thin) | (cosine > _ASKEW))
+        pairs = np.stack([face, touched], axis=1)[slender]
+        return cls(
+            thin=(slender | wall)[middle],
+            bent=(slender & ~wall & ~rim)[middle],
+            rim=rim[middle],
+            opposed=np.unique(np.stack([face, below], axis=1)[wall], axis=0),
+            beside=np.unique(pairs[pairs[:, 1] >= 0], axis=0),
+        )
+
+
+def _sounded(mesh: Mesh) -> tuple[Index, Array]:
+    """Return faces (K,) and points on them (K, 3): all middles first, then more of few faces."""
+    every = np.arange(len(mesh.faces))
+    if len(every) > _FEW_FACES:
+        return every, mesh.centroids
+    between = (mesh.points[mesh.faces] + mesh.centroids[:, None]) / 2
+    points = np.vstack([mesh.centroids, between.reshape(-1, 3)])
+    return np.concatenate([every, np.repeat(every, 3)]), points

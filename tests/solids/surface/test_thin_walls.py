@@ -1,0 +1,125 @@
+"""Thin walls: thickness by balls, segments of a surface, and what lies behind all of its sheets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from struck.model.mesh import Mesh, Surface
+from struck.solids.filling.filling import filled
+from struck.solids.surface.distance import FilledBody
+from struck.solids.surface.thin_walls import (
+    Segments,
+    SheetedBody,
+    ThinBody,
+    balls_at,
+)
+from tests.physics.bodies import ball, box
+from tests.physics.test_thin_bodies import between, rounded, turned
+
+PLATE = (0.3, 0.2, 0.001)
+
+
+def crate() -> Mesh:
+    """Return a box of 12 mm thick walls that is open at the top."""
+    outer, inner = box(0.4, 0.3, 0.25), box(0.376, 0.276, 0.238)
+    lifted = Mesh(points=inner.points + np.array([0, 0, 0.006]), faces=inner.faces)
+    joined = between(outer, lifted)
+    top = [joined.points[:, 2] > 0.12499]
+    assert top[0].sum() == 8
+    rest = joined.faces[~top[0][joined.faces].all(axis=1)]
+    corners = np.flatnonzero(top[0])
+    ring = [
+        sorted(half, key=lambda v: np.arctan2(*joined.points[v, 1::-1]))
+        for half in (corners[:4], corners[4:])
+    ]
+    faces = []
+    for k in range(4):
+        a, b = ring[0][k], ring[0][(k + 1) % 4]
+        c, d = ring[1][k], ring[1][(k + 1) % 4]
+        faces += [[a, b, d], [a, d, c]]
+    return Mesh(points=joined.points, faces=np.vstack([rest, faces]))
+
+
+BODIES = {
+    "plate": lambda: box(*PLATE),
+    "crate": crate,
+    "hollow box": lambda: between(box(0.05, 0.05, 0.05), box(0.045, 0.045, 0.045)),
+    "beaker": lambda: turned(rounded(0.04, 0.036, 0.09, 0.005), 64),
+}
+SPACING = {"plate": 0.02, "crate": 0.04, "hollow box": 0.008, "beaker": 0.012}
+
+
+def test_balls_tell_how_thick_a_body_is() -> None:
+    for mesh, across in ((ball(0.05, 4), 0.1), (box(0.3, 0.2, 0.001), 0.001)):
+        where = mesh.centroids[:2] if across < 0.01 else mesh.centroids
+        wide = np.argsort(-np.abs(mesh.face_normals[:, 2]))[: len(where)]
+        found, faces = balls_at(
+            Surface(mesh), mesh.centroids[wide], mesh.face_normals[wide], np.full(len(wide), 1.0)
+        )
+        assert found.max() <= across * (1 + 1e-3)
+        assert np.median(found) == pytest.approx(across, rel=0.015)  # facets lie within the ball
+        assert found.min() > 0.9 * across
+        assert (faces >= 0).all()
+
+
+def test_a_plate_is_six_segments_and_neighbours_are_different_sheets() -> None:
+    segments = Segments.of(box(*PLATE), 0.02)
+    assert len(segments.areas) == 6
+    sheets = segments.coloured()
+    assert (sheets[segments.apart[:, 0]] != sheets[segments.apart[:, 1]]).all()
+    wide = np.argsort(-segments.areas)[:2]
+    assert sheets[wide[0]] != sheets[wide[1]]
+
+
+@pytest.mark.parametrize(("name", "inner"), [("crate", 0.46), ("hollow box", 0.45)])
+def test_faces_that_meet_in_a_concave_edge_are_one_segment(name: str, inner: float) -> None:
+    mesh = BODIES[name]()
+    segments = Segments.of(mesh, 0.05)
+    assert segments.areas.max() / mesh.areas.sum() == pytest.approx(inner, abs=0.01)
+
+
+def test_a_round_lip_parts_the_outside_from_the_inside() -> None:
+    mesh = BODIES["beaker"]()
+    segments = Segments.of(mesh, 0.016)
+    middle, radius = mesh.centroids, np.hypot(*mesh.centroids[:, :2].T)
+    wall = (middle[:, 2] > 0.02) & (middle[:, 2] < 0.08)
+    outside, inside = (
+        np.unique(segments.faces[wall & side]) for side in (radius > 0.038, radius < 0.038)
+    )
+    assert len(outside) == len(inside) == 1
+    assert outside[0] != inside[0]
+    assert (segments.faces < 0).any()  # what rounds off the lip is neither's
+
+
+def test_a_thick_body_stays_a_solid() -> None:
+    solid = FilledBody(mesh=box(0.1, 0.08, 0.09))
+    assert ThinBody(solid=solid).at(0.02) is solid
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_point_is_in_the_body_where_it_is_behind_all_sheets(name: str) -> None:
+    """As the winding number of libigl tells, at random and close to the surface."""
+    mesh = BODIES[name]()
+    body = FilledBody(mesh=mesh)
+    seen = ThinBody(solid=body).at(SPACING[name])
+    assert isinstance(seen, SheetedBody)
+    rng = np.random.default_rng(0)
+    low, high = mesh.bounds
+    anywhere = rng.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), (3000, 3))
+    face = rng.integers(len(mesh.faces), size=3000)
+    near = mesh.centroids[face] + rng.normal(size=(3000, 3)) * body.thickness
+    points = np.vstack([anywhere, near])
+    behind = (seen.depths(points) < 0).all(axis=1)
+    assert behind.sum() > 100
+    assert np.array_equal(behind, body.distance(points) < 0)
+
+
+@pytest.mark.parametrize("name", ["plate", "crate", "beaker"])
+def test_few_elements_follow_a_thin_body(name: str) -> None:
+    mesh = BODIES[name]()
+    filling = filled(FilledBody(mesh=mesh), "preview")
+    assert filling.path == "one layer"
+    assert filling.mesh.cubic
+    assert filling.mesh.functions <= 30_000
+    assert filling.mesh.volume() == pytest.approx(mesh.volume, rel=0.02)
