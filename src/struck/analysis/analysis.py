@@ -58,7 +58,7 @@ METHODS = ("quadratic", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
-_MORE = 1.5  # times the nodes of coarse elements that fine ones have at least
+_MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
@@ -173,8 +173,8 @@ class _Work:
         coarse, first = self._coarse(source)
         nodes = 0
         if coarse and first and source.error and self.method == "quadratic":
-            few = coarse.mesh.functions
-            nodes = max(nodes_needed(first, few, source.error), round(_MORE * few))
+            few, least = coarse.mesh.functions, _MORE if coarse.mesh.cubic else 0.0
+            nodes = max(nodes_needed(first, few, source.error), round(least * few))
         elements = source.fine(self.stages, nodes)
         modes = self._modes(elements.mesh, MODES, self.highest)
         count = coarse.mesh.functions if coarse else 0

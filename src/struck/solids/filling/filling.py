@@ -30,25 +30,27 @@ class Accuracy:
 
     nodes: int  # to begin with
     most: int  # nodes not to exceed
+    thin: int  # nodes, or functions of cubic elements, not to exceed in thin bodies
     error: float  # relative, that the frequencies of most modes shall keep
 
     def coarser(self) -> Accuracy:
         """Return a third of the nodes: the difference tells the error."""
-        return Accuracy(nodes=self.nodes // 3, most=self.most // 3, error=self.error)
+        return replace(self, nodes=self.nodes // 3, most=self.most // 3, thin=self.thin // 3)
 
 
 ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
     {
-        "preview": Accuracy(nodes=3_000, most=30_000, error=0.03),
-        "standard": Accuracy(nodes=12_000, most=100_000, error=0.005),
-        "fine": Accuracy(nodes=25_000, most=130_000, error=0.001),
+        "preview": Accuracy(nodes=3_000, most=15_000, thin=30_000, error=0.03),
+        "standard": Accuracy(nodes=12_000, most=70_000, thin=100_000, error=0.005),
+        "fine": Accuracy(nodes=25_000, most=130_000, thin=180_000, error=0.001),
     }
 )
 # Functions a cell: solid, in a wall of 2 or 3 elements, in a wall of one element with cubics.
 _NODES_SOLID, _NODES_WALL, _NODES_LAYER = 18, 26, 80
 _NODES_HALVED = 15  # quadratic nodes that halving an edge adds, neighbours included
 _SOLID = 2.0  # times the nodes to begin with, up to which a body is filled as a solid one
-_FLATTEST_LAYER = 20  # spacing over wall at which one layer bends well; more if nodes run out
+# Spacing over wall at which one layer bends well, quadratic or cubic; more if nodes run out.
+_FLATTEST_LAYER, _FLATTEST_CUBIC = 8, 20
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
 _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few show most cavities
 _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the lattice grazes
@@ -95,7 +97,8 @@ def nodes_allowed(accuracy: str, wanted: int) -> int:
 def nodes_expected(given: FilledBody | WalledSheet, accuracy: str) -> tuple[float, float]:
     """Return about how many nodes a coarse filling, 0 if none follows the body, and a fine have."""
     goal = accuracy_named(accuracy)
-    few, body = goal.coarser(), _as_it_is(given, goal)
+    body, goal = _as_it_is(given, goal)
+    few = goal.coarser()
     spacing = spacing_for(body, few.nodes)
     coarse = _crowded(body, spacing) if nodes_for(body, spacing) <= few.most else 0.0
     fine = _crowded(body, _spacing(body, min(goal.nodes, goal.most // 2), goal))
@@ -115,7 +118,8 @@ def filled(
     # `nodes`: more than the accuracy begins with, as far as it allows.
     goal = accuracy_named(accuracy)
     _require_cavity(given)
-    body, wanted = _as_it_is(given, goal), nodes_allowed(accuracy, nodes)
+    wanted = nodes_allowed(accuracy, nodes)
+    body, goal = _as_it_is(given, goal)
     # Creases, clefts and slender parts may take as many again: how many, only filling tells.
     begun = min(wanted, goal.most // 2)
     filling = _filled(body, _spacing(body, begun, goal), goal)
@@ -131,7 +135,8 @@ def filled_coarsely(
     """Fill a body with about a third of the nodes; return nothing when so few cannot follow it."""
     goal = accuracy_named(accuracy)
     _require_cavity(given)
-    body, goal = _as_it_is(given, goal), goal.coarser()
+    body, goal = _as_it_is(given, goal)
+    goal = goal.coarser()
     spacing = spacing_for(body, goal.nodes)
     while nodes_for(body, spacing) <= goal.most:
         filling = _stuffing(body, spacing, goal)
@@ -143,16 +148,16 @@ def filled_coarsely(
     return ()
 
 
-def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> Body:
+def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Accuracy]:
     """Return a solid as a thin body where a lattice that it would not tear takes many nodes."""
     if not isinstance(body, FilledBody) or not body.is_solid:
-        return body
+        return body, goal
     thin = nodes_for(body, THINNEST * body.thickness) > _SOLID * goal.nodes
     if not thin:
-        return body
+        return body, goal
     from struck.solids.surface.thin_walls import ThinBody  # few bodies need it
 
-    return ThinBody(solid=body)
+    return ThinBody(solid=body), replace(goal, most=goal.thin)
 
 
 def spacing_for(body: Body, nodes: int) -> float:
@@ -161,7 +166,8 @@ def spacing_for(body: Body, nodes: int) -> float:
     if body.is_solid:
         return min(THINNEST * thickness, (volume * _NODES_SOLID / nodes) ** (1 / 3))
     thick = (volume * _NODES_WALL / nodes) ** (1 / 3)
-    thin = (volume * _NODES_LAYER / nodes / thickness) ** (1 / 2)
+    layer = _NODES_LAYER if body.both_faces else _NODES_WALL
+    thin = (volume * layer / nodes / thickness) ** (1 / 2)
     return thick if thick < thickness else max(thin, thickness)
 
 
@@ -169,7 +175,7 @@ def nodes_for(body: Body, spacing: float) -> float:
     """Return about how many nodes, or as many functions, a lattice makes."""
     thin = _is_layer(body, spacing)
     cell = spacing**2 * (body.thickness if thin else spacing)
-    return body.rough_volume * (_NODES_LAYER if thin else _NODES_WALL) / cell
+    return body.rough_volume * (_NODES_LAYER if thin and body.both_faces else _NODES_WALL) / cell
 
 
 def _is_layer(body: Body, spacing: float) -> bool:
@@ -182,7 +188,8 @@ def _spacing(body: Body, nodes: int, goal: Accuracy) -> float:
     spacing = spacing_for(body, nodes)
     if body.is_solid:
         return spacing
-    return min(spacing, max(_FLATTEST_LAYER * body.thickness, spacing_for(body, goal.most)))
+    flattest = _FLATTEST_CUBIC if body.both_faces else _FLATTEST_LAYER
+    return min(spacing, max(flattest * body.thickness, spacing_for(body, goal.most)))
 
 
 def _require_cavity(body: FilledBody | WalledSheet) -> None:
@@ -248,7 +255,8 @@ def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
 def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     thin = _is_layer(body, spacing)
     halved = max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED
-    if thin:
+    cubic = thin and body.both_faces
+    if cubic:
         halved = max(halved / FUNCTIONS_A_NODE, _HALVED)
     seen = body.at(spacing)
     cells, crumbs = _whole(cells_in(seen.depths, seen.bounds, spacing, halved=int(halved)))
@@ -257,7 +265,7 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     relation = "thicker" if spacing < body.thickness else "thinner"
     what = "body" if body.is_solid else "wall"
     return Filling(
-        mesh=replace(mesh, cubic=thin),
+        mesh=replace(mesh, cubic=cubic),
         path="one layer" if thin else "stuffing",
         reason=f"the {what} of {body.thickness:.3g} m is {relation} than the lattice",
         spacing=spacing,
