@@ -113,7 +113,7 @@ class _Sight:
         return (moved @ vectors.reshape(len(vectors), -1)).reshape(-1, *vectors.shape[1:])
 
     def _everywhere(self, pairs: Eigenpairs) -> Array:
-        """Return the movement by all functions (N, 3, m), by those that are held too."""
+        """Return the movement of all functions (N, 3, m), of those that are held too."""
         moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
         if self.movable.all():
             return moving

@@ -159,7 +159,7 @@ _AT = 1e-6  # share of a face's height within which a point counts as on its edg
 
 
 def _places(weights: Array) -> Index:
-    """Return where in its face a point lies: corner 0 to 2, edge 3 to 5 opposite those, or 6."""
+    """Return the corner (0 to 2), opposite edge (3 to 5) or inside (6) of a face: where points lie."""
     nought = weights < _AT
     corner = weights.argmax(axis=1)
     edge = 3 + nought.argmax(axis=1)
@@ -252,7 +252,7 @@ def _bends(mesh: Mesh, pairs: Index) -> Array:
 
 
 def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[Mask, Mask]:
-    """Return the faces that lead round to a rim, and those of rims themselves (F,) each."""
+    """Return which faces round off the rim of a wall, and which are its rim (F,) each."""
     strip = sounded.bent | sounded.rim
     inner = strip[pairs].all(axis=1) & (bend <= _CREASE)
     labels = components(pairs[inner], len(mesh.faces))
