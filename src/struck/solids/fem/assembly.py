@@ -102,7 +102,7 @@ def edge_or_side_keys(corners: Index, nodes: int) -> Index:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Displacements:
-    """Displacements of a mesh, as sums of functions: those of its nodes, then cubics of thin ones."""
+    """Displacements of a mesh as sums of functions: those of its nodes, then cubics."""
 
     mesh: VolumeMesh
     numbers: Index  # (E, n), of the functions in the whole mesh

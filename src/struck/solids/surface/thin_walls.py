@@ -159,7 +159,7 @@ _AT = 1e-6  # share of a face's height within which a point counts as on its edg
 
 
 def _places(weights: Array) -> Index:
-    """Return the corner (0 to 2), opposite edge (3 to 5) or inside (6) of a face: where points lie."""
+    """Return where in a face points lie: corner 0 to 2, edge 3 to 5 (opposite those), inside 6."""
     nought = weights < _AT
     corner = weights.argmax(axis=1)
     edge = 3 + nought.argmax(axis=1)
