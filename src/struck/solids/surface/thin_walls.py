@@ -74,9 +74,9 @@ class ThinBody:
     def at(self, spacing: float) -> FilledBody | SheetedBody:
         """Return the body as a lattice of some spacing, m, is to see it."""
         segments = Segments.of(self.mesh, spacing / THINNEST)
-        colours = segments.coloured()
         if not len(segments.opposed):
             return self.solid
+        colours = segments.coloured()
         kept = np.where(segments.faces < 0, -1, colours[segments.faces])
         sheets = tuple(
             BoundingSheet(self.mesh, np.flatnonzero(kept == number), np.flatnonzero(kept < 0))
@@ -96,11 +96,6 @@ class SheetedBody:
     sheets: tuple[BoundingSheet, ...]
     opposed: tuple[tuple[int, int], ...]  # numbers of sheets that bound the same wall
     spacing: float  # m
-
-    @property
-    def mesh(self) -> Mesh:
-        """Surface of the body."""
-        return self.solid.mesh
 
     @property
     def bounds(self) -> Array:
@@ -256,8 +251,8 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
     strip = sounded.bent | sounded.rim
     inner = strip[pairs].all(axis=1) & (bend <= _CREASE)
     labels = components(pairs[inner], len(mesh.faces))
-    met = pairs[strip[pairs].any(axis=1) & (bend <= _CREASE)]
-    angle = bend[strip[pairs].any(axis=1) & (bend <= _CREASE)]
+    beside = strip[pairs].any(axis=1) & (bend <= _CREASE)
+    met, angle = pairs[beside], bend[beside]
     owner = labels[np.where(strip[met[:, 0]], met[:, 0], met[:, 1])]
     convex, hollow = (
         np.bincount(owner, weights=np.maximum(sign * angle, 0), minlength=len(strip))
