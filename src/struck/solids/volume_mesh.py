@@ -141,6 +141,18 @@ class VolumeMesh:
             groups.append(every[first[counts == 1]])
         return groups
 
+    def neighbours(self) -> Index:
+        """Return the pairs of elements that have a side in common (P, 2)."""
+        pairs = []
+        for corners in {len(side) for side in self.element.sides}:
+            sides = np.array([side for side in self.element.sides if len(side) == corners])
+            owners = np.repeat(np.arange(len(self.elements)), len(sides))
+            keys = side_keys(self.elements[:, sides].reshape(-1, corners), len(self.nodes))
+            order = np.argsort(keys, kind="stable")
+            same = keys[order][1:] == keys[order][:-1]
+            pairs.append(np.stack([owners[order][:-1][same], owners[order][1:][same]]))
+        return np.hstack(pairs).T
+
     def surface(self) -> tuple[Mesh, Index]:
         """Return the boundary as triangles through all its nodes, and those nodes' numbers."""
         triangles = np.vstack([_triangles(sides) for sides in self.boundary_sides() if len(sides)])

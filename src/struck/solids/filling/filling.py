@@ -18,7 +18,7 @@ from struck.model.mesh_topology import components, edges_of
 from struck.solids.filling.stuffing import PAIRS, Cells, Lattice, cells_in
 from struck.solids.resolution import level
 from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
-from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, side_keys, unique_rows
+from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, unique_rows
 
 if TYPE_CHECKING:
     from struck.solids.surface.thin_walls import ThinBody
@@ -126,7 +126,13 @@ def filled(
     left = min(wanted, begun * goal.most // filling.mesh.functions)
     if left > begun:
         filling = _refilled(body, filling, _spacing(body, left, goal), goal)
-    return _shaped(body, filling, goal) if body.both_faces and not body.is_solid else filling
+    if body.is_solid or not body.both_faces:
+        return filling
+    if filling.mesh.functions > goal.most:
+        coarser = _stuffing(body, _spacing(body, left, goal), goal)
+        fits = not _complaint(coarser, _LARGEST_VOLUME_ERROR)
+        filling = coarser if fits else filling
+    return _shaped(body, filling, goal)
 
 
 def filled_coarsely(
@@ -259,7 +265,8 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     if cubic:
         halved = max(halved / FUNCTIONS_A_NODE, _HALVED)
     seen = body.at(spacing)
-    cells, crumbs = _whole(cells_in(seen.depths, seen.bounds, spacing, halved=int(halved)))
+    found = cells_in(seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge)
+    cells, crumbs = _whole(found)
     features = None if isinstance(body, WalledSheet) else Features(mesh=body.mesh)
     mesh, short = curved(cells, seen.onto, body.mesh.up, opposed=seen.opposed, features=features)
     relation = "thicker" if spacing < body.thickness else "thinner"
@@ -306,15 +313,7 @@ def piece_count(mesh: VolumeMesh) -> int:
 
 def pieces_of(mesh: VolumeMesh) -> Index:
     """Return the number of the face-connected piece of each element (E,)."""
-    neighbours = []
-    for corners in {len(side) for side in mesh.element.sides}:
-        sides = np.array([side for side in mesh.element.sides if len(side) == corners])
-        owners = np.repeat(np.arange(len(mesh.elements)), len(sides))
-        keys = side_keys(mesh.elements[:, sides].reshape(-1, corners), len(mesh.nodes))
-        order = np.argsort(keys, kind="stable")
-        same = keys[order][1:] == keys[order][:-1]
-        neighbours.append(np.stack([owners[order][:-1][same], owners[order][1:][same]]))
-    return components(np.hstack(neighbours).T, len(mesh.elements))
+    return components(mesh.neighbours(), len(mesh.elements))
 
 
 # Curved sides: straight-sided quadratic tetrahedra are worse than linear hexahedra on curved walls,
@@ -428,7 +427,8 @@ def _shapes(corners: Array) -> Array:
     corners = corners.transpose(2, 1, 0)
     edges = np.stack([corners[:, b] - corners[:, a] for a, b in PAIRS])
     square = (edges**2).sum(axis=1).mean(axis=0)
-    return np.sqrt(2) * _determinants(edges[:3].transpose(1, 0, 2)) / square**1.5
+    cube = np.maximum(square**1.5, np.finfo(float).tiny)
+    return np.sqrt(2) * _determinants(edges[:3].transpose(1, 0, 2)) / cube
 
 
 def _determinants(matrices: Array) -> Array:

@@ -23,6 +23,7 @@ Depths = Callable[[Array], Array]
 # Shares of an edge within which the boundary pulls a lattice point over; long edges join two
 # corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
 _LONG, _SHORT = 0.24999, 0.41189
+_NOUGHT = 1e-4  # share of an edge within which a point counts as on a surface
 
 
 def stuffed(depths: Depths, bounds: Array, spacing: float, up: str = "z") -> VolumeMesh:
@@ -31,28 +32,50 @@ def stuffed(depths: Depths, bounds: Array, spacing: float, up: str = "z") -> Vol
     return VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4", up=up)
 
 
-def cells_in(depths: Depths, bounds: Array, spacing: float, *, halved: int = 0) -> Cells:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judge:
+    """What tells which cells are in a body that goes on beyond some of its surfaces."""
+
+    joined: tuple[int, ...]  # the surfaces beyond which it may go on
+    distance: Depths  # to the body, m: negative inside
+    kept: Callable[[Cells], Cells]  # of cells on both sides of each surface, those in the body
+
+
+def cells_in(
+    depths: Depths, bounds: Array, spacing: float, *, halved: int = 0, judge: Judge | None = None
+) -> Cells:
     """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
-    # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body.
-    # At most `halved` edges are halved where the lattice is too coarse for it, not counting those
-    # that must follow.
+    # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body
+    # but for surfaces that a `judge` has joined. At most `halved` edges are halved where a lattice
+    # is too coarse for it, not counting those that must follow.
     lattice = Lattice.over(bounds, spacing)
-    corners, centres = lattice.sampled(depths)
-    tetrahedra = lattice.tetrahedra(corners, centres)
-    _require_any(tetrahedra, spacing)
-    values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in (corners, centres)])
-    numbers, local = np.unique(tetrahedra, return_inverse=True)
-    whole = Cells(
-        points=lattice.positions(numbers),
-        depths=values[numbers],
-        tetrahedra=local.reshape(-1, 4),
-    )
+    whole, is_centre = _lattice_cells(lattice, depths, judge)
+    _require_any(whole.tetrahedra, spacing)
     fine = refined(whole, depths, shortest=spacing / 5, most=halved)
-    cells = warped(fine, numbers >= corners[..., 0].size)
-    for surface in range(values.shape[1]):
-        cells = cells.within(surface)
+    cells = warped(fine, is_centre)
+    for surface in range(cells.depths.shape[1]):
+        cells = cells.within(surface, beyond=judge is not None)
+    if judge is not None:
+        cells = judge.kept(cells.compact())
     _require_any(cells.tetrahedra, spacing)
     return cells.compact()
+
+
+def _lattice_cells(lattice: Lattice, depths: Depths, judge: Judge | None) -> tuple[Cells, Mask]:
+    """Return the tetrahedra of a lattice that a body may reach, and which points are centres."""
+    grids = lattice.sampled(depths)
+    edge = lattice.cell.max()
+    near = lattice.sampled(lambda points: judge.distance(points) - edge) if judge else grids
+    numbers, local = np.unique(lattice.tetrahedra(*near), return_inverse=True)
+    values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in grids])[numbers]
+    values[np.abs(values) < _NOUGHT * edge] = 0.0
+    cells = Cells(
+        points=lattice.positions(numbers),
+        depths=values,
+        tetrahedra=local.reshape(-1, 4),
+        joined=judge.joined if judge else (),
+    )
+    return cells, numbers >= np.prod(lattice.counts + 1)
 
 
 def _require_any(tetrahedra: Index, spacing: float) -> None:
@@ -72,14 +95,18 @@ def warped(cells: Cells, is_centre: Mask) -> Cells:
     nearness = np.concatenate(
         [np.concatenate([each.share, 1 - each.share]) for each in found]
     ) / np.concatenate([np.tile(_reach(each.edges, is_centre), 2) for each in found])
-    bounding = there.max(axis=1, initial=0.0) <= 0  # elsewhere the surface bounds nothing
+    # Elsewhere a surface bounds nothing; and a point on one that does is where it should be.
+    bounding, within = (
+        np.asarray((each[:, cells.alone] <= 0).all(axis=1)) for each in (there, cells.depths)
+    )
+    placed = within & (cells.depths == 0).any(axis=1)
     order = np.lexsort((nearness, ends))
-    order = order[(nearness[order] < 1) & bounding[order]]
+    order = order[(nearness[order] < 1) & bounding[order] & ~placed[ends[order]]]
     moved, first = np.unique(ends[order], return_index=True)
     points, depths = cells.points.copy(), cells.depths.copy()
     points[moved] = where[order[first]]
     depths[moved] = there[order[first]]
-    return Cells(points=points, depths=depths, tetrahedra=cells.tetrahedra)
+    return replace(cells, points=points, depths=depths)
 
 
 def _reach(edges: Index, is_centre: Mask) -> Array:
@@ -190,6 +217,12 @@ class Cells:
     points: Array  # (K, 3), m
     depths: Array  # (K, n) below n surfaces: negative inside, 0 on the surface, m
     tetrahedra: Index  # (T, 4), point numbers
+    joined: tuple[int, ...] = ()  # surfaces beyond which the body may go on
+
+    @property
+    def alone(self) -> list[int]:
+        """The surfaces beyond which nothing is."""
+        return [each for each in range(self.depths.shape[1]) if each not in self.joined]
 
     def edges(self) -> Index:
         """Return the edges of the tetrahedra, each once (E, 2)."""
@@ -203,6 +236,7 @@ class Cells:
         first, second = depth[crossed].T
         share = first / (first - second)
         depths = _between(self.depths, crossed, share)
+        depths[np.abs(depths) < _NOUGHT * np.abs(first - second)[:, None]] = 0.0
         depths[:, surface] = 0.0
         return Crossings(
             edges=crossed,
@@ -211,8 +245,8 @@ class Cells:
             depths=depths,
         )
 
-    def within(self, surface: int) -> Cells:
-        """Return the parts of the tetrahedra inside one of the surfaces."""
+    def within(self, surface: int, *, beyond: bool = False) -> Cells:
+        """Return the parts of the tetrahedra inside one of the surfaces, and those `beyond` it."""
         found = self.crossings(surface, self.edges())
         keys = found.edges[:, 0] * len(self.points) + found.edges[:, 1]
 
@@ -221,15 +255,18 @@ class Cells:
                 keys, np.minimum(a, b) * len(self.points) + np.maximum(a, b)
             )
 
-        signs = np.sign(self.depths[:, surface])[self.tetrahedra]
-        order = np.argsort(signs, axis=1, kind="stable")
-        ordered = np.take_along_axis(self.tetrahedra, order, axis=1)
-        inside, outside = (signs < 0).sum(axis=1), (signs > 0).sum(axis=1)
-        parts = [ordered[(outside == 0) & (inside > 0)]]
-        for (few, many), stencil in _STENCILS.items():
-            a, b, c, d = ordered[(inside == few) & (outside == many)].T
-            parts += stencil(a, b, c, d, crossing)
-        return Cells(
+        parts = []
+        for sign in (1, -1) if beyond else (1,):
+            signs = sign * np.sign(self.depths[:, surface])[self.tetrahedra]
+            order = np.argsort(signs, axis=1, kind="stable")
+            ordered = np.take_along_axis(self.tetrahedra, order, axis=1)
+            inside, outside = (signs < 0).sum(axis=1), (signs > 0).sum(axis=1)
+            parts.append(ordered[(outside == 0) & (inside > 0)])
+            for (few, many), stencil in _STENCILS.items():
+                a, b, c, d = ordered[(inside == few) & (outside == many)].T
+                parts += stencil(a, b, c, d, crossing)
+        return replace(
+            self,
             points=np.vstack([self.points, found.points]),
             depths=np.vstack([self.depths, found.depths]),
             tetrahedra=np.vstack(parts),
@@ -311,7 +348,7 @@ _NEAR = 0.5  # lengths of an edge within which surfaces matter to it
 def refined(cells: Cells, depths: Depths, *, shortest: float, most: int) -> Cells:
     """Halve tetrahedra where the surfaces bend or come near each other within one edge."""
     # No edge shorter than twice `shortest`, m, and no more than `most` of them, are asked for.
-    middles = _Middles(depths, cells.depths.shape[1])
+    middles = _Middles(depths, cells.depths.shape[1], _NOUGHT * shortest)
     fresh = cells.tetrahedra
     while most > 0:
         edges = np.unique(_keys(fresh))
@@ -340,8 +377,8 @@ def _ends(keys: Index) -> Index:
 class _Middles:
     """Depths halfway along edges, each asked for once."""
 
-    def __init__(self, depths: Depths, surfaces: int) -> None:
-        self._depths = depths
+    def __init__(self, depths: Depths, surfaces: int, nought: float) -> None:
+        self._depths, self._nought = depths, nought
         self._keys = np.empty(0, np.int64)
         self._known = np.empty((0, surfaces))
 
@@ -349,10 +386,11 @@ class _Middles:
         """Return the depths halfway along edges (E, n)."""
         fresh = np.setdiff1d(edges, self._keys)
         if len(fresh):
-            found = np.asarray(self._depths(points[_ends(fresh)].mean(axis=1)), np.float64)
+            found = _columns(self._depths, points[_ends(fresh)].mean(axis=1))
+            found[np.abs(found) < self._nought] = 0.0
             keys = np.concatenate([self._keys, fresh])
             order = np.argsort(keys)
-            known = np.vstack([self._known, found.reshape(len(fresh), -1)])
+            known = np.vstack([self._known, found])
             self._keys, self._known = keys[order], known[order]
         return self._known[np.searchsorted(self._keys, edges)]
 
@@ -373,6 +411,7 @@ def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> A
     # Where all of an edge lies well beyond one surface, others bound nothing.
     lowest = np.minimum(np.minimum(first[worth], second[worth]), middle)
     beyond = lowest > _BEYOND * length
+    beyond[:, cells.joined] = False
     idle = beyond.sum(axis=1, keepdims=True) > beyond
     misses = np.zeros(len(edges))
     misses[worth] = np.where((np.abs(middle) < _NEAR * length) & ~idle, off, 0.0).max(axis=1)

@@ -92,6 +92,8 @@ class FilledBody:
         surfaces = [distance] if self.wall is None else [distance, -distance - self.wall]
         return np.stack(surfaces, axis=1)
 
+    judge = None  # depths below all faces tell what is in the body
+
     @property
     def opposed(self) -> tuple[tuple[int, int], ...]:
         """Numbers of the surfaces that have a wall between them."""
@@ -157,6 +159,7 @@ class WalledSheet:
         return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
 
     opposed = ((0, 1),)
+    judge = None
     is_solid = both_faces = False
 
     def at(self, _spacing: float) -> WalledSheet:

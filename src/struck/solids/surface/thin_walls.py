@@ -13,10 +13,13 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import components, edges_of
+from struck.solids.filling.membership import kept
+from struck.solids.filling.stuffing import Judge
 from struck.solids.surface.distance import THINNEST, FilledBody
 
 _TURNS = 30  # of shrinking a ball: few faces take more than ten
@@ -25,6 +28,9 @@ _FACING, _ASKEW = -0.87, -0.5  # cosines between the normals of two faces: a wal
 _HOLLOW = 0.2  # concave over convex bending up to which a strip is a rim, and no fillet
 _INWARD = 1e-6  # of the body's extent, by which rays start below the surface
 _CREASE = np.radians(40.0)
+_KINK, _ALONE = np.radians(12.0), 2.0  # a smaller crease, and how much sharper than edges alongside
+_FLAT, _ALONGSIDE = np.radians(1.0), 0.8  # angle within a flat part, and cosine between two edges
+_CARRIED = 1.5  # lattice spacings up to which sheets that are joined count: more than a cell
 _REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
 _FEW_FACES = 4_000  # up to which each face is sounded at four points
 
@@ -77,14 +83,18 @@ class ThinBody:
         if not len(segments.opposed):
             return self.solid
         colours = segments.coloured()
-        kept = np.where(segments.faces < 0, -1, colours[segments.faces])
+        sheet = np.where(segments.faces < 0, -1, colours[segments.faces])
         sheets = tuple(
-            BoundingSheet(self.mesh, np.flatnonzero(kept == number), np.flatnonzero(kept < 0))
+            BoundingSheet(self.mesh, np.flatnonzero(sheet == number), np.flatnonzero(sheet < 0))
             for number in range(colours.max() + 1)
         )
         pairs = {(int(a), int(b)) for a, b in np.sort(colours[segments.opposed], axis=1)}
         return SheetedBody(
-            solid=self.solid, sheets=sheets, opposed=tuple(sorted(pairs)), spacing=spacing
+            solid=self.solid,
+            sheets=sheets,
+            opposed=tuple(sorted(pairs)),
+            spacing=spacing,
+            joined=tuple(np.unique(colours[segments.joined]).tolist()),
         )
 
 
@@ -96,25 +106,43 @@ class SheetedBody:
     sheets: tuple[BoundingSheet, ...]
     opposed: tuple[tuple[int, int], ...]  # numbers of sheets that bound the same wall
     spacing: float  # m
+    joined: tuple[int, ...]  # numbers of sheets that the body goes on beyond, at concave creases
+
+    @property
+    def judge(self) -> Judge:
+        """What tells which cells are in the body."""
+        distance = self.solid.distance
+        return Judge(
+            joined=self.joined,
+            distance=distance,
+            kept=lambda cells: kept(cells, self._heights, distance, self.spacing),
+        )
 
     @property
     def bounds(self) -> Array:
         """Corners of a box around the body, m (2, 3)."""
         return self.solid.bounds
 
-    def depths(self, points: Array) -> Array:
-        """Return the depths below each sheet, all negative in the material alone, m (K, n)."""
-        distance = self.solid.distance(points)
+    def _heights(self, points: Array) -> tuple[Array, Array]:
+        """Return the heights above each sheet and what carries it on, and distances, m (K, n)."""
         found = [sheet.height(points) for sheet in self.sheets]
         heights, lengths = (np.stack(each, axis=1) for each in zip(*found, strict=True))
-        far = lengths > np.abs(distance)[:, None] + _REACH * self.spacing
-        heights = np.where(far, -lengths, heights)
+        return heights, lengths
+
+    def depths(self, points: Array) -> Array:
+        """Return the depths below each sheet and what carries it on past its border, m (K, n)."""
+        # In the material those of sheets that are not joined are negative.
+        distance = self.solid.distance(points)[:, None]
+        heights, lengths = self._heights(points)
+        joined = np.isin(np.arange(len(self.sheets)), self.joined)
+        near = np.where(joined, _CARRIED * self.spacing, np.abs(distance) + _REACH * self.spacing)
+        heights = np.where(lengths > near, np.where(joined, lengths, -lengths), heights)
         inside = distance <= 0
-        heights[inside] = np.minimum(heights[inside], distance[inside, None])
+        heights = np.where(inside & ~joined, np.minimum(heights, distance), heights)
         # Outside, one sheet at least says so.
         best = heights.argmax(axis=1)
-        lost = np.flatnonzero(~inside & (heights.max(axis=1) <= 0))
-        heights[lost, best[lost]] = distance[lost]
+        lost = np.flatnonzero(~inside[:, 0] & (heights.max(axis=1) <= 0))
+        heights[lost, best[lost]] = distance[lost, 0]
         return heights
 
     def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
@@ -194,7 +222,8 @@ class Segments:
     faces: Index  # (F,) segment of each face; -1 where it rounds off a rim
     areas: Array  # (S,), m^2
     opposed: Index  # (P, 2) segments that bound the same wall
-    apart: Index  # (P, 2) segments that cannot be one sheet: these, and those that meet at a rim
+    joined: Index  # (P, 2) segments that meet at a concave crease
+    apart: Index  # (P, 2) segments that cannot be one sheet: these, and those that one cell may see
 
     @classmethod
     def of(cls, mesh: Mesh, thin: float) -> Self:
@@ -203,32 +232,35 @@ class Segments:
         pairs = edges_of(mesh.faces).pairs()[0]
         bend = _bends(mesh, pairs)
         bent, rim = _rims(mesh, sounded, pairs, bend)
+        crisp = _crisp(mesh, pairs, bend)
+        cut = (crisp & (bend > 0)) | (rim[pairs[:, 0]] != rim[pairs[:, 1]])
+        cleft = crisp & (bend < 0) & sounded.thin[pairs].any(axis=1)
+        bent |= _crumbs(mesh, pairs, bent, cut | cleft, thin)
         kept = ~bent
         whole = kept[pairs].all(axis=1)
-        cut = (bend > _CREASE) | (rim[pairs[:, 0]] != rim[pairs[:, 1]])
-        labels = components(pairs[whole & ~cut], len(mesh.faces))
+        labels = components(pairs[whole & ~cut & ~cleft], len(mesh.faces))
         rounded = components(pairs[~kept[pairs].any(axis=1)], len(mesh.faces))
         labels = np.where(kept, labels, -1)
-        across = pairs[whole & cut & sounded.thin[pairs].any(axis=1)]
-        around = _around(labels, rounded, pairs[kept[pairs].sum(axis=1) == 1], kept)
-        opposed = _distinct(labels[sounded.opposed])
-        areas = np.zeros(labels.max() + 1)
-        np.add.at(areas, labels[kept], mesh.areas[kept])
+        across = pairs[whole & (cut | cleft) & sounded.thin[pairs].any(axis=1)]
+        met = [_distinct(labels[each]) for each in (sounded.opposed, across, sounded.beside)]
+        met.append(_around(labels, rounded, pairs[kept[pairs].sum(axis=1) == 1], kept))
+        met.append(_close(mesh, labels, 2 * _CARRIED * THINNEST * thin))
         return cls(
             faces=labels,
-            areas=areas,
-            opposed=opposed,
-            apart=np.vstack(
-                [opposed, *(_distinct(labels[pairs]) for pairs in (across, sounded.beside)), around]
-            ),
+            areas=np.asarray(np.bincount(labels[kept], weights=mesh.areas[kept]), np.float64),
+            opposed=met[0],
+            joined=_distinct(labels[pairs[whole & cleft]]),
+            apart=np.vstack(met),
         )
 
     def coloured(self) -> Index:
         """Return the sheet of each segment (S,): the fewest, the largest segments first."""
         sheets = np.full(len(self.areas), -1)
         both = np.vstack([self.apart, self.apart[:, ::-1]])
+        joined = np.isin(np.arange(len(sheets)), self.joined)
         for segment in np.argsort(-self.areas, kind="stable"):
             taken = set(sheets[both[both[:, 0] == segment, 1]].tolist())
+            taken |= set(sheets[joined != joined[segment]].tolist())
             sheets[segment] = next(i for i in range(len(taken) + 1) if i not in taken)
         return sheets
 
@@ -246,6 +278,26 @@ def _bends(mesh: Mesh, pairs: Index) -> Array:
     return np.where(np.einsum("pd,pd->p", first, way) < 0, angles, -angles)
 
 
+def _crisp(mesh: Mesh, pairs: Index, bend: Array) -> Mask:
+    """Return where neighbouring faces (P, 2) meet at a crease, and do not follow a curve."""
+    # A curve turns about as much at the next edge that runs alongside, on the same flat part.
+    edges, turns = edges_of(mesh.faces), np.abs(bend)
+    ends = edges.ends[edges.shared]
+    number = np.where(edges.shared, np.cumsum(edges.shared) - 1, -1)
+    at = number[edges.owner].reshape(-1, 3)  # the pairs that each face is one of
+    own = np.arange(len(at))[:, None]
+    flat = (at >= 0) & (turns[at] < _FLAT)
+    part = np.hstack([own, np.where(flat, pairs[at].sum(axis=2) - own, own)])
+    near = at[part[pairs]].reshape(len(pairs), -1)
+    way = mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]]
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    alongside = np.abs(np.einsum("pd,pkd->pk", way, way[near])) > _ALONGSIDE
+    apart = (ends[near][:, :, :, None] != ends[:, None, None, :]).all(axis=(2, 3))
+    curve = (near >= 0) & alongside & apart & (turns[near] <= _CREASE)
+    beside = np.where(curve, turns[near], 0.0).max(axis=1)
+    return (turns > _CREASE) | ((turns > _KINK) & (turns > _ALONE * beside))
+
+
 def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[Mask, Mask]:
     """Return which faces round off the rim of a wall, and which are its rim (F,) each."""
     strip = sounded.bent | sounded.rim
@@ -261,6 +313,34 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
     has_rim = np.bincount(labels, weights=sounded.rim, minlength=len(strip)) > 0
     is_rim = strip & (has_rim & (hollow <= _HOLLOW * convex))[labels]
     return is_rim & sounded.bent, is_rim & sounded.rim
+
+
+def _crumbs(mesh: Mesh, pairs: Index, bent: Mask, cut: Mask, thin: float) -> Mask:
+    """Return faces of parts smaller than a cell amid those that round off a rim (F,)."""
+    whole = ~bent[pairs].any(axis=1)
+    labels = components(pairs[whole & ~cut], len(mesh.faces))
+    areas = np.bincount(labels, weights=mesh.areas)
+    rounds = np.zeros(len(areas), bool)
+    rounds[labels[pairs[bent[pairs].any(axis=1)]]] = True
+    return (rounds & (areas < thin**2))[labels]
+
+
+def _close(mesh: Mesh, labels: Index, reach: float) -> Index:
+    """Return the segments (P, 2) whose creases pass within `reach`, m: one cell may see both."""
+    edges = edges_of(mesh.faces)
+    sides = labels[edges.pairs()[0]]
+    crease = (sides[:, 0] != sides[:, 1]) & (sides >= 0).all(axis=1)
+    start, end = mesh.points[edges.ends[edges.shared][crease]].transpose(1, 0, 2)
+    counts = np.ceil(2 * np.linalg.norm(end - start, axis=1) / reach).astype(np.int64) + 1
+    edge = np.repeat(np.arange(len(counts)), counts)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (step / np.maximum(counts - 1, 1)[edge])[:, None]
+    points = start[edge] * (1 - share) + end[edge] * share
+    near = KDTree(points).query_pairs(reach, output_type="ndarray")
+    met = np.unique(np.stack([edge[near[:, 0]], edge[near[:, 1]]], axis=1), axis=0)
+    every = sides[crease][met]
+    both = np.broadcast_arrays(every[:, 0, :, None], every[:, 1, None, :])
+    return _distinct(np.stack(both, axis=-1).reshape(-1, 2))
 
 
 def _around(labels: Index, rounded: Index, pairs: Index, kept: Mask) -> Index:

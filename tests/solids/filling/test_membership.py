@@ -1,0 +1,90 @@
+"""Cells that sheets cut: those in the body are kept, on a lattice far coarser than its walls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+from scipy.spatial.transform import Rotation
+
+from struck.model.mesh import Mesh
+from struck.solids.filling.filling import filled, flatness, piece_count
+from struck.solids.surface.distance import FilledBody
+from struck.solids.surface.thin_walls import SheetedBody, ThinBody
+from tests.physics import everyday
+
+
+def tee() -> Mesh:
+    """Return two sheets of 2 mm that meet in the middle of one, as a T."""
+    upright = Manifold.cube([2, 80, 100]).translate([49, 0, 1])
+    return everyday.meshed(Manifold.cube([100, 80, 2]) + upright)
+
+
+def tray() -> Mesh:
+    """Return a tray of 1.5 mm with two walls that cross inside it, and a slot in its floor."""
+    body = Manifold.cube([120, 90, 30]) - Manifold.cube([117, 87, 40]).translate([1.5, 1.5, 1.5])
+    cross = Manifold.cube([1.5, 87.5, 20]).translate([50, 1, 1]) + Manifold.cube(
+        [117.5, 1.5, 20]
+    ).translate([1, 40, 1])
+    return everyday.meshed(body + cross - Manifold.cube([30, 8, 10]).translate([70, 60, -4]))
+
+
+BODIES: dict[str, Callable[[], Mesh]] = {
+    "hollow cube": everyday.hollow_cube,
+    "crate": everyday.crate,
+    "table": everyday.table,
+    "tee": tee,
+    "tray": tray,
+}
+
+
+def somehow_turned(mesh: Mesh, seed: int) -> Mesh:
+    """Return a mesh turned at random, so that no lattice plane lies along a wall."""
+    turn = Rotation.random(random_state=seed).as_matrix()
+    return Mesh(points=mesh.points @ turn.T, faces=mesh.faces)
+
+
+SAMPLE = {("hollow cube", 0), ("crate", None), ("tee", 1)}
+CASES = [
+    pytest.param(name, seed, marks=() if (name, seed) in SAMPLE else pytest.mark.prove)
+    for name in BODIES
+    for seed in (None, 0, 1)
+]
+
+
+@pytest.mark.parametrize(("name", "seed"), CASES)
+def test_walls_that_meet_are_filled_to_their_corners(name: str, seed: int | None) -> None:
+    """Volume and surface are those of the body, as manifold3d cut it: no gap, no cut inside."""
+    mesh = BODIES[name]()
+    mesh = mesh if seed is None else somehow_turned(mesh, seed)
+    filling = filled(FilledBody(mesh=mesh), "preview")
+    assert filling.path == "one layer"
+    assert piece_count(filling.mesh) == 1
+    assert flatness(filling.mesh).min() > 0
+    assert filling.mesh.volume() == pytest.approx(mesh.volume, rel=2e-3)
+    boundary, _ = filling.mesh.surface()
+    assert boundary.areas.sum() == pytest.approx(mesh.areas.sum(), rel=4e-3)
+
+
+def test_a_sound_hole_cuts_the_top_alone() -> None:
+    """What carries its rim on would cut the back as well, which is less than two cells away."""
+    mesh = everyday.guitar_box()
+    filling = filled(FilledBody(mesh=mesh), "standard")
+    middles = filling.mesh.nodes[filling.mesh.corners].mean(axis=1)
+    rule = filling.mesh.element.mass_rule
+    volumes = np.linalg.det(filling.mesh.jacobians(rule.points)) @ rule.weights
+    back = volumes[middles[:, 2] < 0.003].sum()
+    assert back == pytest.approx(0.45 * 0.35 * 0.003, rel=2e-3)
+    assert filling.mesh.volume() == pytest.approx(mesh.volume, rel=2e-3)
+
+
+def test_sheets_are_joined_where_walls_meet_inside() -> None:
+    for name, joined in (("hollow cube", 3), ("tee", 2)):
+        body = ThinBody(solid=FilledBody(mesh=BODIES[name]())).at(0.012)
+        assert isinstance(body, SheetedBody)
+        assert len(body.judge.joined) >= joined
+    plate = ThinBody(solid=FilledBody(mesh=everyday.plate(1))).at(0.012)
+    assert isinstance(plate, SheetedBody)
+    assert not plate.judge.joined
