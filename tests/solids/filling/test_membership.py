@@ -9,6 +9,7 @@ import pytest
 from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
 
+from struck.errors import MeshError
 from struck.model.mesh import Mesh
 from struck.solids.filling.filling import filled, flatness, piece_count
 from struck.solids.surface.distance import FilledBody
@@ -23,12 +24,9 @@ def tee() -> Mesh:
 
 
 def tray() -> Mesh:
-    """Return a tray of 1.5 mm with two walls that cross inside it, and a slot in its floor."""
-    body = Manifold.cube([120, 90, 30]) - Manifold.cube([117, 87, 40]).translate([1.5, 1.5, 1.5])
-    cross = Manifold.cube([1.5, 87.5, 20]).translate([50, 1, 1]) + Manifold.cube(
-        [117.5, 1.5, 20]
-    ).translate([1, 40, 1])
-    return everyday.meshed(body + cross - Manifold.cube([30, 8, 10]).translate([70, 60, -4]))
+    """Return a tray of 3 mm with a wall across it."""
+    body = Manifold.cube([240, 180, 60]) - Manifold.cube([234, 174, 80]).translate([3, 3, 3])
+    return everyday.meshed(body + Manifold.cube([3, 176, 50]).translate([100, 2, 2]))
 
 
 BODIES: dict[str, Callable[[], Mesh]] = {
@@ -88,3 +86,9 @@ def test_sheets_are_joined_where_walls_meet_inside() -> None:
     plate = ThinBody(solid=FilledBody(mesh=everyday.plate(1))).at(0.012)
     assert isinstance(plate, SheetedBody)
     assert not plate.judge.joined
+
+
+def test_walls_that_take_too_many_functions_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("struck.solids.filling.filling._MOST_FUNCTIONS", 5_000)
+    with pytest.raises(MeshError, match=r"walls cross so closely that they take \d+ functions on"):
+        filled(FilledBody(mesh=everyday.hollow_cube()), "preview")

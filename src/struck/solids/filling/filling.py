@@ -56,6 +56,7 @@ _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few sh
 _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the lattice grazes
 _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over coarse nodes
 _HALVED = 1_000  # edges of a lattice over thin walls that may be halved at least
+_MOST_FUNCTIONS = 400_000  # whatever the accuracy: more takes minutes and many GiB
 _FINER_LATTICE = 0.75  # spacing over the one before, where that did not serve
 _OF_VOLUME = 0.4  # error of the volume over that of frequencies that is aimed at
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
@@ -130,8 +131,8 @@ def filled(
         return filling
     if filling.mesh.functions > goal.most:
         coarser = _stuffing(body, _spacing(body, left, goal), goal)
-        fits = not _complaint(coarser, _LARGEST_VOLUME_ERROR)
-        filling = coarser if fits else filling
+        fewer = coarser.mesh.functions < filling.mesh.functions
+        filling = coarser if fewer and not _complaint(coarser, _LARGEST_VOLUME_ERROR) else filling
     return _shaped(body, filling, goal)
 
 
@@ -295,6 +296,8 @@ def _whole(cells: Cells) -> tuple[Cells, int]:
 
 def _complaint(filling: Filling, largest: float) -> str:
     """Tell what is wrong with the elements, or nothing."""
+    if filling.mesh.functions > _MOST_FUNCTIONS:
+        return f"walls cross so closely that they take {filling.mesh.functions} functions"
     folded = int(np.count_nonzero(flatness(filling.mesh) <= 0))
     if folded:
         return f"{folded} of {len(filling.mesh.elements)} elements fold over"
