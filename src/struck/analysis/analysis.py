@@ -179,10 +179,9 @@ class _Work:
         modes = self._modes(elements.mesh, MODES, self.highest)
         count = coarse.mesh.functions if coarse else 0
         own = elements.mesh.functions
-        errors = with_shape(
-            stated_errors(modes, own, first, count, layer=elements.mesh.cubic),
-            elements.volume_error,
-        )
+        layer = elements.mesh.cubic
+        errors = stated_errors(modes, own, first, count, layer=layer)
+        errors = with_shape(errors, elements.volume_error, layer=layer)
         two = comparable(own, count)
         judge = f"{count} nodes beside these" if two else "the next degree of polynomials"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)

@@ -87,7 +87,9 @@ def test_nothing_is_told_to_be_exact() -> None:
 
 
 def test_what_the_shape_misses_adds_in_squares() -> None:
-    assert with_shape(np.array([3e-3, 0.0]), -8e-3 / 3) == pytest.approx([5e-3, 4e-3])
+    own = np.array([3e-3, 0.0])
+    assert with_shape(own, -8e-3 / 3) == pytest.approx([5e-3, 4e-3])
+    assert with_shape(own, 2e-3, layer=True) == pytest.approx([5e-3, 4e-3])
 
 
 def test_nodes_follow_the_fourth_power_of_the_edges() -> None:

@@ -62,8 +62,8 @@ def test_walls_that_meet_are_filled_to_their_corners(name: str, seed: int | None
     assert piece_count(filling.mesh) == 1
     assert flatness(filling.mesh).min() > 0
     assert filling.mesh.volume() == pytest.approx(mesh.volume, rel=2e-3)
-    boundary, _ = filling.mesh.surface()
-    assert boundary.areas.sum() == pytest.approx(mesh.areas.sum(), rel=4e-3)
+    boundary, _ = filling.mesh.surface()  # a cut inside would add far more
+    assert boundary.areas.sum() == pytest.approx(mesh.areas.sum(), rel=1e-2)
 
 
 def test_a_sound_hole_cuts_the_top_alone() -> None:

@@ -152,6 +152,7 @@ _LEAST_RATIO = 1.05  # of the nodes of two meshes that are compared
 _LEAST_GAIN = 0.05  # least share of its residual error that the finer mesh counts as having removed
 _MOST_MODES = 0.9
 _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
+_OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as its radius
 # Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
 # side), two meshes happen to agree on it: it gets this share of theirs.
 _LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
@@ -198,6 +199,7 @@ def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
     return int(nodes * max(error / target, 1e-9) ** 0.75)
 
 
-def with_shape(errors: Array, volume_error: float) -> Array:
+def with_shape(errors: Array, volume_error: float, *, layer: bool = False) -> Array:
     """Return errors (M,) with what the body's own shape misses, as crisp edges cut off do."""
-    return np.hypot(errors, _OF_VOLUME * volume_error)
+    # In a `layer`, what its two faces miss partly cancels in the volume.
+    return np.hypot(errors, (_OF_LAYER if layer else _OF_VOLUME) * volume_error)

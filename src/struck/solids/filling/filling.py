@@ -57,6 +57,7 @@ _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the 
 _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over coarse nodes
 _HALVED = 1_000  # edges of a lattice over thin walls that may be halved at least
 _MOST_FUNCTIONS = 400_000  # whatever the accuracy: more takes minutes and many GiB
+_SLACK = 1.1  # times the most, where a lattice turns out to take a little more than foreseen
 _FINER_LATTICE = 0.75  # spacing over the one before, where that did not serve
 _OF_VOLUME = 0.4  # error of the volume over that of frequencies that is aimed at
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
@@ -242,7 +243,9 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
 def _refilled(body: Body, filling: Filling, spacing: float, goal: Accuracy) -> Filling:
     """Fill a body again on a finer lattice, or leave it as it is where that does not serve."""
     finer = _stuffing(body, spacing, goal) if spacing < filling.spacing else filling
-    fits = finer.mesh.functions <= goal.most and not _complaint(finer, _LARGEST_VOLUME_ERROR)
+    fits = finer.mesh.functions <= _SLACK * goal.most and not _complaint(
+        finer, _LARGEST_VOLUME_ERROR
+    )
     return finer if fits else filling
 
 
