@@ -42,6 +42,7 @@ check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, and what nothing reac
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/solids.py
 	$(BIN)/python bench/meshing.py
+	$(BIN)/python bench/everyday.py --only mug,glass,table --accuracy standard
 	$(BIN)/python bench/synthesis.py
 	$(BIN)/python bench/ears.py
 	$(BIN)/python bench/shapes.py

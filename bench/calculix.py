@@ -1,6 +1,7 @@
 """The frequencies that CalculiX finds on a mesh of ours.
 
-Its C3D10 is our tet10, node for node, but integrates stiffness and mass alike at four points.
+Its C3D10 is our tet10 and its C3D20 our hex20, node for node; C3D10 integrates stiffness and mass
+alike at four points.
 Run as a program, it asks CalculiX anew for what the tests keep of it.
 """
 
@@ -24,7 +25,7 @@ from struck.solids.surface.distance import FilledBody
 
 MISSING = "CalculiX is not here (no ccx on PATH): on Debian, apt-get install calculix-ccx"
 COUNT = 50
-_NAME = "body"
+_NAME, _TYPES = "body", {"tet10": "C3D10", "hex20": "C3D20"}
 _KEPT = Path(__file__).parents[1] / "tests/physics/calculix_bird.npz"
 
 
@@ -36,7 +37,7 @@ def installed() -> bool:
 def frequencies(
     mesh: VolumeMesh, material: Material, count: int, folder: Path
 ) -> NDArray[np.float64]:
-    """Return the lowest `count` elastic frequencies of a free tet10 body, Hz, to 7 digits."""
+    """Return the lowest `count` elastic frequencies of a free body, Hz, to 7 digits."""
     (folder / f"{_NAME}.inp").write_text(_deck(mesh, material, count + 6), encoding="ascii")
     subprocess.run(
         [shutil.which("ccx") or "ccx", _NAME],
@@ -66,10 +67,16 @@ def keep() -> None:
     np.savez_compressed(_KEPT, nodes=mesh.nodes, elements=elements, frequencies=found)
 
 
+def _lines(numbers: list[int]) -> str:
+    """Return numbers on lines of at most sixteen, which is all that its reader takes."""
+    parts = [numbers[start : start + 16] for start in range(0, len(numbers), 16)]
+    return ",\n".join(",".join(map(str, part)) for part in parts)
+
+
 def _deck(mesh: VolumeMesh, material: Material, count: int) -> str:
     # Its reader takes numbers of at most 20 characters.
     nodes = (f"{i},{x:.12e},{y:.12e},{z:.12e}" for i, (x, y, z) in enumerate(mesh.nodes, 1))
-    elements = (",".join(map(str, (i, *e))) for i, e in enumerate(mesh.elements + 1, 1))
+    elements = (_lines([i, *e]) for i, e in enumerate(mesh.elements + 1, 1))
     rest = [
         "*MATERIAL, NAME=STUFF",
         "*ELASTIC",
@@ -82,7 +89,7 @@ def _deck(mesh: VolumeMesh, material: Material, count: int) -> str:
         f"{count}",
         "*END STEP",
     ]
-    heads = ["*NODE, NSET=ALL"], ["*ELEMENT, TYPE=C3D10, ELSET=BODY"]
+    heads = ["*NODE, NSET=ALL"], [f"*ELEMENT, TYPE={_TYPES[mesh.kind]}, ELSET=BODY"]
     return "\n".join([*heads[0], *nodes, *heads[1], *elements, *rest]) + "\n"
 
 
