@@ -246,7 +246,7 @@ class Cells:
         )
 
     def within(self, surface: int, *, beyond: bool = False) -> Cells:
-        """Return the parts of the tetrahedra inside one of the surfaces, and those `beyond` it."""
+        """Return tetrahedra cut at a surface: their parts inside it, and those `beyond` it too."""
         found = self.crossings(surface, self.edges())
         keys = found.edges[:, 0] * len(self.points) + found.edges[:, 1]
 

@@ -316,7 +316,7 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
 
 
 def _crumbs(mesh: Mesh, pairs: Index, bent: Mask, cut: Mask, thin: float) -> Mask:
-    """Return faces of parts smaller than a cell amid those that round off a rim (F,)."""
+    """Return which faces belong to small parts of the surface beside a rounded rim (F,)."""
     whole = ~bent[pairs].any(axis=1)
     labels = components(pairs[whole & ~cut], len(mesh.faces))
     areas = np.bincount(labels, weights=mesh.areas)
