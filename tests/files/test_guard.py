@@ -31,7 +31,7 @@ from struck.files.messages import Frame, Part, ReadingLimits, read_frame, write_
 
 MIB = 2**20
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-ANSWER = {"kind": "obj", "names": ["default"]}
+ANSWER = {"kind": "obj", "names": ["default"], "beside": {}}
 BUNNY = Path(__file__).parents[3] / "shared/data/meshes/stanford_bunny.obj"
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -337,7 +337,10 @@ ARRAYS = "np.zeros((4, 3)), np.zeros((1, 3), int)"
         "write_frame(answers, {'kind': 'obj', 'names': 3})",
         "write_frame(answers, {'kind': 'obj', 'names': [3]}, [" + ARRAYS + "])",
         "write_frame(answers, {'kind': 'obj', 'names': ['a', 'b']}, [" + ARRAYS + "])",
-        "write_frame(answers, {'kind': 'exe', 'names': ['a']}, [" + ARRAYS + "])",
+        "write_frame(answers, {'kind': 'exe', 'names': ['a'], 'beside': {}}, [" + ARRAYS + "])",
+        "write_frame(answers, {'kind': 'obj', 'names': ['a'], 'beside': {'line': 'x'}}, ["
+        + ARRAYS
+        + "])",
         f"write_frame(answers, {ANSWER}, [np.zeros((4, 2)), np.zeros((1, 3), int)])",
         f"write_frame(answers, {ANSWER}, [np.zeros((4, 3)), np.zeros((1, 3))])",
         f"write_frame(answers, {ANSWER}, [np.zeros((600, 3)), np.zeros((1, 3), int)])",

@@ -15,7 +15,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, NoReturn, TypeVar, cast
 
@@ -28,6 +28,7 @@ from struck.files.messages import (
     OUT_OF_MEMORY,
     ElementBlocks,
     Frame,
+    Parsed,
     Part,
     ReadingLimits,
     read_frame,
@@ -90,8 +91,8 @@ class Guard:
 
     def contents(self, path: str | os.PathLike[str]) -> Contents:
         """Read a surface: see `read_contents`."""
-        kind, parts = self._asked("surface", path, surface_of)
-        return Contents(kind=kind, parts=parts)
+        found = self._asked("surface", path, surface_of)
+        return Contents(kind=found.kind, parts=found.parts, beside=found.beside)
 
     def blocks(self, path: str | os.PathLike[str]) -> ElementBlocks:
         """Read a volume mesh: see `read_volume`."""
@@ -249,7 +250,7 @@ def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in line)
 
 
-def surface_of(frame: Frame) -> tuple[str, list[Part]]:
+def surface_of(frame: Frame) -> Parsed:
     """Return the format and the parts of a surface mesh that a message holds."""
     names = _texts(frame, "names")
     shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
@@ -260,7 +261,10 @@ def surface_of(frame: Frame) -> tuple[str, list[Part]]:
     kind = str(frame.content["kind"])
     if kind not in FORMATS:
         raise ValueError("its format is none")
-    return kind, parts
+    beside = frame.content["beside"]
+    if not isinstance(beside, dict) or not all(type(count) is int for count in beside.values()):
+        raise TypeError("its points and lines are not counted")
+    return Parsed(kind=kind, parts=parts, beside=beside)
 
 
 def blocks_of(frame: Frame) -> ElementBlocks:
@@ -285,6 +289,7 @@ class Contents:
 
     kind: str  # one of `FORMATS`, of what was packed as well
     parts: list[Part]  # in the file's own order and numbers
+    beside: dict[str, int] = field(default_factory=dict)  # how many points, lines: left out
 
     def __post_init__(self) -> None:
         for part in self.parts:

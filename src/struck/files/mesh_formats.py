@@ -7,42 +7,43 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from urllib.parse import unquote
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError, MissingDependencyError
 from struck.files.archives import Source, open_regular, open_source
-from struck.files.messages import READERS, ElementBlocks, Part, ReadingLimits
+from struck.files.gltf import read_gltf, strip_triangles
+from struck.files.messages import READERS, ElementBlocks, Parsed, Part, ReadingLimits
+from struck.model.arrays import AnyArray
 
 if TYPE_CHECKING:
     import meshio
     from trimesh import Scene
 
 _FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
-_GLTF = {"merge_primitives": True}
-_OPTIONS = {"stl": {}, "ply": {"skip_materials": True}, "off": {}, "glb": _GLTF, "gltf": _GLTF}
+_OPTIONS = {"stl": {}, "ply": {"skip_materials": True}}
 _LONGEST_HEADER = 2**16
 _MOST_LETTERS = 10**6
-# Required extensions that leave vertices and faces as the core specification has them.
-_HARMLESS = re.compile(r"KHR_(materials|texture|lights)_\w+|EXT_texture_\w+")
-_TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
+# What stands in OBJ files beside vertices and faces and has a place in space, by keyword.
+_OBJ_BESIDE = {"p": "point", "l": "line", "curv": "curve", "surf": "curved patch"}
 
 
-def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
-    """Return format and parts of a mesh file; indices and vertices are not checked yet."""
+def parse(path: Path, limits: ReadingLimits) -> Parsed:
+    """Return what a mesh file holds; indices and vertices are not checked yet."""
     source = open_source(path, limits)
     _require_content(source)
     try:
-        parts = parse_obj(source.data) if source.kind == "obj" else _by_trimesh(source, limits)
+        # A few bytes can place one surface many times.
+        parts, beside = _READERS[source.kind](source, limits)
+        kept = _few((part for part in parts if len(part.faces)), limits)
     except (MeshError, MemoryError):
         raise
     except Exception as error:
@@ -50,7 +51,7 @@ def parse(path: Path, limits: ReadingLimits) -> tuple[str, list[Part]]:
             f"it cannot be read as {source.kind.upper()}{_reason(error)}: it is truncated, "
             "damaged or another format; export it again, as triangles"
         ) from error
-    return source.kind, _few((part for part in parts if len(part.faces)), limits)
+    return Parsed(kind=source.kind, parts=kept, beside=dict(beside))
 
 
 def _require_content(source: Source) -> None:
@@ -88,77 +89,84 @@ def _require_at_most(count: int, most: int, name: str) -> None:
         )
 
 
-def _by_trimesh(source: Source, limits: ReadingLimits) -> list[Part]:
+def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Counter[str]]:
+    """Read STL and PLY."""
     import trimesh
 
-    header = gltf_header(source.data, source.kind)
-    require_core_gltf(header)
-    announced = _announced(source)
+    counts = _announced(source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # NumPy only warns when text numbers end in something else, and drops the rest.
         warnings.filterwarnings("error", message="string or file could not be read to its end")
         scene = trimesh.load_scene(
-            io.BytesIO(_geometry_alone(source.data, source.kind, header)),
+            io.BytesIO(source.data),
             file_type=source.kind,
-            resolver=Buffers(source.beside) if source.kind in {"glb", "gltf"} else None,  # type: ignore[arg-type]
             process=False,
             **_OPTIONS[source.kind],
         )
-        # A few bytes can place one surface many times.
-        parts = _few(_placed(scene), limits)
-    # trimesh walks a scene from its end.
-    nodes = {node.get("name", str(i)): i for i, node in enumerate(header.get("nodes", []))}
-    parts.sort(key=lambda part: nodes.get(part.name, len(nodes)))
+    parts = _few(_surfaces(scene), limits)
     count = sum(len(part.faces) for part in parts)
-    if count < announced:
+    if count < counts["face"]:
         raise MeshError(
-            f"it announces {announced} faces and only {count} could be read: it is truncated or "
-            "damaged; export it again"
+            f"it announces {counts['face']} faces and only {count} could be read: it is truncated "
+            "or damaged; export it again"
         )
-    return parts
+    return parts, Counter({"line": counts["edge"]})
 
 
-def _placed(scene: Scene) -> Iterator[Part]:
-    """Yield the triangle surfaces of a scene where its nodes put them."""
+def _surfaces(scene: Scene) -> Iterator[Part]:
+    """Yield the triangle surfaces of a file, those of strips too."""
     import trimesh
 
-    for node in scene.graph.nodes_geometry:
-        pose, name = scene.graph[node]
-        body = scene.geometry[name]
+    for name, body in scene.geometry.items():
+        faces = [np.empty((0, 3), np.int64)]
         if isinstance(body, trimesh.Trimesh):
-            points = np.asarray(body.vertices, dtype=np.float64)
-            faces = np.asarray(body.faces, dtype=np.int64)
-            mirrored = np.linalg.det(pose[:3, :3]) < 0
-            yield Part(
-                name=str(node).encode(errors="replace").decode(),
-                points=points @ pose[:3, :3].T + pose[:3, 3],
-                faces=faces[:, ::-1] if mirrored else faces,
-            )
+            faces.append(np.asarray(body.faces, dtype=np.int64))
+        strips = body.metadata.get("_ply_raw", {}).get("tristrips")
+        if strips:
+            faces.append(_unrolled(strips["data"]))
+        points = np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3)
+        yield Part(
+            name=str(name).encode(errors="replace").decode(),
+            points=points,
+            faces=np.concatenate(faces),
+        )
 
 
-def _announced(source: Source) -> int:
-    """Return how many faces a file says it has, which cannot be more than its bytes."""
-    data, counts = source.data, [0]
+def _unrolled(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
+    """Return the triangles of PLY strips, as text or binary, which are one list parted by -1."""
+    if isinstance(strips, dict):
+        column = next(iter(strips.values()))
+    else:
+        column = strips[next(iter(strips.dtype.names or ()))]["f1"]
+    indices = np.asarray(column, dtype=np.int64).ravel()
+    runs = np.split(indices, np.flatnonzero(indices < 0))
+    return np.concatenate([strip_triangles(run[run >= 0]) for run in runs])
+
+
+def _announced(source: Source) -> Counter[str]:
+    """Return how many elements of each kind a file says it has: not more than its bytes."""
+    data, counts = source.data, Counter[str]()
     # A binary STL must be as long as it says to be read at all.
     if source.kind == "stl" and data.lstrip()[:5].lower() == b"solid":
         facets = len(re.findall(rb"^[ \t]*facet\s", data, re.IGNORECASE | re.MULTILINE))
-        counts = [facets if b"endfacet" in data.lower() else 0]
+        counts["face"] = facets if b"endfacet" in data.lower() else 0
     if source.kind == "ply":
         counts = _announced_by_ply(data)
-    if source.kind == "off":
-        words = re.sub(rb"#.*", b"", data[:100_000]).split()
-        counts = [int(words[1]), int(words[2])]
-    if max(counts) > len(data):
+    _require_possible(max(counts.values(), default=0), data)
+    return counts
+
+
+def _require_possible(count: int, data: bytes) -> None:
+    if count > len(data):
         raise MeshError(
-            f"it announces {max(counts)} vertices or faces in {len(data)} bytes: it is truncated "
+            f"it announces {count} vertices or faces in {len(data)} bytes: it is truncated "
             "or damaged; export it again"
         )
-    return counts[-1]
 
 
-def _announced_by_ply(data: bytes) -> list[int]:
-    """Return the counts of all elements, that of faces last."""
+def _announced_by_ply(data: bytes) -> Counter[str]:
+    """Return the counts of all elements."""
     header, end, _ = data[:_LONGEST_HEADER].partition(b"end_header")
     if not end:
         raise MeshError(
@@ -166,8 +174,7 @@ def _announced_by_ply(data: bytes) -> list[int]:
             "damaged or another format, export it again"
         )
     found = re.findall(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\d{1,30})\b", header, re.MULTILINE)
-    counts = {name: int(count) for name, count in found}
-    return [*counts.values(), counts.get(b"face", 0)]
+    return Counter({name.decode(): int(count) for name, count in found})
 
 
 def _reason(error: BaseException, printed: str = "") -> str:
@@ -178,13 +185,59 @@ def _reason(error: BaseException, printed: str = "") -> str:
     return f" ({told})" if told else ""
 
 
+# Object File Format text: a vertex or face a line, and faces over several lines.
+#
+# Read here, as trimesh takes each line for a face of its own.
+
+
+def _parse_off(source: Source, _: ReadingLimits) -> tuple[list[Part], Counter[str]]:
+    """Read an OFF file: counts, vertices, polygons by the numbers of their corners."""
+    text = re.sub(r"#.*", "", source.data.decode("utf-8", errors="replace"))
+    keyword = re.match(r"\s*(ST|C|N)*OFF\b(?!\s*BINARY)", text)
+    if not keyword:
+        raise ValueError(f"it begins with {text[:20]!r} and not with OFF, as text in three axes")
+    rows = [line.split() for line in text[keyword.end() :].splitlines() if line.strip()]
+    vertices, announced = (int(word) for word in rows[0][:2])
+    _require_possible(max(vertices, announced), source.data)
+    points = np.array([row[:3] for row in rows[1 : vertices + 1]], dtype=np.float64)
+    polygons = _polygons(rows[vertices + 1 :], announced)
+    if len(polygons) < announced:
+        raise MeshError(
+            f"it announces {announced} faces and only {len(polygons)} could be read: it is "
+            "truncated or damaged; export it again"
+        )
+    fans = [(each[0], *pair) for each in polygons for pair in pairwise(each[1:])]
+    part = Part(
+        name="default",
+        points=points.reshape(vertices, 3),
+        faces=np.array(fans, dtype=np.int64).reshape(-1, 3),
+    )
+    kinds = Counter("point" if len(each) == 1 else "line" for each in polygons if len(each) < 3)
+    return [part], kinds
+
+
+def _polygons(rows: list[list[str]], count: int) -> list[list[int]]:
+    """Return the corners of `count` polygons at most; what follows them in a line is colour."""
+    polygons: list[list[int]] = []
+    words: list[str] = []
+    for row in rows:
+        words += row
+        corners = int(words[0])
+        if len(words) > corners:
+            polygons.append([int(word) for word in words[1 : corners + 1]])
+            words = []
+            if len(polygons) == count:
+                break
+    return polygons
+
+
 # Wavefront OBJ text: vertices, polygons, objects and groups.
 #
 # Read here, not by trimesh: that takes relative indices from the end of the file, not from where
 # they stand, takes index 0 as 1, and drops lines it cannot read.
 
 
-def parse_obj(data: bytes) -> Iterator[Part]:
+def parse_obj(data: bytes) -> tuple[Iterator[Part], Counter[str]]:
     """Read the objects of an OBJ file, or its groups where it has at most one object."""
     text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
     reader = _Reader()
@@ -195,7 +248,7 @@ def parse_obj(data: bytes) -> Iterator[Part]:
         except (ValueError, IndexError) as error:
             shown = line.strip()[:40]
             raise MeshError(f"line {number} ({shown!r}) cannot be read: {error}") from error
-    return reader.parts()
+    return reader.parts(), reader.beside
 
 
 class _Reader:
@@ -208,6 +261,7 @@ class _Reader:
         self._groups: list[str] = []
         self._object = "default"
         self._group = "default"
+        self.beside: Counter[str] = Counter()
 
     def take(self, words: list[str]) -> None:
         """Take in the words of one line."""
@@ -221,6 +275,8 @@ class _Reader:
             self._object = " ".join(words[1:]) or "default"
         elif keyword == "g":
             self._group = " ".join(words[1:]) or "default"
+        elif keyword in _OBJ_BESIDE:
+            self.beside[_OBJ_BESIDE[keyword]] += 1
 
     def _index(self, word: str) -> int:
         number = int(word.partition("/")[0])
@@ -257,89 +313,6 @@ class _Reader:
 def _part(name: str, points: NDArray[np.float64], faces: NDArray[np.int64]) -> Part:
     used, renumbered = np.unique(faces, return_inverse=True)
     return Part(name=name, points=points[used], faces=renumbered.reshape(-1, 3))
-
-
-def gltf_header(data: bytes, kind: str) -> dict[str, Any]:
-    """Return the JSON header of a glTF or GLB file, and {} for other formats."""
-    if kind == "gltf":
-        return json.loads(data)
-    if kind == "glb" and data[4:8] == b"\1\0\0\0":
-        return {"asset": {"version": "1.0"}}  # whose file is laid out otherwise
-    if kind == "glb":
-        length = int.from_bytes(data[12:16], "little")
-        return json.loads(data[20 : 20 + length])
-    return {}
-
-
-def require_core_gltf(header: dict[str, Any]) -> None:
-    """Refuse glTF that trimesh would misread: compressed vertices and triangle fans."""
-    version = str(header.get("asset", {}).get("version", "2.0"))
-    if version[:2] == "1.":
-        raise MeshError(f"it is glTF {version}, and 2.0 is read: export it again as that")
-    strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
-    primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
-    used = [part.get("attributes", {}).get("POSITION") for part in primitives]
-    used += [part.get("indices") for part in primitives]
-    accessors = [header["accessors"][number] for number in used if number is not None]
-    if any(
-        "sparse" in one or one.get("normalized") or "bufferView" not in one for one in accessors
-    ):
-        strange.append("sparse, normalised or empty accessors")
-    if any(part.get("mode") == _TRIANGLE_FAN for part in primitives):
-        strange.append("triangle fans")
-    if strange:
-        raise MeshError(
-            f"it uses {' and '.join(strange)}, not read here: export it again as plain "
-            "triangles without compression"
-        )
-
-
-def _geometry_alone(data: bytes, kind: str, header: dict[str, Any]) -> bytes:
-    """Return glTF without materials, colours, points and lines, and other files as they are."""
-    if not header:
-        return data
-    # trimesh joins the primitives of a mesh by their materials: all get the same, which is empty.
-    slim = {name: header[name] for name in header if name not in {"textures", "images", "samplers"}}
-    slim["materials"] = [{}]
-    slim["meshes"] = [
-        {
-            **mesh,
-            "primitives": [_surface_alone(one) for one in mesh["primitives"] if _is_drawn(one)],
-        }
-        for mesh in header.get("meshes", [])
-    ]
-    text = json.dumps(slim).encode()
-    if kind == "gltf":
-        return text
-    text += b" " * (-len(text) % 4)
-    before = int.from_bytes(data[12:16], "little")
-    whole = int.from_bytes(data[8:12], "little") + len(text) - before  # damage stays visible
-    lengths = (each.to_bytes(4, "little", signed=True) for each in (whole, len(text)))
-    return b"".join([data[:8], *lengths, data[16:20], text, data[20 + before :]])
-
-
-def _surface_alone(primitive: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: primitive[name] for name in ("indices", "mode") if name in primitive}
-    places = {"POSITION": primitive["attributes"]["POSITION"]}
-    return {**kept, "attributes": places, "material": 0}
-
-
-def _is_drawn(primitive: dict[str, Any]) -> bool:
-    """Return whether a primitive holds triangles."""
-    return primitive.get("mode", _TRIANGLES) in {_TRIANGLES, _TRIANGLE_STRIP}
-
-
-class Buffers:
-    """Buffers outside a glTF file, in the form in which trimesh asks for them."""
-
-    def __init__(self, read: Callable[[str], bytes]) -> None:
-        self._read = read
-
-    def get(self, name: str) -> bytes:
-        """Return the content of a buffer by its relative address."""
-        return self._read(unquote(name))
-
-    __getitem__ = get
 
 
 def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
@@ -407,3 +380,13 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
         topological_dimension.setdefault("wedge15", 3)
         topological_dimension.setdefault("pyramid13", 3)
     return getattr(meshio, READERS[path.suffix.lower()]).read
+
+
+_READERS: dict[str, Callable[[Source, ReadingLimits], tuple[Iterable[Part], Counter[str]]]] = {
+    "obj": lambda source, _: parse_obj(source.data),
+    "off": _parse_off,
+    "stl": _by_trimesh,
+    "ply": _by_trimesh,
+    "glb": read_gltf,
+    "gltf": read_gltf,
+}

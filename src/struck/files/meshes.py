@@ -9,6 +9,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from struck.model.arrays import Array, Index, checked
 from struck.model.mesh import Mesh, Triangles
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
-from struck.solids.surface.closedness import is_closed, require_closed
+from struck.solids.surface.closedness import counted, is_closed, require_closed
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
@@ -130,12 +131,18 @@ def load_surface(
     Mesh
         The surface, in m.
     """
-    path = Path(path)
+    return _read_surface(Path(path), units, size, part, up)[0]
+
+
+def _read_surface(
+    path: Path, units: str | None, size: float | None, part: str | None, up: str | None
+) -> tuple[Mesh, dict[str, int]]:
+    """Return a surface in metres, and how many points and lines of its file are left out."""
     _require_options(units, size, up)
     with _named(path):
         contents = read_contents(path)
         surface = _any_surface(contents.parts, part)
-    return _in_metres(surface, units, size, up or _UP[contents.kind])
+    return _in_metres(surface, units, size, up or _UP[contents.kind]), contents.beside
 
 
 @checked
@@ -181,12 +188,17 @@ def load_body(
     MeshError
         When the file cannot be read, or no body can be made of its content.
     """
-    surface = load_surface(path, units=units, size=size, part=part, up=up)
+    surface, beside = _read_surface(Path(path), units, size, part, up)
     with _named(Path(path)):
         result = repaired(surface, wall=wall)
         if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
             # What was left out had set the scale.
             result = repaired(surface.scaled(size / result.mesh.extent), wall=wall)
+    others = ", ".join(counted(count, kind) for kind, count in beside.items() if count)
+    if others:
+        found = (f"The file holds {others} beside its faces.", *result.found)
+        changed = (f"Left out: {others}, as faces alone bound a body.", *result.changed)
+        result = replace(result, found=found, changed=changed)
     return result if size is None else result.scaled(size / result.mesh.extent)
 
 

@@ -54,6 +54,15 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Parsed:
+    """What a surface mesh file holds, not checked yet."""
+
+    kind: str  # one of `FORMATS`
+    parts: list[Part]
+    beside: dict[str, int]  # how many points, lines and curves it has beside its faces
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElementBlocks:
     """Nodes and elements of a volume mesh file, not checked yet."""
 

@@ -79,9 +79,10 @@ def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
 def _surface(path: Path, limits: ReadingLimits) -> Answer:
     from struck.files.mesh_formats import parse
 
-    kind, parts = parse(path, limits)
-    arrays = [array for part in parts for array in (part.points, part.faces)]
-    return {"kind": kind, "names": [part.name for part in parts]}, arrays
+    found = parse(path, limits)
+    arrays = [array for part in found.parts for array in (part.points, part.faces)]
+    names = [part.name for part in found.parts]
+    return {"kind": found.kind, "names": names, "beside": found.beside}, arrays
 
 
 def _volume(path: Path, limits: ReadingLimits) -> Answer:

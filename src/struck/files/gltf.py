@@ -1,0 +1,236 @@
+"""glTF 2.0 and GLB files to surfaces: buffers, accessors, primitives and nodes.
+
+Read here, as trimesh passes over what the format allows and scanners and exporters write: sparse,
+normalised and empty accessors, triangle fans, objects of several materials. Names of sections and
+fields are those of the specification (Khronos Group, glTF 2.0, ISO/IEC 12113:2022).
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from struck.errors import MeshError
+from struck.files.archives import Source
+from struck.files.messages import Part, ReadingLimits
+
+# Required extensions that leave vertices and faces as the core specification reads them.
+_HARMLESS = re.compile(
+    r"KHR_(materials|texture|lights|mesh_quantization)\w*|EXT_texture_\w+|KHR_xmp\w*"
+)
+_NUMBERS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_COLUMNS = {"SCALAR": 1, "VEC3": 3}
+_POINTS_AND_LINES = {0: "set of points", 1: "set of lines", 2: "line loop", 3: "line strip"}
+_JSON, _BINARY = b"JSON", b"BIN\0"
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+
+def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Counter[str]]:
+    """Return the surfaces of a file where its nodes put them, and what is left out of it."""
+    header, binary = _opened(source)
+    _require_known(header)
+    document = _Document(header, _buffers(header, binary, source), limits)
+    return document.placed(), document.left_out()
+
+
+def _opened(source: Source) -> tuple[dict[str, Any], bytes | None]:
+    """Return the JSON header, and the binary chunk of a GLB file."""
+    if source.kind == "gltf":
+        return json.loads(source.data), None
+    data = source.data
+    version, length = np.frombuffer(data[:12], "<u4")[1:]
+    if version == 1:
+        return {"asset": {"version": "1.0"}}, None  # the rest of the file is laid out otherwise
+    if data[:4] != b"glTF" or length > len(data):
+        raise ValueError(f"it states {length} bytes, beginning with glTF, and has {len(data)}")
+    chunks: dict[bytes, bytes] = {}
+    start = 12
+    while start + 8 <= length:
+        size, kind = int.from_bytes(data[start : start + 4], "little"), data[start + 4 : start + 8]
+        chunk = data[start + 8 : start + 8 + size]
+        if len(chunk) < size:
+            raise ValueError(f"a chunk states {size} bytes and has {len(chunk)}")
+        chunks.setdefault(kind, chunk)
+        start += 8 + size
+    return json.loads(chunks[_JSON]), chunks.get(_BINARY)
+
+
+def _require_known(header: dict[str, Any]) -> None:
+    """Refuse other versions and compressed vertices."""
+    version = str(header.get("asset", {}).get("version", "2.0"))
+    if version[:2] == "1.":
+        raise MeshError(f"it is glTF {version}, and 2.0 is read: export it again as that")
+    strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
+    if strange:
+        raise MeshError(
+            f"it uses {' and '.join(strange)}, not read here: export it again as plain "
+            "triangles without compression"
+        )
+
+
+def _buffers(header: dict[str, Any], binary: bytes | None, source: Source) -> list[bytes]:
+    """Return the content of all buffers: of the file itself, or of those beside it."""
+    found = []
+    for number, buffer in enumerate(header.get("buffers", [])):
+        address = buffer.get("uri")
+        if address is None and number == 0 and binary is not None:
+            data = binary
+        elif address is not None and address.startswith("data:"):
+            data = base64.b64decode(address.partition(",")[2])
+        else:
+            data = source.beside(unquote(address or ""))
+        if len(data) < buffer["byteLength"]:
+            raise ValueError(f"buffer {number} states {buffer['byteLength']} bytes: {len(data)}")
+        found.append(data)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=False, eq=False)
+class _Document:
+    """A header with the content of its buffers."""
+
+    header: dict[str, Any]
+    buffers: list[bytes]
+    limits: ReadingLimits
+
+    def left_out(self) -> Counter[str]:
+        """Return how many points and lines stand beside the triangles, by kind."""
+        modes = (
+            primitive.get("mode", _TRIANGLES)
+            for mesh in self.header.get("meshes", [])
+            for primitive in mesh["primitives"]
+        )
+        return Counter(_POINTS_AND_LINES[mode] for mode in modes if mode in _POINTS_AND_LINES)
+
+    def placed(self) -> Iterator[Part]:
+        """Yield the surface of each node that has one, in the order of nodes."""
+        nodes = self.header.get("nodes", [])
+        surfaces: dict[int, tuple[NDArray[np.float64], NDArray[np.int64]]] = {}
+        names: set[str] = set()
+        for number, pose in sorted(self._poses().items()):
+            mesh = nodes[number].get("mesh")
+            if mesh is None:
+                continue
+            if mesh not in surfaces:
+                surfaces[mesh] = self._surface(mesh)
+            points, faces = surfaces[mesh]
+            mirrored = np.linalg.det(pose[:3, :3]) < 0
+            name = str(nodes[number].get("name", number))
+            name = f"{name} (node {number})" if name in names else name
+            names.add(name)
+            yield Part(
+                name=name,
+                points=points @ pose[:3, :3].T + pose[:3, 3],
+                faces=faces[:, ::-1] if mirrored else faces,
+            )
+
+    def _poses(self) -> dict[int, NDArray[np.float64]]:
+        """Return the transform of each node of the scene to the world, (4, 4), by its number."""
+        nodes = self.header.get("nodes", [])
+        children = {child for node in nodes for child in node.get("children", [])}
+        scenes = self.header.get("scenes")
+        roots = [number for number in range(len(nodes)) if number not in children]
+        if scenes:
+            roots = scenes[self.header.get("scene", 0)].get("nodes", [])
+        poses: dict[int, NDArray[np.float64]] = {}
+        open_ends = [(root, np.eye(4)) for root in roots]
+        while open_ends:
+            number, parent = open_ends.pop()
+            if number in poses:
+                raise ValueError(f"node {number} hangs on two others, or on itself")
+            poses[number] = parent @ _local(nodes[number])
+            open_ends += [(child, poses[number]) for child in nodes[number].get("children", [])]
+        return poses
+
+    def _surface(self, mesh: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return vertices and triangles of all primitives of a mesh."""
+        points, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+        for primitive in self.header["meshes"][mesh]["primitives"]:
+            mode = primitive.get("mode", _TRIANGLES)
+            if mode in _POINTS_AND_LINES:
+                continue
+            points.append(self._numbers(primitive["attributes"]["POSITION"], columns=3))
+            if "indices" in primitive:
+                indices = self._numbers(primitive["indices"], columns=1)[:, 0].astype(np.int64)
+            else:
+                indices = np.arange(len(points[-1]))
+            faces.append(_triangles(indices, mode) + count)
+            count += len(points[-1])
+        return np.concatenate(points), np.concatenate(faces)
+
+    def _numbers(self, number: int, *, columns: int) -> NDArray[np.float64]:
+        """Return an accessor's numbers (N, columns): of a view or nothing, some replaced."""
+        accessor = self.header["accessors"][number]
+        count, kind = accessor["count"], _NUMBERS[accessor["componentType"]]
+        if _COLUMNS[accessor["type"]] != columns:
+            raise ValueError(f"accessor {number} holds {accessor['type']} where it is used")
+        if count > 3 * self.limits.faces:
+            raise ValueError(f"accessor {number} states {count} elements")
+        values = np.zeros((count, columns))
+        if "bufferView" in accessor:
+            values[:] = self._view(accessor, kind, count, columns)
+        if "sparse" in accessor:
+            sparse = accessor["sparse"]
+            indices, replaced = sparse["indices"], sparse["values"]
+            places = self._view(
+                indices, _NUMBERS[indices["componentType"]], sparse["count"], 1, packed=True
+            )
+            values[places[:, 0]] = self._view(replaced, kind, sparse["count"], columns, packed=True)
+        if accessor.get("normalized") and kind[1] != "f":
+            values = np.maximum(values / np.iinfo(kind).max, -1.0)
+        return values
+
+    def _view(
+        self, place: dict[str, Any], kind: str, count: int, columns: int, *, packed: bool = False
+    ) -> NDArray[Any]:
+        """Return `count` rows of a buffer view, which may lie apart from each other."""
+        view = self.header["bufferViews"][place["bufferView"]]
+        start = view.get("byteOffset", 0)
+        data = memoryview(self.buffers[view["buffer"]])[start : start + view["byteLength"]]
+        size = np.dtype(kind).itemsize
+        stride = size * columns if packed else view.get("byteStride", size * columns)
+        return np.ndarray((count, columns), kind, data, place.get("byteOffset", 0), (stride, size))
+
+
+def _local(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the transform of a node to its parent, (4, 4)."""
+    from scipy.spatial.transform import Rotation  # other formats need not wait for it
+
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    pose = np.eye(4)
+    turned = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
+    pose[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
+    pose[:3, 3] = node.get("translation", (0, 0, 0))
+    return pose
+
+
+def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """Return the triangles (F, 3) of a list, strip or fan of vertices."""
+    if mode == _TRIANGLES:
+        return indices.reshape(-1, 3)
+    if mode == _STRIP:
+        return strip_triangles(indices)
+    if mode != _FAN:
+        raise ValueError(f"a primitive has mode {mode}, and there are 0 to 6")
+    first = np.broadcast_to(indices[:1], indices[2:].shape)
+    return np.stack([first, indices[1:-1], indices[2:]], axis=1)
+
+
+def strip_triangles(indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangles (F, 3) of a strip, in which each vertex makes one with the two before.
+
+    Every other triangle is wound the other way in the strip, and turned here.
+    """
+    faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+    faces[1::2] = faces[1::2, ::-1]
+    return faces
