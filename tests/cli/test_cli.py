@@ -64,6 +64,19 @@ def test_a_mesh_file_becomes_a_sound_and_a_picture(
     assert (folder / "b.png").stat().st_size > 10_000
 
 
+def test_the_bodies_of_a_mesh_file_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    bead = trimesh.creation.icosphere(subdivisions=1, radius=20)
+    several = trimesh.util.concatenate([bead, trimesh.creation.box((60, 20, 30))])
+    _exported(several.apply_translation((0, 0, 50)), "two.ply")
+    assert main(["info", "two.ply", "--units", "mm"]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert [line.split()[:2] for line in table[1:]] == [["0", "80"], ["1", "12"]]
+    assert table[2].endswith("0.06 x 0.02 x 0.03      3.6e-05  taken without part=")
+    assert main(["info", "two.ply"]) == 0
+    assert "--units" in capsys.readouterr().out
+    assert main(["info", "none.ply"]) == 2
+
+
 def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert _analyze(TUBE, "--material", "aluminium", "-o", "tube.struck", "--json") == 0
     analyzed = json.loads(capsys.readouterr().out)

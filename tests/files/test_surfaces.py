@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from struck.errors import FileFormatError, MeshError, OptionError
-from struck.files.meshes import load_body, load_mesh, load_surface
+from struck.files.meshes import list_parts, load_body, load_mesh, load_surface
 
 FORMATS = ["obj", "stl", "ply", "off", "glb", "gltf"]
 
@@ -183,6 +183,27 @@ def test_parts_by_name(tmp_path: Path, kind: str) -> None:
     assert load_mesh(path, part="clapper").bounds[0, 0] == pytest.approx(4.5)
     assert load_mesh(path, part="1").volume == pytest.approx(1)
     assert "no part 'rim': choose one of 'bell', 'clapper'" in refused(path, part="rim")
+
+
+def test_parts_are_listed_with_size_and_volume(tmp_path: Path) -> None:
+    lid = wedge()
+    lid.update_faces(np.arange(8) > 1)
+    path = written(scene(bell=box(edge=2), lid=lid), tmp_path / "a.glb")
+    bell, open_lid = list_parts(path, units="cm")[-2:]
+    assert (bell.name, bell.faces, open_lid.name, open_lid.faces) == ("bell", 12, "lid", 6)
+    np.testing.assert_allclose([*bell.size, *open_lid.size], [0.02] * 3 + [0.03, 0.02, 0.01])
+    assert bell.volume == pytest.approx(8e-6)
+    assert open_lid.volume is None
+
+
+def test_bodies_without_names_are_listed_by_number(tmp_path: Path) -> None:
+    both = trimesh.util.concatenate([box(edge=2), box(at=(5, 0, 0))])
+    path = written(both, tmp_path / "a.stl")
+    parts = list_parts(path)
+    assert [part.name for part in parts] == ["0", "1"]
+    assert [part.volume for part in parts] == pytest.approx([8, 1])
+    for part in parts:
+        assert load_mesh(path, part=part.name).volume == pytest.approx(part.volume)
 
 
 def test_size_is_that_of_the_part(tmp_path: Path) -> None:

@@ -1,13 +1,17 @@
-"""`struck info`: what a model holds."""
+"""`struck info`: what a model holds, or which bodies a mesh file."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import struck
 from struck.cli.command import Result
+from struck.files.archives import PACKINGS
+from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
 from struck.model.provenance import TerminalProgress
 
@@ -15,19 +19,39 @@ if TYPE_CHECKING:
     import numpy as np
 
 LISTED = 20  # modes, unless asked for more or fewer
-EXAMPLES = ("bell.struck",)
+EXAMPLES = ("bell.struck", "kitchen.glb", "plates.stl --units mm")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck info`."""
-    parser.add_argument("model")
-    parser.add_argument("--modes", type=int, default=LISTED, help="how many to list")
+    parser.add_argument("file", help="model, or mesh file before it is analyzed")
+    parser.add_argument("--modes", type=int, default=LISTED, help="how many of a model to list")
+    parser.add_argument("--units", help="of a mesh file's numbers: m, cm, mm, in or ft")
 
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck info`."""
-    model = struck.load(options.model)
-    return described(model, "", listed=options.modes)
+    ending = Path(options.file).suffix[1:].lower()
+    if ending in FORMATS or ending in PACKINGS:
+        return _parts(options.file, options.units)
+    return described(struck.load(options.file), "", listed=options.modes)
+
+
+def _parts(file: str, units: str | None) -> Result:
+    """Return which bodies a mesh file holds."""
+    from struck.files import list_parts
+
+    parts = list_parts(file, units=units)
+    largest = max((part.volume or 0.0 for part in parts), default=0.0)
+    rows = [("part", "faces", "size, m", "volume, m^3", "")]
+    for part in parts[:LISTED]:
+        size = " x ".join(f"{edge:.4g}" for edge in part.size)
+        volume = "open" if part.volume is None else f"{part.volume:.4g}"
+        taken = "taken without part=" if len(parts) > 1 and part.volume == largest > 0 else ""
+        rows.append((part.name, str(part.faces), size, volume, taken))
+    more = [f"... and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
+    unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
+    return Result("\n".join([aligned(rows), *more, *unit]), parts=[asdict(part) for part in parts])
 
 
 def described(

@@ -9,7 +9,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +202,65 @@ def load_body(
     return result if size is None else result.scaled(size / result.mesh.extent)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshPart:
+    """What `part=` may choose in a mesh file.
+
+    Parameters
+    ----------
+    name : str
+        To be given as `part=`.
+    faces : int
+        Triangles.
+    size : tuple of float
+        Edges of its bounding box, along x, y and z of the file, m.
+    volume : float, optional
+        What it encloses, m^3; None where its surface is open.
+    """
+
+    name: str
+    faces: int
+    size: tuple[float, float, float]
+    volume: float | None
+
+
+@checked
+def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tuple[MeshPart, ...]:
+    """Tell which bodies a mesh file holds, before anything is computed.
+
+    Parameters
+    ----------
+    path, units
+        As for `load_body`.
+
+    Returns
+    -------
+    tuple of MeshPart
+        In the order of the file: its named parts, and by number separate bodies without a name.
+
+    Raises
+    ------
+    OptionError
+        On unknown units.
+    MeshError
+        When the file cannot be read.
+    """
+    path = Path(path)
+    _require_options(units, None, None)
+    metre = UNITS[units or "m"]
+    with _named(path):
+        choices = _choices(read_contents(path).parts)
+    return tuple(
+        MeshPart(
+            name=name,
+            faces=len(body.faces),
+            size=tuple((np.ptp(body.bounds, axis=0) * metre).tolist()),
+            volume=abs(body.volume) * metre**3 if is_closed(body) else None,
+        )
+        for name, body in choices.items()
+    )
+
+
 @checked
 def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
     """Load a mesh of tetrahedra, hexahedra or wedges that another program made.
@@ -266,7 +325,7 @@ def _require_options(units: str | None, size: float | None, up: str | None) -> N
 
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
     """Choose the body that `part` names, or the only one there is."""
-    surfaces = [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
+    surfaces = _surfaces(parts)
     whole = _whole(parts, surfaces)
     found, names = _bodies(parts, surfaces, whole) if is_closed(whole) else ([whole], [])
     if part is None and len(found) > 1:
@@ -277,23 +336,44 @@ def _one_body(parts: list[Part], part: str | None) -> Mesh:
 
 def _any_surface(parts: list[Part], part: str | None) -> Mesh:
     """Choose the surface that `part` names, or all together."""
-    surfaces = [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
+    surfaces = _surfaces(parts)
     whole = _whole(parts, surfaces)
-    if part is None:
-        return whole
+    return whole if part is None else _chosen(part, parts, surfaces, *_sewn(parts, surfaces, whole))
+
+
+def _choices(parts: list[Part]) -> dict[str, Mesh]:
+    """Return what `part` may name: bodies by the names of their parts, or by number, and parts."""
+    surfaces = _surfaces(parts)
+    found, names = _sewn(parts, surfaces, _whole(parts, surfaces))
+    if names:
+        return dict(zip(names, found, strict=True))
+    several = dict(zip((each.name for each in parts), surfaces, strict=True))
+    return _numbered(found) | (several if len(parts) > 1 else {})
+
+
+def _surfaces(parts: list[Part]) -> list[Mesh]:
+    return [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
+
+
+def _sewn(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
+    """Return the separate bodies and their names, of an open surface once it is sewn together."""
     if not is_closed(whole):
         whole, _ = sewn(whole)
-    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, whole))
+    return _bodies(parts, surfaces, whole)
+
+
+def _numbered(found: list[Mesh]) -> dict[str, Mesh]:
+    return {str(number): body for number, body in enumerate(found)}
 
 
 def _chosen(
     part: str, parts: list[Part], surfaces: list[Mesh], found: list[Mesh], names: list[str]
 ) -> Mesh:
-    numbers = [str(number) for number in range(len(found))]
-    choices = dict(zip(numbers, found, strict=True))
+    choices = _numbered(found)
     choices |= {each.name: surface for each, surface in zip(parts, surfaces, strict=True)}
     choices |= dict(zip(names, found, strict=bool(names)))
     if part not in choices:
+        numbers = list(_numbered(found))
         offer = _listed(names or [*numbers, *(each.name for each in parts if len(parts) > 1)])
         raise MeshError(f"it has no part {part!r}: choose one of {offer}")
     return choices[part]
