@@ -710,7 +710,10 @@ def _verbs(folder: Path) -> dict[str, Call]:
         "files.Sound.load": Call(made=struck.Sound.load, given={"path": wav}),
         "files.load_body": Call(
             made=files.load_body,
-            given={"path": folder / "box.stl", "units": "m", "part": None, "up": "z"},
+            given={"path": folder / "box.stl", "units": "m", "part": None, "holes": "fill"},
+        ),
+        "files.list_parts": Call(
+            made=files.list_parts, given={"path": folder / "box.stl", "units": "mm"}
         ),
         "files.load_surface": Call(
             made=files.load_surface, given={"path": folder / "box.stl", "size": 0.2}

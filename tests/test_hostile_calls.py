@@ -253,7 +253,7 @@ UNCALLED = {
     "to be had by others' things": "Damping Excitation Filters Gains Head Listener Shape",
     "made by struck itself": "Calibration CapturePlan Comparison Device Exponentials Fitted",
     "made by it as well": "Fitting Manifest MeasuredHead ModalModel Modes Provenance Residual",
-    "made by it in between": "ShapeGains TimbreTable",
+    "made by it in between": "MeshPart ShapeGains TimbreTable",
     "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials roughnesses strikers",
     "without arguments either": "wall_materials",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",

@@ -42,6 +42,7 @@ def analyze(
     part: str | None = None,
     up: str | None = None,
     wall: float | None = None,
+    holes: str | None = None,
     repair: bool = True,
     fixed: Fixed | None = None,
     accuracy: str = "standard",
@@ -61,16 +62,15 @@ def analyze(
         A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
         of another program (VTK, VTU, MSH, INP). A trimesh object has its own `.units`.
     material : Material or str
-    units : str, optional
-        Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given.
-    size : float, optional
-        Longest edge of the body's bounding box instead, m.
-    part : str, optional
-        Which of several bodies in a file.
-    up : str, optional
-        The axis that points up; by the file format's custom unless given.
+    units, size : str or float, optional
+        Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given. Or
+        the longest edge of the body's bounding box, m.
+    part, up : str, optional
+        Which of several bodies in a file (see `struck info`), and which axis points up in it.
     wall : float, optional
         Thickness of a hollow body's wall or of an open sheet, half on either side, m.
+    holes : str, optional
+        Of a surface with a wall: "keep" or "fill"; round and straight-edged ones stay otherwise.
     repair : bool
         Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
         say so (RepairWarning, provenance); otherwise such a surface is refused.
@@ -81,10 +81,9 @@ def analyze(
         as bring most errors below 3, 0.5 and 0.1 %.
     band : pair of float
         All modes within it are computed, Hz.
-    damping : str
-        "own" or "heard": see `Material.named`. A Material keeps its own.
-    radiation : str
-        "power" (Pa), "obrien2002" or "heuristic1998" (relative).
+    damping, radiation : str
+        "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa),
+        "obrien2002" or "heuristic1998" (relative).
     method : str
         For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
         For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
@@ -117,6 +116,7 @@ def analyze(
         part=part,
         up=up,
         wall=wall,
+        holes=holes,
         repair=repair,
         fixed=fixed,
         accuracy=accuracy,

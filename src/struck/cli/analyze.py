@@ -142,6 +142,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
     parser.add_argument("--wall", type=float, help="thickness of a hollow body's or tube's wall, m")
+    parser.add_argument("--holes", help="of a surface with a wall: keep or fill")
     parser.add_argument("--no-repair", dest="repair", action="store_false", help="refuse instead")
     parser.add_argument("--part", help="which of several bodies in the file")
     parser.add_argument("--up", help="axis that points up: x, y or z")
@@ -168,7 +169,18 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     read = [] if options.body is None else [options.body]
     output = model_path(options.output or f"{name}.struck", unlike=read)
     fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
-    same = ("units", "size", "repair", "part", "up", "accuracy", "cache", "radiation", "method")
+    same = (
+        "units",
+        "size",
+        "holes",
+        "repair",
+        "part",
+        "up",
+        "accuracy",
+        "cache",
+        "radiation",
+        "method",
+    )
     model = struck.analyze(
         body,
         material_named(options.material, options.damping),

@@ -22,7 +22,7 @@ from struck.model.mesh import Mesh, Triangles
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
 from struck.solids.surface.closedness import counted, is_closed, require_closed
-from struck.solids.surface.repair import Repair, repaired
+from struck.solids.surface.repair import Repair, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
 
@@ -154,6 +154,7 @@ def load_body(
     part: str | None = None,
     up: str | None = None,
     wall: float | None = None,
+    holes: str | None = None,
 ) -> Repair:
     """Load one body from a mesh file, and repair it where its surface is not closed.
 
@@ -174,6 +175,10 @@ def load_body(
         GLB and glTF, z for STL, PLY and OFF.
     wall : float, optional
         Thickness that a single-sided sheet shall have, m.
+    holes : str, optional
+        Of a surface that is given a wall: "keep" leaves its openings open, "fill" closes them but
+        for an open sheet's own rim. Left out, round and straight-edged ones stay open, as a sound
+        hole does, and ragged ones of a closed surface are filled.
 
     Returns
     -------
@@ -184,16 +189,18 @@ def load_body(
     Raises
     ------
     OptionError
-        On unknown units or axis, a size that is not positive, or both `units` and `size`.
+        On unknown units or axis, a size that is not positive, both `units` and `size`, or `holes`
+        without a wall.
     MeshError
         When the file cannot be read, or no body can be made of its content.
     """
+    require_holes(holes, wall)
     surface, beside = _read_surface(Path(path), units, size, part, up)
     with _named(Path(path)):
-        result = repaired(surface, wall=wall)
+        result = repaired(surface, wall=wall, holes=holes)
         if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
             # What was left out had set the scale.
-            result = repaired(surface.scaled(size / result.mesh.extent), wall=wall)
+            result = repaired(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
     others = ", ".join(counted(count, kind) for kind, count in beside.items() if count)
     if others:
         found = (f"The file holds {others} beside its faces.", *result.found)

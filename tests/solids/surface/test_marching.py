@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from struck.model.mesh import Mesh
 from struck.solids.filling.stuffing import Lattice
 from struck.solids.surface.closedness import INSIDE, winding
-from struck.solids.surface.repair import inside, isosurface
+from struck.solids.surface.rebuilding import inside, isosurface
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
+import manifold3d
 import numpy as np
 import pytest
 import trimesh
 
 from struck.errors import MeshError
 from struck.model.mesh import Mesh
-from struck.model.mesh_topology import edges_of
+from struck.model.mesh_topology import edges_of, submesh
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.repair import Repair, repaired
 from struck.solids.surface.welding import closed, loops
@@ -154,6 +156,15 @@ def test_cavity_and_shell_within_it() -> None:
     result = closed_repair(mesh(ball(), inverted(ball(0.8)), ball(0.4)))
     assert result.volume_after == pytest.approx(ball().volume - ball(0.8).volume, rel=1e-12)
     assert "2 separate bodies." in result.found
+
+
+def test_of_an_inner_shell_both_volumes_are_told() -> None:
+    result = closed_repair(mesh(ball(), ball(0.8)))
+    told = re.search(r"volume (\S+); turned inward they would leave (\S+)\)", result.changed[0])
+    assert told is not None
+    solid, hollow = map(float, told.groups())
+    assert solid == pytest.approx(ball().volume, rel=5e-3)
+    assert hollow == pytest.approx(ball().volume - ball(0.8).volume, rel=5e-3)
 
 
 def test_largest_body_is_kept_and_debris_dropped() -> None:
@@ -387,3 +398,56 @@ def test_more_faces_than_are_repaired_are_refused(monkeypatch: pytest.MonkeyPatc
     assert not repaired(whole).found  # one without damage may have any number
     with pytest.raises(MeshError, match=r"damaged and has 5,119 faces, and at most 1,000 are.*dec"):
         repaired(Mesh(points=whole.points, faces=whole.faces[1:]))
+
+
+def opened(tool: manifold3d.Manifold) -> Mesh:
+    """Return the outside of a box of 0.4 x 0.3 x 0.1 m, without what a tool cuts out of it."""
+    cut = (manifold3d.Manifold.cube((0.4, 0.3, 0.1), center=True) - tool).to_mesh()
+    points, faces = np.array(cut.vert_properties)[:, :3], np.array(cut.tri_verts)
+    middles = np.abs(points[faces].mean(axis=1)) / (0.2, 0.15, 0.05)
+    return submesh(Mesh(points=points, faces=faces), np.flatnonzero(middles.max(axis=1) > 1 - 1e-5))
+
+
+SOUND_HOLE = manifold3d.Manifold.cylinder(0.05, 0.045, 0.045, 48, center=True)
+CUT_OUT = manifold3d.Manifold.cube((0.08, 0.05, 0.04), center=True)
+BOX_AREA = 2 * (0.4 * 0.3 + 0.4 * 0.1 + 0.3 * 0.1)
+
+
+@pytest.mark.parametrize(
+    ("tool", "area"),
+    [(SOUND_HOLE, 48 / 2 * np.sin(2 * np.pi / 48) * 0.045**2), (CUT_OUT, 0.08 * 0.05)],
+)
+def test_holes_that_are_meant_stay_where_there_is_a_wall(
+    tool: manifold3d.Manifold, area: float
+) -> None:
+    box = opened(tool.translate((0.03, 0, 0.05)))
+    found = repaired(box, wall=0.003)
+    assert found.sheet
+    assert found.volume_after == pytest.approx(0.003 * (BOX_AREA - area), rel=1e-5)
+    assert "1 opening up to 0.0" in " ".join(found.found)
+    assert "holes='fill' closes them" in " ".join(found.changed)
+    for options in ({}, {"wall": 0.003, "holes": "fill"}):
+        closed_box = repaired(box, **options)
+        assert not closed_box.sheet
+        assert closed_box.mesh.volume == pytest.approx(0.012, rel=1e-5)
+
+
+def test_ragged_holes_are_filled_and_kept_when_asked_for() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    near = np.linalg.norm(ball.triangles_center - (0, 0, 0.05), axis=1)
+    chance = np.random.default_rng(0).random(len(near))
+    rest = np.flatnonzero(~((near < 0.009) | ((near < 0.012) & (chance < 0.6))))
+    scan = submesh(Mesh(points=ball.vertices, faces=ball.faces), rest)
+    assert not repaired(scan, wall=0.003).sheet
+    assert repaired(scan, wall=0.003, holes="keep").sheet
+
+
+def test_a_tube_of_a_sheet_loses_no_rim_but_by_name() -> None:
+    """An open sheet has a rim of its own; other openings are closed where that is said."""
+    plate = opened(SOUND_HOLE.translate((0.03, 0, 0.05)))
+    top = submesh(plate, np.flatnonzero(plate.centroids[:, 2] > 0.049))
+    area = top.areas.sum()
+    assert repaired(top, wall=0.003).volume_after == pytest.approx(0.003 * area)
+    filled = repaired(top, wall=0.003, holes="fill")
+    assert filled.volume_after == pytest.approx(0.003 * 0.4 * 0.3, rel=1e-5)
+    assert "1 hole filled: holes='keep' leaves all open." in filled.changed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +25,11 @@ class Closed:
     rims: tuple[Index, ...]  # the vertices around each opening
 
 
-def closed(mesh: Mesh) -> Closed:
-    """Fill all openings of a surface whose faces are oriented alike."""
+def closed(mesh: Mesh, rims: Sequence[Index] | None = None) -> Closed:
+    """Fill the openings of a surface whose faces are oriented alike, all or those within `rims`."""
     # Each loop of open edges is filled from its shortest chords on (ears cut off a polygon). No
     # new edge runs where the surface has one already.
-    rims = loops(mesh.faces)
+    rims = loops(mesh.faces) if rims is None else rims
     if not rims:
         return Closed(mesh=mesh, rims=())
     ends = edges_of(mesh.faces).ends
@@ -147,6 +148,36 @@ class _Polygon:
         while (onward := self.after[around[-1]]) != start:
             around.append(onward)
         return around
+
+
+_PLANE, _ROUND = 0.1, 0.03  # over its size: how far a meant rim leaves a plane, and a circle
+_LEAST_ROUND, _MOST_CORNERS = 8, 8  # vertices of a circle, corners of a cut-out
+_CORNER = np.radians(15.0)
+_LARGE = 0.1  # of the body's extent, from which on a cut-out needs no vertices along its edges
+
+
+def is_feature(rim: Array, *, extent: float) -> bool:
+    """Tell whether an opening with the corners `rim` (n, 3) is meant: round, or straight-edged."""
+    # Holes of scans are ragged: their rims follow the triangles that are left.
+    centred = rim - rim.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    x, y, above = (centred @ axes.T).T
+    size = float(np.ptp(centred @ axes.T, axis=0).max())
+    if np.abs(above).max() > _PLANE * size:
+        return False
+    # The circle through points (x, y): x^2 + y^2 = 2 a x + 2 b y + c.
+    terms = np.column_stack([2 * x, 2 * y, np.ones_like(x)])
+    (a, b, c), *_ = np.linalg.lstsq(terms, x**2 + y**2)
+    radius = np.sqrt(max(c + a**2 + b**2, 0.0))
+    off = np.abs(np.hypot(x - a, y - b) - radius)
+    if len(rim) >= _LEAST_ROUND and off.max() <= _ROUND * 2 * radius:
+        return True
+    steps = np.roll(centred, -1, axis=0) - centred
+    ahead = steps / np.linalg.norm(steps, axis=1)[:, None]
+    turns = np.arccos(np.clip(np.sum(ahead * np.roll(ahead, 1, axis=0), axis=1), -1, 1))
+    corners = int(np.count_nonzero(turns > _CORNER))
+    straight = 4 <= corners <= _MOST_CORNERS and np.all(turns[turns <= _CORNER] < _CORNER / 3)
+    return bool(straight and (len(rim) >= 2 * corners or size >= _LARGE * extent))
 
 
 _SHARES = (1e-7, 1e-6, 1e-5, 1e-4)  # distances of vertices that may become one, over the extent
