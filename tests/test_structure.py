@@ -61,6 +61,7 @@ KEPT_ALONE: dict[str, str] = {
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
+    "solids/turned.py": "solids that close on the axis or undercut, by a way of their own",
     "synth/reference.py": "plain NumPy, by which the core is judged",
     "solids/fem/cubic_surface.py": "loaded for thin bodies alone",
     "shapes/bessel_series.py": "Bessel functions and their loops, which are tested by themselves",

@@ -1,6 +1,7 @@
 """The shell: the way from a mesh file to a sound, and one line for whatever is wrong."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,8 @@ def test_a_mesh_file_becomes_a_sound_and_a_picture(
     assert main(["info", "b.struck"]) == 0
     text = capsys.readouterr().out
     assert "steel" in text
-    assert "none missing up to 18000 Hz" in text
+    (complete_to,) = map(int, re.findall(r"none missing up to (\d+) Hz", text))
+    assert 17_000 < complete_to < 18_000
     rate, samples = wavfile.read("b.wav")
     assert (rate, len(samples)) == (48000, 24000)
     assert np.abs(samples).max() == pytest.approx(10 ** (-1 / 20), rel=1e-6)
@@ -84,9 +86,9 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     told = json.loads(capsys.readouterr().out)
     assert analyzed["frequencies"] == told["frequencies"]
     assert analyzed["output"] == "tube.struck"
-    assert told["complete_to"] == 20_000
+    assert analyzed["complete_to"] == told["complete_to"] < 20_000
     assert analyzed["errors"] == told["errors"]
-    assert 0 < max(told["errors"]) < 0.2
+    assert 0 < np.median(told["errors"]) < 0.03  # as preview aims at in most modes
 
 
 @pytest.mark.usefixtures("tube")

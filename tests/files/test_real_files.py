@@ -48,7 +48,7 @@ def test_a_hollow_ceramic_cow(tmp_path: Path) -> None:
     model = struck.load(tmp_path / "spot.struck")
     sound = struck.Sound.load(tmp_path / "spot.wav")
     assert memory < 4 * 2**30
-    assert model.complete_to == 20_000
+    assert 20_000 / (1 + model.errors.max()) <= model.complete_to <= 20_000
     assert len(model.frequencies) == model.provenance.details["sturm_count"]
     assert model.geometry.extent == pytest.approx(0.15, rel=0.01)
     assert np.isfinite(sound.samples).all()
@@ -82,7 +82,7 @@ def test_a_scan_with_holes_rings(tmp_path: Path, wall: float, gibibytes: int, pa
     run(tmp_path, *command.split(), "--accuracy", "fine", "-o", "finer.struck")
     model, finer = (struck.load(tmp_path / name) for name in ("bunny.struck", "finer.struck"))
     assert memory < gibibytes * 2**30
-    assert model.complete_to == 20_000
+    assert 20_000 / (1 + model.errors.max()) <= model.complete_to <= 20_000
     assert len(model.frequencies) == model.provenance.details["sturm_count"]
     assert str(model.provenance.details["path"]).startswith(path)
     count = min(len(model.frequencies), len(finer.frequencies))

@@ -394,8 +394,6 @@ INVALID = [
         {"profile": [(1, 0), (2, 1), (2, 0), (1, 1)], "wall": 0.01, "smooth": False},
         r"crosses itself",
     ),
-    (Revolution, {"profile": [(0, 0), (1, 0), (1, 1)]}, r"side of a solid must rise"),
-    (Revolution, {"profile": [(1, 0), (0.7, 1), (0, 2)]}, r"side of a solid must rise"),
     (Revolution, {"profile": [(0, 0), (1, 0)], "wall": 0.1, "elements": (4, 2, 1)}, r"at least 8"),
     (
         Revolution,

@@ -17,7 +17,6 @@ from struck.model.arrays import Array
 from struck.model.mesh import Mesh, Triangles
 from struck.model.provenance import Provenance
 from struck.solids.filling.filling import (
-    ACCURACIES,
     Filling,
     accuracy_named,
     filled,
@@ -27,7 +26,7 @@ from struck.solids.filling.filling import (
 )
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
-from struck.solids.surface.repair import Repair, repaired
+from struck.solids.surface.repair import Repair, repaired, require_holes
 from struck.solids.volume_mesh import PROMOTED, VolumeMesh
 
 SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
@@ -35,6 +34,7 @@ ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
 COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMesh)
 FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
 
+_COARSER, _STEP = 0.7, 1.1  # times as many elements in each direction
 _PROMOTED = 6.0  # times the nodes of linear elements that quadratic ones have
 
 
@@ -42,13 +42,18 @@ _PROMOTED = 6.0  # times the nodes of linear elements that quadratic ones have
 class Solid(Protocol):
     """A body of struck.solids: it makes its own elements."""
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
-        """Return its elements."""
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
+        """Return its elements, or so many times as many in each direction."""
         ...
 
     @property
     def places(self) -> Mapping[str, Array]:
         """Contacts by name."""
+        ...
+
+    @property
+    def volume(self) -> float:
+        """Exact volume, m^3."""
         ...
 
 
@@ -114,8 +119,16 @@ class StructuredSolid:
 
     solid: Solid
     accuracy: str
-    error: float | None = None
     wall: float | None = None
+
+    @property
+    def error(self) -> float | None:
+        """Error of frequencies to aim at; None where the elements were given by their counts."""
+        return None if self._given else accuracy_named(self.accuracy).error
+
+    @property
+    def _given(self) -> bool:
+        return getattr(self.solid, "elements", None) is not None
 
     @property
     def outline(self) -> Mesh:
@@ -124,35 +137,42 @@ class StructuredSolid:
 
     @property
     def nodes(self) -> Sequence[float]:
-        """Number of nodes of the accuracy below, if there is one, and of its own."""
-        names = (*self._below, self.accuracy)
-        return [len(self.solid.volume_mesh(each).nodes) for each in names]
-
-    @property
-    def _below(self) -> tuple[str, ...]:
-        """The accuracy below, if there is one."""
-        levels = list(ACCURACIES)
-        level = levels.index(self.accuracy) if self.accuracy in levels else 0
-        return tuple(levels[:level][-1:])
+        """Number of nodes of the coarse elements, and of those to begin with."""
+        return [self._count(finer) for finer in (_COARSER, 1.0)[self._given :]]
 
     def coarse(self, stages: Stages, /) -> Elements | None:
-        """Return the elements of the accuracy below."""
-        return next((self._at(each, stages) for each in self._below), None)
+        """Return about a third of the nodes, unless the elements were given by their counts."""
+        return None if self._given else self._at(_COARSER, stages)
 
-    def fine(self, stages: Stages, _nodes: int, /) -> Elements:
-        """Return the elements of its accuracy."""
-        return self._at(self.accuracy, stages)
+    def fine(self, stages: Stages, nodes: int, /) -> Elements:
+        """Return the elements of its accuracy, or more."""
+        return self._at(self._finer(nodes), stages)
 
-    def _at(self, accuracy: str, stages: Stages) -> Elements:
-        solid = self.solid
+    def _finer(self, nodes: int) -> float:
+        """Return how many times finer, from the nodes that would do if all directions took them."""
+        finer = max(1.0, _COARSER * (nodes / self._count(_COARSER)) ** (1 / 3))
+        while finer > 1 and self._count(finer) > accuracy_named(self.accuracy).most:
+            finer = max(1.0, finer / _STEP)
+        return finer
+
+    def _count(self, finer: float) -> int:
+        return len(self.solid.volume_mesh(self.accuracy, finer).nodes)
+
+    def _at(self, finer: float, stages: Stages) -> Elements:
+        solid, accuracy = self.solid, self.accuracy
         mesh = stages.kept(
-            ELEMENTS, lambda: solid.volume_mesh(accuracy), body=solid, accuracy=accuracy
+            ELEMENTS,
+            lambda: solid.volume_mesh(accuracy, finer),
+            body=solid,
+            accuracy=accuracy,
+            finer=finer,
         )
-        details = {"body": repr(self.solid), "accuracy": accuracy}
+        details = {"body": repr(solid), "accuracy": accuracy}
         return Elements(
             mesh=mesh,
-            places=self.solid.places,
+            places=solid.places,
             provenance=Provenance(method="structured elements", details=details),
+            volume_error=abs(mesh.volume() / solid.volume - 1),
         )
 
 
@@ -256,11 +276,13 @@ def discretise(
     wall: float | None,
     accuracy: str,
     repair: bool,
+    holes: str | None = None,
 ) -> Discretisation:
     """Return a body as something that can be cut into elements, once its options fit it."""
+    require_holes(holes, wall)
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
-    source = _load(body, file, stages, wall=wall, repair=repair)
+    source = _load(body, file, stages, wall=wall, repair=repair, holes=holes)
     if isinstance(source, Repair):
         _warn_of(body, source)
         return FilledSurface(repair=source, wall=wall, accuracy=accuracy)
@@ -272,7 +294,13 @@ def discretise(
 
 
 def _load(
-    body: Source, file: FileOptions, stages: Stages, *, wall: float | None, repair: bool
+    body: Source,
+    file: FileOptions,
+    stages: Stages,
+    *,
+    wall: float | None,
+    repair: bool,
+    holes: str | None,
 ) -> Repair | VolumeMesh | Solid:
     """Return the body itself, from its file where it is a path."""
     if isinstance(body, str | os.PathLike):
@@ -283,15 +311,16 @@ def _load(
             return load_volume(body, units=file.units)
         return stages.kept(
             SURFACE,
-            lambda: _from_file(body, file, wall=wall, repair=repair),
+            lambda: _from_file(body, file, wall=wall, repair=repair, holes=holes),
             file=Path(body),
             options=file,
             wall=wall,
             repair=repair,
+            holes=holes,
         )
     if isinstance(body, Mesh):
         file.refuse("a Mesh is in metres already")
-        return repaired(body, wall=wall) if repair else _unrepaired(body)
+        return repaired(body, wall=wall, holes=holes) if repair else _unrepaired(body)
     if isinstance(body, VolumeMesh | Solid):
         file.refuse("this body has its own size")
         return body
@@ -300,20 +329,25 @@ def _load(
 
         file.refuse("it names a body of a file", "units", "size", "up")
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
-        return repaired(mesh, wall=wall) if repair else _unrepaired(mesh)
+        return repaired(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
     raise MeshError(
         f"{type(body).__name__} is no body: give a path, a Mesh, a trimesh object or a solid"
     )
 
 
 def _from_file(
-    path: str | os.PathLike[str], file: FileOptions, *, wall: float | None, repair: bool
+    path: str | os.PathLike[str],
+    file: FileOptions,
+    *,
+    wall: float | None,
+    repair: bool,
+    holes: str | None,
 ) -> Repair:
     from struck.files.meshes import load_body, load_mesh
 
     options = {option.name: getattr(file, option.name) for option in fields(file)}
     if repair:
-        return load_body(path, **options, wall=wall)
+        return load_body(path, **options, wall=wall, holes=holes)
     return _unrepaired(load_mesh(path, **options, repair=False))
 
 

@@ -223,10 +223,15 @@ class Counterpart:
     rim: float | None = None  # held from this distance from the axis z on, m
     places: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return the solid's elements in this frame."""
-        mesh = self.solid.volume_mesh(accuracy)
+        mesh = self.solid.volume_mesh(accuracy, finer)
         return replace(mesh, nodes=mesh.nodes @ np.array(self.turn).T + np.array(self.offset))
+
+    @property
+    def volume(self) -> float:
+        """Exact volume, m^3."""
+        return self.solid.volume
 
     @property
     def fixed(self) -> Held | None:

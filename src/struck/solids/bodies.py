@@ -29,6 +29,8 @@ from struck.solids.polygon_mesh import (
 from struck.solids.resolution import (
     block_counts,
     extrusion_edge,
+    finer_around,
+    finer_counts,
     require_counts,
     require_length,
     require_round,
@@ -107,7 +109,7 @@ class Extrusion:
         }
         return _frozen(places)
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return 20-node hexahedra in layers.
 
         Parameters
@@ -115,6 +117,8 @@ class Extrusion:
         accuracy : str
             "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes where the
             outline has few corners; counts given as `elements` go first.
+        finer : float
+            So many times as many elements in each direction, about.
 
         Raises
         ------
@@ -124,11 +128,11 @@ class Extrusion:
             When the outline has corners too sharp or too close to mesh.
         """
         if self.elements is None:
-            edge = extrusion_edge(self._area, self.height, accuracy)
+            edge = extrusion_edge(self._area, self.height, accuracy) / finer
             layers = max(1, round(self.height / edge))
         else:
-            edge = float(np.ptp(self._loops[0], axis=0).max()) / self.elements[0]
-            layers = self.elements[1]
+            edge = float(np.ptp(self._loops[0], axis=0).max()) / self.elements[0] / finer
+            layers = max(1, round(self.elements[1] * finer))
         levels = divided(np.array([0.0, self.height]), layers)
         nodes, elements = stacked(quadrilaterals(self._loops, edge), levels)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
@@ -227,22 +231,23 @@ class Tube:
         heights = {"middle": 0.0, "quarter": 0.25, "end": 0.5 - INSET}
         return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra.
 
         Parameters
         ----------
         accuracy : str
             "preview", "standard" or "fine"; counts given as `elements` go first.
+        finer : float
+            So many times as many elements in each direction, about.
 
         Raises
         ------
         OptionError
             On an unknown accuracy.
         """
-        around, along, through = self.elements or tube_counts(
-            self.length, self.radius, self.wall, accuracy
-        )
+        counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
+        around, along, through = finer_around(counts, finer)
         nodes, elements = revolved([self._patch(along, through)], around)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
@@ -313,7 +318,7 @@ class Block:
         }
         return _frozen({name: np.multiply(share, self.size) for name, share in shares.items()})
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return 20-node hexahedra.
 
         Parameters
@@ -321,13 +326,15 @@ class Block:
         accuracy : str
             "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes; counts given
             as `elements` go first.
+        finer : float
+            So many times as many elements in each direction, about.
 
         Raises
         ------
         OptionError
             On an unknown accuracy.
         """
-        counts = self.elements or block_counts(self.size, accuracy)
+        counts = finer_counts(self.elements or block_counts(self.size, accuracy), finer)
         x, y, z = (
             divided(np.array([-side / 2, side / 2]), count)
             for side, count in zip(self.size, counts, strict=True)

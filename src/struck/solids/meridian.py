@@ -48,6 +48,7 @@ class MeridianCurve:
 
 
 _WHOLE = np.array([0.0, 1.0])
+_ROUNDING = 1e-14
 _DEGREE = 32  # of the interpolant between knots: its error is that of rounding
 
 
@@ -68,7 +69,15 @@ def segment(start: Array, end: Array) -> MeridianCurve:
 def smooth_curve(points: Array) -> MeridianCurve:
     """Return the cubic spline through `points` (n, 2); it meets the axis at a right angle."""
     chord = _chord(points)
-    return MeridianCurve(at=_spline(points, chord), knots=chord)
+    curve, rounding = _spline(points, chord), _ROUNDING * np.abs(points).max()
+
+    def at(s: Array) -> Array:
+        found = np.asarray(curve(s), np.float64)
+        # What meets the axis lies on it.
+        found[..., 0] = np.where(np.abs(found[..., 0]) <= rounding, 0.0, found[..., 0])
+        return found
+
+    return MeridianCurve(at=at, knots=chord)
 
 
 def straight_curve(points: Array) -> MeridianCurve:

@@ -67,11 +67,23 @@ def require_round(around: int) -> None:
         )
 
 
+def finer_counts(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
+    """Return `finer` times as many elements in each direction; one layer stays one up to 2."""
+    x, y, z = (max(1, round(n * finer) if n > 1 else int(finer)) for n in counts)
+    return x, y, z
+
+
+def finer_around(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
+    """Return `finer` times as many elements around, which stay a multiple of 4, along, through."""
+    around, along, through = finer_counts(counts, finer)
+    return max(8, 4 * round(around / 4)), along, through
+
+
 _SLENDER = 20  # radii: longer tubes bend below the frequencies at which their section does
 _TUBE_AROUND = (12, 16, 24)
 _TUBE_ALONG = (15, 48, 96)  # of a tube 40 radii long
 _TUBE_THROUGH = (2, 3, 4)  # of a tube whose wall fills it almost
-_ROD = ((8, 1), (12, 1), (16, 2))  # around, and between core and side
+_ROD = ((12, 1), (16, 1), (20, 2))  # around, and between core and side
 _FLAT = 0.1  # radii: a thinner disk bends as a plate
 _DISK = ((24, 6), (32, 8), (48, 12))  # around, and between core and side, in one layer
 
@@ -104,6 +116,7 @@ def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int,
 
 _SHELL_AROUND = (20, 32, 48)
 _SHELL_ALONG = (14, 24, 40)  # at least, unless the wall is thick
+_LONG_THROUGH = 0.8  # elements may be longer through the wall than along it, by the inverse
 _SHELL_EDGES = (1, 2, 4)  # at most so many elements along a stretch as long as the wall is thick
 
 
@@ -114,7 +127,17 @@ def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tu
     arc = 2 * math.pi * radius / around
     thick = math.ceil(_SHELL_EDGES[step] * length / wall)
     along = max(min(_SHELL_ALONG[step], thick), math.ceil(length / arc))
-    return around, along, math.ceil(wall * along / length / 2)
+    counts = around, along, math.ceil(wall * along / length * _LONG_THROUGH)
+    finer = 1.0  # a short thick ring has few elements by these rules
+    while _ring_nodes(*(enough := finer_around(counts, finer))) < _NODES[step]:
+        finer *= 1.1
+    return enough
+
+
+def _ring_nodes(around: int, along: int, through: int) -> int:
+    """Return the nodes of a ring of 20-node hexahedra: corners and middles of edges."""
+    corners = (along + 1) * (through + 1)
+    return around * (2 * corners + along * (through + 1) + (along + 1) * through)
 
 
 _NODES = (600, 2_500, 12_000)

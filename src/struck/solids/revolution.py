@@ -27,12 +27,14 @@ from struck.solids.meridian import (
 )
 from struck.solids.polygon_mesh import Pairs, as_points
 from struck.solids.resolution import (
+    finer_around,
     require_counts,
     require_length,
     require_round,
     shell_counts,
     solid_counts,
 )
+from struck.solids.turned import Turned
 from struck.solids.volume_mesh import VolumeMesh
 
 Thickness = float | Sequence[float] | Array
@@ -86,7 +88,7 @@ class Revolution:
     profile : sequence of (r, z)
         With a `wall`: the mid-line of the wall, m. An end at r = 0 closes the body there, at a
         right angle to the axis where `smooth`. Without one: the side of a solid from bottom to
-        top, z rising, r > 0; its ends are flat.
+        top, undercut or not; it is closed by flats where its ends are off the axis.
     wall : float or sequence, optional
         Thickness of the wall, m: one, or one a point of the profile (between the points it
         changes smoothly, or linearly where the profile is straight).
@@ -131,11 +133,11 @@ class Revolution:
         check_contour(outline(self._section.contour()))
 
     @property
-    def _section(self) -> Shell | Spindle | Goblet:
+    def _section(self) -> Shell | Spindle | Turned | Goblet:
         if self.wall is None:
             if self.stem is not None:
                 raise OptionError("the body has a stem but no wall: give the wall of its bowl")
-            return _spindle(np.array(self.profile), smooth=self.smooth)
+            return _solid(np.array(self.profile), smooth=self.smooth)
         shell = _shell(self.profile, self.wall, smooth=self.smooth)
         if self.stem is None:
             return shell
@@ -157,22 +159,28 @@ class Revolution:
         points = self._section.places()
         return MappingProxyType({name: np.array([r, 0.0, z]) for name, (r, z) in points.items()})
 
-    def volume_mesh(self, accuracy: str = "standard") -> VolumeMesh:
+    def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra, without a pole on the axis.
 
         Parameters
         ----------
         accuracy : str
             "preview", "standard" or "fine"; counts given as `elements` go first.
+        finer : float
+            So many times as many elements in each direction, about.
 
         Raises
         ------
         OptionError
             On an unknown accuracy.
         """
-        around, along, through = self.elements or self._counts(accuracy)
+        around, along, through = finer_around(self.elements or self._counts(accuracy), finer)
         counts = Counts(around=around, along=along, through=through)
-        nodes, elements = revolved(self._section.patches(counts), around)
+        section = self._section
+        if isinstance(section, Turned):
+            nodes, elements = section.mesh(counts)
+        else:
+            nodes, elements = revolved(section.patches(counts), around)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
     def _counts(self, accuracy: str) -> tuple[int, int, int]:
@@ -232,15 +240,15 @@ def _shell(profile: Pairs, thickness: Thickness, *, smooth: bool) -> Shell:
     return Shell(wall=wall, breaks=breaks, on_axis=(points[0, 0] == 0, points[-1, 0] == 0))
 
 
-def _spindle(points: Array, *, smooth: bool) -> Spindle:
+def _solid(points: Array, *, smooth: bool) -> Spindle | Turned:
     side = (smooth_curve if smooth else straight_curve)(points)
+    breaks = side.knots[[0, -1]] if smooth else side.knots
     r, z = side.sampled(0.0, float(side.knots[-1])).T
-    if r.min() <= 1e-6 * r.max() or np.diff(z).min() <= 0:
-        raise MeshError(
-            "the side of a solid must rise in z and keep r > 0 all along (its ends are flat): "
-            "list it from bottom to top off the axis, use smooth=False, or give a wall"
-        )
-    return Spindle(side=side, breaks=side.knots[[0, -1]] if smooth else side.knots)
+    if r.min() > 1e-6 * r.max() and np.diff(z).min() > 0:
+        return Spindle(side=side, breaks=breaks)
+    turned = Turned(side=side, breaks=breaks)
+    turned.check()
+    return turned
 
 
 def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> Revolution:

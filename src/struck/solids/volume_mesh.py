@@ -14,6 +14,15 @@ from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 
 FUNCTIONS_A_NODE = 3.0
 """Functions of cubic displacements a node of their elements, about."""
+_THIN = 1 / 3  # least over middle side of hexahedra below which they are parts of a wall
+# Corners of a hexahedron at both ends of its edges along each of its axes (3, 4, 2).
+_OPPOSITE = np.array(
+    [
+        [(0, 1), (3, 2), (4, 5), (7, 6)],
+        [(0, 3), (1, 2), (4, 7), (5, 6)],
+        [(0, 4), (1, 5), (2, 6), (3, 7)],
+    ]
+)
 
 
 @checked
@@ -95,6 +104,15 @@ class VolumeMesh:
             elements=np.hstack([self.elements, numbers]),
             kind=kind,
         )
+
+    def plain(self) -> Mask:
+        """Tell which elements are straight, or, of hexahedra, which are not thin (E,)."""
+        if not self.kind.startswith("hex"):
+            return self.straight()
+        ends = self.nodes[self.elements[:, _OPPOSITE]]  # (E, axis, edge, end, 3)
+        sides = np.linalg.norm(ends[:, :, :, 1] - ends[:, :, :, 0], axis=-1).mean(axis=2)
+        least, middle, _ = np.sort(sides, axis=1).T
+        return np.asarray(least >= _THIN * middle)
 
     def straight(self) -> Mask:
         """Tell which elements have all their mid-edge nodes halfway (E,)."""

@@ -1,0 +1,66 @@
+"""Solids of simple form: as many modes at preview as finer elements have, within stated errors."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+
+import struck
+from struck.errors import OptionError
+from struck.solids import Block, Tube
+from struck.solids.fem.vibration import vibration_modes
+from tests.physics.bodies import ALUMINIUM
+
+MODES = 12  # of each body that are compared
+WALLS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+
+
+def swept() -> dict[str, Tube | Block]:
+    """Return sixty tubes, rods, discs and blocks, from as thick as wide to 1:200."""
+    bodies: dict[str, Tube | Block] = {}
+    for length in (0.3, 0.6, 2.0, 8.0):
+        for wall in WALLS:
+            tube = Tube(length=length * 0.05, radius=0.05, wall=wall * 0.05)
+            bodies[f"tube {length:g}, wall {wall:g}"] = tube
+    for thickness in (2.0, *WALLS):
+        disc = Tube(length=2 * thickness * 0.05, radius=0.05, wall=0.05)
+        bodies[f"disc {thickness:g}"] = disc
+    for width in (1.0, 0.5, 0.1):
+        for thickness in (1.0, 0.5, 0.2, 0.1, 0.02, 0.01, 0.005):
+            bodies[f"block {width:g} x {thickness:g}"] = Block(
+                size=(0.1, 0.1 * width, min(0.1 * thickness, 0.1 * width))
+            )
+    return bodies
+
+
+def highest_of(body: Tube | Block) -> float:
+    """Return a frequency up to which there are a dozen modes or a few more, Hz."""
+    mesh, highest = body.volume_mesh("preview"), 50.0
+    while True:
+        highest *= 1.5
+        with contextlib.suppress(OptionError):  # no mode lies below that yet
+            found = vibration_modes(mesh, ALUMINIUM, highest).frequencies
+            if len(found) >= MODES:
+                return float(found[MODES - 1] * 1.001)
+
+
+BODIES = swept()
+SOME = ("tube 0.6, wall 1", "block 1 x 0.02")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in SOME else pytest.mark.prove) for name in BODIES],
+)
+def test_preview_has_the_modes_that_finer_elements_have(name: str) -> None:
+    body = BODIES[name]
+    highest = highest_of(body)
+    finer = vibration_modes(body.volume_mesh("fine"), ALUMINIUM, 1.1 * highest).frequencies
+    model = struck.analyze(body, ALUMINIUM, band=(1, highest), accuracy="preview", cache=False)
+    found, errors = model.frequencies, model.errors
+    # The last may lie beyond the band by their errors.
+    missing = finer[len(found) : np.count_nonzero(finer <= highest)]
+    assert np.all(missing >= highest * (1 - 2 * errors[-1])), missing
+    assert len(found) <= np.count_nonzero(finer <= highest * (1 + errors[-1]))
