@@ -88,7 +88,7 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     assert analyzed["output"] == "tube.struck"
     assert analyzed["complete_to"] == told["complete_to"] < 20_000
     assert analyzed["errors"] == told["errors"]
-    assert 0 < np.median(told["errors"]) < 0.03  # as preview aims at in most modes
+    assert all(0 < error < 0.25 for error in told["errors"])
 
 
 @pytest.mark.usefixtures("tube")
