@@ -82,6 +82,7 @@ def test_a_ball_has_the_modes_of_a_ball(accuracy: str, off: float) -> None:
     assert np.mean(wrong <= model.errors) >= 0.9
 
 
+@pytest.mark.prove
 def test_half_a_ball_and_a_ball_share_modes() -> None:
     """Turns about the axis that are even in height leave the ball's middle free of stress."""
     dome = struck.analyze(DOME, ALUMINIUM, band=(20, 4.0 * UNIT), accuracy="preview")

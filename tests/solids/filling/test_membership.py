@@ -44,7 +44,7 @@ def somehow_turned(mesh: Mesh, seed: int) -> Mesh:
     return Mesh(points=mesh.points @ turn.T, faces=mesh.faces)
 
 
-SAMPLE = {("hollow cube", 0), ("crate", None), ("tee", 1)}
+SAMPLE = {("hollow cube", 0), ("crate", None)}
 CASES = [
     pytest.param(name, seed, marks=() if (name, seed) in SAMPLE else pytest.mark.prove)
     for name in BODIES
@@ -89,6 +89,7 @@ def test_sheets_are_joined_where_walls_meet_inside() -> None:
     assert not plate.judge.joined
 
 
+@pytest.mark.prove
 def test_walls_that_take_too_many_functions_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("struck.solids.filling.filling._MOST_FUNCTIONS", 5_000)
     with pytest.raises(MeshError, match=r"walls cross so closely that they take \d+ functions on"):
