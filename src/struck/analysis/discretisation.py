@@ -249,8 +249,9 @@ class FilledSurface:
             references=("barill2018", "labelle2007", "rivara1991", *filling.references),
             details=details,
         )
-        # The volume of a wall is sampled: as a measure of its shape that is too rough.
-        missing = 0.0 if self.wall is not None else filling.volume_error
+        # The volume of a wall of one face is sampled: as a measure of its shape that is too rough.
+        sampled = self.wall is not None and not filling.mesh.cubic
+        missing = 0.0 if sampled else filling.volume_error
         return Elements(mesh=filling.mesh, provenance=provenance, volume_error=missing)
 
 

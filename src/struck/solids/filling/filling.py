@@ -158,6 +158,10 @@ def filled_coarsely(
 
 def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Accuracy]:
     """Return a solid as a thin body where a lattice that it would not tear takes many nodes."""
+    if isinstance(body, FilledBody) and body.wall is not None:
+        from struck.solids.surface.thin_walls import with_inner_face
+
+        body = with_inner_face(body) or body
     if not isinstance(body, FilledBody) or not body.is_solid:
         return body, goal
     thin = nodes_for(body, THINNEST * body.thickness) > _SOLID * goal.nodes

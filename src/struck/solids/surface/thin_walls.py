@@ -20,6 +20,7 @@ from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import components, edges_of
 from struck.solids.filling.membership import kept
 from struck.solids.filling.stuffing import Judge
+from struck.solids.surface.closedness import crossings
 from struck.solids.surface.distance import THINNEST, FilledBody
 
 _TURNS = 30  # of shrinking a ball: few faces take more than ten
@@ -53,6 +54,46 @@ def balls_at(surface: Surface, points: Array, normals: Array, most: Array) -> tu
         if not len(active):
             break
     return 2 * radii, touched
+
+
+_OFF_PLANE = 0.02  # share of a wall by which its inner face may miss the planes beside a vertex
+_MOST_FACETS = 20_000  # of a surface whose inner face is looked for
+
+
+def with_inner_face(body: FilledBody) -> FilledBody | None:
+    """Return a body of flat faces with a wall as the surface that bounds the wall on both sides.
+
+    Each vertex moves inward until it lies as deep as the wall is thick below all faces beside it.
+    None where that is impossible, as on curved surfaces whose facets turn both ways, or where the
+    inner face would cross itself.
+    """
+    mesh, wall = body.mesh, body.wall
+    if wall is None or len(mesh.faces) > _MOST_FACETS or not len(crisp_edges(mesh)):
+        return None
+    normals, corners = mesh.face_normals, mesh.faces.ravel()
+    squares = np.zeros((len(mesh.points), 3, 3))
+    sums = np.zeros((len(mesh.points), 3))
+    np.add.at(squares, corners, np.repeat(normals[:, :, None] * normals[:, None, :], 3, axis=0))
+    np.add.at(sums, corners, np.repeat(normals, 3, axis=0))
+    inward = np.einsum("vij,vj->vi", np.linalg.pinv(squares, rcond=1e-6, hermitian=True), sums)
+    depths = np.einsum("fcd,fd->fc", inward[mesh.faces], normals)
+    if np.abs(depths - 1).max() > _OFF_PLANE:
+        return None
+    count = len(mesh.points)
+    both = Mesh(
+        points=np.vstack([mesh.points, mesh.points - wall * inward]),
+        faces=np.vstack([mesh.faces, mesh.faces[:, ::-1] + count]),
+        up=mesh.up,
+    )
+    crossed = both.volume <= 0 or len(crossings(both))
+    return None if crossed else FilledBody(mesh=both)
+
+
+def crisp_edges(mesh: Mesh) -> Index:
+    """Return the pairs of faces (E, 2) that meet at a crease."""
+    pairs = edges_of(mesh.faces).pairs()[0]
+    cosines = np.einsum("ed,ed->e", *mesh.face_normals[pairs.T])
+    return pairs[cosines < np.cos(_CREASE)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
