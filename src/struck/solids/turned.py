@@ -38,7 +38,7 @@ Map = Callable[[Array, Array], Array]
 
 _COLUMN = 0.4  # radius of the column over that of the body, unless a waist is narrower
 _WAIST = 0.7  # the same over that of the waist
-_BEND = 0.2  # rad by which the side turns from one node to the next at most
+_BEND = 0.5  # rad by which the side turns from one node to the next at most
 _DENSE = 4000  # points of the side among which the nearest ones are sought
 _ON_AXIS, _TOUCHING = 1e-9, 1e-5  # over the largest radius, and that of the column
 
