@@ -42,7 +42,7 @@ def theirs(mesh: VolumeMesh, tmp_path_factory: pytest.TempPathFactory) -> NDArra
 @pytest.fixture
 def four_points(monkeypatch: pytest.MonkeyPatch) -> None:
     tet = volume_mesh.ELEMENTS["tet10"]
-    four = tet.plain_rule
+    four = tet.straight_rule
     assert len(four.weights) == 4
     coarse = replace(tet, stiffness_rule=four, mass_rule=four)
     monkeypatch.setattr(volume_mesh, "ELEMENTS", {**volume_mesh.ELEMENTS, "tet10": coarse})

@@ -24,6 +24,7 @@ from struck.solids.filling.filling import (
     nodes_allowed,
     nodes_expected,
 )
+from struck.solids.resolution import ACCURACIES as ACCURACY_NAMES
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
 from struck.solids.surface.repair import Repair, repaired, require_holes
@@ -138,28 +139,35 @@ class StructuredSolid:
     @property
     def nodes(self) -> Sequence[float]:
         """Number of nodes of the coarse elements, and of those to begin with."""
-        return [self._count(finer) for finer in (_COARSER, 1.0)[self._given :]]
+        own = self._count(self.accuracy, 1.0)
+        return [own] if self._given else [self._count(*self._coarser), own]
+
+    @property
+    def _coarser(self) -> tuple[str, float]:
+        """The accuracy below, or this one with fewer elements in each direction."""
+        below = ACCURACY_NAMES[: ACCURACY_NAMES.index(self.accuracy)]
+        return (below[-1], 1.0) if below else (self.accuracy, _COARSER)
 
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return about a third of the nodes, unless the elements were given by their counts."""
-        return None if self._given else self._at(_COARSER, stages)
+        return None if self._given else self._at(*self._coarser, stages)
 
     def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements of its accuracy, or more."""
-        return self._at(self._finer(nodes), stages)
+        return self._at(self.accuracy, self._finer(nodes), stages)
 
     def _finer(self, nodes: int) -> float:
         """Return how many times finer, from the nodes that would do if all directions took them."""
-        finer = max(1.0, _COARSER * (nodes / self._count(_COARSER)) ** (1 / 3))
-        while finer > 1 and self._count(finer) > accuracy_named(self.accuracy).most:
+        finer = max(1.0, (nodes / self._count(self.accuracy, 1.0)) ** (1 / 3))
+        while finer > 1 and self._count(self.accuracy, finer) > accuracy_named(self.accuracy).most:
             finer = max(1.0, finer / _STEP)
         return finer
 
-    def _count(self, finer: float) -> int:
-        return len(self.solid.volume_mesh(self.accuracy, finer).nodes)
+    def _count(self, accuracy: str, finer: float) -> int:
+        return len(self.solid.volume_mesh(accuracy, finer).nodes)
 
-    def _at(self, finer: float, stages: Stages) -> Elements:
-        solid, accuracy = self.solid, self.accuracy
+    def _at(self, accuracy: str, finer: float, stages: Stages) -> Elements:
+        solid = self.solid
         mesh = stages.kept(
             ELEMENTS,
             lambda: solid.volume_mesh(accuracy, finer),

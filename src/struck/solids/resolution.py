@@ -68,17 +68,19 @@ def require_round(around: int) -> None:
 
 
 def finer_counts(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
-    """Return `finer` times as many elements in each direction; one layer stays one up to 2."""
-    x, y, z = (max(1, round(n * finer) if n > 1 else int(finer)) for n in counts)
-    return x, y, z
+    """Return `finer` times as many elements in each direction, rounded up where there was one."""
+    x, y, z = (round(n * finer) if n > 1 else math.ceil(finer - _SLIGHTLY) for n in counts)
+    return max(1, x), max(1, y), max(1, z)
 
 
 def finer_around(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
-    """Return `finer` times as many elements around, which stay a multiple of 4, along, through."""
+    """Return the same around an axis, in multiples of 4; a wall of one layer stays one up to 2."""
     around, along, through = finer_counts(counts, finer)
-    return max(8, 4 * round(around / 4)), along, through
+    layers = through if counts[2] > 1 else max(1, int(finer))
+    return max(8, 4 * round(around / 4)), along, layers
 
 
+_SLIGHTLY = 0.1  # finer than before: one layer stays one
 _SLENDER = 20  # radii: longer tubes bend below the frequencies at which their section does
 _TUBE_AROUND = (12, 16, 24)
 _TUBE_ALONG = (15, 48, 96)  # of a tube 40 radii long

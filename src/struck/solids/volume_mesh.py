@@ -14,15 +14,6 @@ from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
 
 FUNCTIONS_A_NODE = 3.0
 """Functions of cubic displacements a node of their elements, about."""
-_THIN = 1 / 3  # least over middle side of hexahedra below which they are parts of a wall
-# Corners of a hexahedron at both ends of its edges along each of its axes (3, 4, 2).
-_OPPOSITE = np.array(
-    [
-        [(0, 1), (3, 2), (4, 5), (7, 6)],
-        [(0, 3), (1, 2), (4, 7), (5, 6)],
-        [(0, 4), (1, 5), (2, 6), (3, 7)],
-    ]
-)
 
 
 @checked
@@ -105,15 +96,6 @@ class VolumeMesh:
             kind=kind,
         )
 
-    def plain(self) -> Mask:
-        """Tell which elements are straight, or, of hexahedra, which are not thin (E,)."""
-        if not self.kind.startswith("hex"):
-            return self.straight()
-        ends = self.nodes[self.elements[:, _OPPOSITE]]  # (E, axis, edge, end, 3)
-        sides = np.linalg.norm(ends[:, :, :, 1] - ends[:, :, :, 0], axis=-1).mean(axis=2)
-        least, middle, _ = np.sort(sides, axis=1).T
-        return np.asarray(least >= _THIN * middle)
-
     def straight(self) -> Mask:
         """Tell which elements have all their mid-edge nodes halfway (E,)."""
         if not self.element.edges:
@@ -173,7 +155,8 @@ class VolumeMesh:
 
     def surface(self) -> tuple[Mesh, Index]:
         """Return the boundary as triangles through all its nodes, and those nodes' numbers."""
-        triangles = np.vstack([_triangles(sides) for sides in self.boundary_sides() if len(sides)])
+        sides = [sides for sides in self.boundary_sides() if len(sides)]
+        triangles = np.vstack([_triangles(each, self.nodes) for each in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)
         points = self.nodes[numbers]
         return Mesh(points=points, faces=faces.reshape(-1, 3), up=self.up), numbers
@@ -202,7 +185,7 @@ def _with_middles(element: Element, side: tuple[int, ...]) -> tuple[int, ...]:
 
 
 # Triangles that tile a side through its nodes, by the side's count of nodes (corners, then
-# middles); quadrilaterals are cut along one diagonal.
+# middles); quadrilaterals are cut along their shorter diagonal.
 _TILES = {
     3: [(0, 1, 2)],
     6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
@@ -211,7 +194,15 @@ _TILES = {
 }
 
 
-def _triangles(sides: Index) -> Index:
+def _triangles(sides: Index, nodes: Array) -> Index:
+    if sides.shape[1] in {4, 8}:
+        # Across a narrow strip of a bent side the longer one would run beneath the surface.
+        ends = nodes[sides[:, -4:]]
+        first, second = (np.linalg.norm(ends[:, i + 2] - ends[:, i], axis=1) for i in (0, 1))
+        turned = np.flatnonzero(second < (1 - 1e-9) * first)
+        sides = sides.copy()
+        for start in range(0, sides.shape[1], 4):
+            sides[turned, start : start + 4] = np.roll(sides[turned, start : start + 4], -1, axis=1)
     return sides[:, np.array(_TILES[sides.shape[1]])].reshape(-1, 3)
 
 

@@ -126,7 +126,7 @@ def degree(kind: str, rule: Quadrature) -> int:
 )
 def test_rules_are_exact_to_their_degree(kind: str, straight: int, curved: int, mass: int) -> None:
     element: Element = ELEMENTS[kind]
-    rules = (element.plain_rule, element.stiffness_rule, element.mass_rule)
+    rules = (element.straight_rule, element.stiffness_rule, element.mass_rule)
     assert [degree(kind, rule) for rule in rules] == [straight, curved, mass]
     for rule in rules:
         assert rule.weights.min() > 0

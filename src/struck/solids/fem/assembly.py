@@ -129,10 +129,10 @@ class Displacements:
 
     @property
     def stiffness_rules(self) -> tuple[Quadrature, Quadrature]:
-        """What integrates products of two slopes on plain elements, and on the others."""
+        """What integrates products of two slopes on straight elements, and on curved ones."""
         if self.added:
             return TET_14, TET_24
-        return self.mesh.element.plain_rule, self.mesh.element.stiffness_rule
+        return self.mesh.element.straight_rule, self.mesh.element.stiffness_rule
 
     def values(self, points: Array, chosen: Index | slice) -> Array:
         """Return the functions at reference `points` (q, 3): (E or 1, q, n)."""
@@ -229,7 +229,7 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
     pairs, place = _node_pairs(first, second, basis.count)
     turned = first < second
     stiffness, mass = np.zeros((3, 3, len(pairs))), np.zeros(len(pairs))
-    for chosen, rule in batches(basis):
+    for chosen, rule in _batches(basis):
         products = _products(basis, chosen, rule)
         # np.add.at is six times faster on flat arrays.
         where = place[chosen].ravel()
@@ -243,10 +243,10 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
     return System(starts=starts, rows=rows, stiffness=stiffness, mass=mass)
 
 
-def batches(basis: Displacements) -> Iterator[tuple[Index, Quadrature]]:
+def _batches(basis: Displacements) -> Iterator[tuple[Index, Quadrature]]:
     """Yield groups of elements that fit the processor's cache, with the rule they need."""
-    plain = basis.mesh.plain()
-    for group, rule in zip((plain, ~plain), basis.stiffness_rules, strict=True):
+    straight = basis.mesh.straight()
+    for group, rule in zip((straight, ~straight), basis.stiffness_rules, strict=True):
         members = np.flatnonzero(group)
         for start in range(0, len(members), 512):
             yield members[start : start + 512], rule
