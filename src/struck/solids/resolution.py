@@ -85,7 +85,7 @@ _SLENDER = 20  # radii: longer tubes bend below the frequencies at which their s
 _TUBE_AROUND = (12, 16, 24)
 _TUBE_ALONG = (15, 48, 96)  # of a tube 40 radii long
 _TUBE_THROUGH = (2, 3, 4)  # of a tube whose wall fills it almost
-_ROD = ((12, 1), (16, 1), (20, 2))  # around, and between core and side
+_ROD = ((8, 1), (12, 1), (16, 2))  # around, and between core and side
 _FLAT = 0.1  # radii: a thinner disk bends as a plate
 _DISK = ((24, 6), (32, 8), (48, 12))  # around, and between core and side, in one layer
 

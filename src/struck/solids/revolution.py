@@ -189,6 +189,8 @@ class Revolution:
         radius = float(points[:, 0].max())
         if self.wall is None:
             around, along, through = solid_counts(length, radius, accuracy)
+            # What closes on the axis or undercuts is as wide as long, and stout.
+            around = max(around, 12) if isinstance(self._section, Turned) else around
         else:
             wall = float(np.max(self.wall))
             around, along, through = shell_counts(length, radius, wall, accuracy)
