@@ -32,8 +32,9 @@ from struck.radiation import by_name
 from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
-    comparable,
+    LEAST_FINER,
     nodes_needed,
+    nodes_short,
     residual_errors,
     stated_errors,
     with_shape,
@@ -181,18 +182,38 @@ class _Work:
             nodes = max(nodes_needed(first, few, source.error), round(least * few))
         elements = source.fine(self.stages, nodes)
         modes = self._modes(elements.mesh, MODES, self.highest)
-        count = coarse.mesh.functions if coarse else 0
-        own = elements.mesh.functions
-        layer = elements.mesh.cubic
-        errors = stated_errors(modes, own, first, count, layer=layer)
-        errors = with_shape(errors, elements.volume_error, layer=layer)
-        two = comparable(own, count)
-        judge = f"{count} nodes beside these" if two else "the next degree of polynomials"
+        found = self._judged(elements, modes, coarse, first)
+        while finer := self._finer(source, elements, found):
+            coarse, first = elements, modes
+            elements, modes = finer, self._modes(finer.mesh, MODES, self.highest)
+            found = self._judged(elements, modes, coarse, first)
+        return elements, found
+
+    def _finer(self, source: Discretisation, elements: Elements, found: Modes) -> Elements | None:
+        """Return finer elements where the stated errors are far above the accuracy's."""
+        if source.error is None or self.method != "quadratic":
+            return None
+        nodes = nodes_short(found, elements.mesh.functions, source.error)
+        finer = source.finer(self.stages, nodes) if nodes else None
+        if finer is None or elements.mesh.width() < LEAST_FINER * finer.mesh.width():
+            return None
+        return finer
+
+    def _judged(
+        self, elements: Elements, modes: Modes, coarse: Elements | None, first: Modes | None
+    ) -> Modes:
+        """Return modes with the errors that those of coarser elements and the shape tell."""
+        finer = coarse.mesh.width() / elements.mesh.width() if coarse else 1.0
+        errors = stated_errors(modes, first, finer)
+        errors = with_shape(errors, elements.volume_error, layer=elements.mesh.cubic)
+        judge = "the next degree of polynomials"
+        if coarse and finer >= LEAST_FINER:
+            judge = f"{coarse.mesh.functions} nodes beside these"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)
         # A mode just beyond the band's end may truly lie below it, by as much as those beside it.
         doubt = float(np.quantile(errors[-_BESIDE_END:], 0.9)) if len(errors) else 0.0
         certain = modes.complete_to / (1 + doubt)
-        return elements, replace(modes, errors=errors, complete_to=certain, provenance=provenance)
+        return replace(modes, errors=errors, complete_to=certain, provenance=provenance)
 
     def model(
         self, modes: Modes, own: Mapping[str, Array], radiation: str, lowest: float

@@ -113,6 +113,10 @@ class GivenElements:
         """Return the elements as they are."""
         return Elements(mesh=self.mesh, provenance=Provenance(method="given elements"))
 
+    def finer(self, _stages: Stages, _nodes: int, /) -> Elements | None:
+        """Return None: there are no others."""
+        return None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StructuredSolid:
@@ -155,6 +159,10 @@ class StructuredSolid:
     def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements of its accuracy, or more."""
         return self._at(self.accuracy, self._finer(nodes), stages)
+
+    def finer(self, stages: Stages, nodes: int, /) -> Elements | None:
+        """Return elements of so many nodes, or of as many as the accuracy allows."""
+        return self.fine(stages, nodes)
 
     def _finer(self, nodes: int) -> float:
         """Return how many times finer, from the nodes that would do if all directions took them."""
@@ -230,6 +238,10 @@ class FilledSurface:
             **self._inputs,
         )
         return self._elements(filling)
+
+    def finer(self, _stages: Stages, _nodes: int, /) -> Elements | None:
+        """Return None: a surface is filled once, as that takes longer than its modes."""
+        return None
 
     @property
     def _inputs(self) -> dict[str, object]:

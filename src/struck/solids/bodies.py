@@ -34,6 +34,7 @@ from struck.solids.resolution import (
     require_counts,
     require_length,
     require_round,
+    round_sizes,
     tube_counts,
 )
 from struck.solids.volume_mesh import VolumeMesh
@@ -247,7 +248,9 @@ class Tube:
             On an unknown accuracy.
         """
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
-        around, along, through = finer_around(counts, finer)
+        around, along, through = finer_around(
+            counts, round_sizes(self.length, self.radius, self.wall), finer
+        )
         nodes, elements = revolved([self._patch(along, through)], around)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
@@ -334,7 +337,7 @@ class Block:
         OptionError
             On an unknown accuracy.
         """
-        counts = finer_counts(self.elements or block_counts(self.size, accuracy), finer)
+        counts = finer_counts(self.elements or block_counts(self.size, accuracy), self.size, finer)
         x, y, z = (
             divided(np.array([-side / 2, side / 2]), count)
             for side, count in zip(self.size, counts, strict=True)

@@ -17,7 +17,7 @@ waves that the accuracy should still resolve.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -28,6 +28,9 @@ from struck.errors import OptionError
 from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
+
+ElementCounts = tuple[int, int, int]
+Sizes = tuple[float, float, float]
 
 _SHORTEST, _LONGEST = 1e-9, 1e6  # m
 
@@ -67,19 +70,32 @@ def require_round(around: int) -> None:
         )
 
 
-def finer_counts(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
-    """Return `finer` times as many elements in each direction, rounded up where there was one."""
-    x, y, z = (round(n * finer) if n > 1 else math.ceil(finer - _SLIGHTLY) for n in counts)
+def finer_counts(counts: ElementCounts, sizes: Sizes, finer: float) -> ElementCounts:
+    """Return `finer` times as many elements in each direction of a body of such sizes, m.
+
+    One flat layer stays one up to 2 times as many; another is doubled at once.
+    """
+    edges = [size / count for size, count in zip(sizes, counts, strict=True)]
+    flat = [edge * _FLAT_LAYER < max(edges) for edge in edges]
+    x, y, z = (
+        round(n * finer) if n > 1 else math.floor(finer) if thin else math.ceil(finer - _SLIGHTLY)
+        for n, thin in zip(counts, flat, strict=True)
+    )
     return max(1, x), max(1, y), max(1, z)
 
 
-def finer_around(counts: tuple[int, int, int], finer: float) -> tuple[int, int, int]:
-    """Return the same around an axis, in multiples of 4; a wall of one layer stays one up to 2."""
-    around, along, through = finer_counts(counts, finer)
-    layers = through if counts[2] > 1 else max(1, int(finer))
-    return max(8, 4 * round(around / 4)), along, layers
+def finer_around(counts: ElementCounts, sizes: Sizes, finer: float) -> ElementCounts:
+    """Return the same around, along and through, in multiples of 4 around the axis."""
+    around, along, through = finer_counts(counts, sizes, finer)
+    return max(8, 4 * round(around / 4)), along, through
 
 
+def round_sizes(length: float, radius: float, wall: float) -> Sizes:
+    """Return the sizes of a tube or rod around, along and through, m."""
+    return 2 * math.pi * radius, length, wall
+
+
+_FLAT_LAYER = 3.0  # times as wide as thick: one layer bends right
 _SLIGHTLY = 0.1  # finer than before: one layer stays one
 _SLENDER = 20  # radii: longer tubes bend below the frequencies at which their section does
 _TUBE_AROUND = (12, 16, 24)
@@ -90,7 +106,7 @@ _FLAT = 0.1  # radii: a thinner disk bends as a plate
 _DISK = ((24, 6), (32, 8), (48, 12))  # around, and between core and side, in one layer
 
 
-def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
+def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> ElementCounts:
     """Return elements around, along and through a tube."""
     if wall == radius:
         return disk_counts(length, radius, accuracy)
@@ -101,7 +117,7 @@ def tube_counts(length: float, radius: float, wall: float, accuracy: str) -> tup
     return _TUBE_AROUND[step], along, math.ceil(_TUBE_THROUGH[step] * wall / radius)
 
 
-def disk_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
+def disk_counts(length: float, radius: float, accuracy: str) -> ElementCounts:
     """Return elements around, along, and between core and side of a rod or disk."""
     if length > _FLAT * radius:
         return solid_counts(length, radius, accuracy)
@@ -109,11 +125,13 @@ def disk_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, 
     return around, 1, rings
 
 
-def solid_counts(length: float, radius: float, accuracy: str) -> tuple[int, int, int]:
+def solid_counts(length: float, radius: float, accuracy: str) -> ElementCounts:
     """Return elements around, along, and between core and side of a solid of revolution."""
-    around, rings = _ROD[level(accuracy)]
+    step = level(accuracy)
+    around, rings = _ROD[step]
     arc = 2 * math.pi * radius / around
-    return around, max(around // 2, math.ceil(length / arc)), rings
+    counts = around, max(2, math.ceil(length / arc)), rings
+    return _filled_up(counts, round_sizes(length, radius, radius), _rod_nodes, step)
 
 
 _SHELL_AROUND = (20, 32, 48)
@@ -122,7 +140,7 @@ _LONG_THROUGH = 0.8  # elements may be longer through the wall than along it, by
 _SHELL_EDGES = (1, 2, 4)  # at most so many elements along a stretch as long as the wall is thick
 
 
-def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tuple[int, int, int]:
+def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> ElementCounts:
     """Return elements around, along the mid-line and through the wall of a body of revolution."""
     step = level(accuracy)
     around = _SHELL_AROUND[step]
@@ -130,10 +148,24 @@ def shell_counts(length: float, radius: float, wall: float, accuracy: str) -> tu
     thick = math.ceil(_SHELL_EDGES[step] * length / wall)
     along = max(min(_SHELL_ALONG[step], thick), math.ceil(length / arc))
     counts = around, along, math.ceil(wall * along / length * _LONG_THROUGH)
-    finer = 1.0  # a short thick ring has few elements by these rules
-    while _ring_nodes(*(enough := finer_around(counts, finer))) < _NODES[step]:
+    return _filled_up(counts, round_sizes(length, radius, wall), _ring_nodes, step)
+
+
+def _filled_up(
+    counts: ElementCounts, sizes: Sizes, nodes: Callable[..., int], step: int
+) -> ElementCounts:
+    """Return more elements where these rules give few, as to short rings and flat discs."""
+    finer = 1.0
+    while nodes(*(enough := finer_around(counts, sizes, finer))) < _FEW * _NODES[step]:
         finer *= 1.1
     return enough
+
+
+def _rod_nodes(around: int, along: int, rings: int) -> int:
+    """Return the nodes of a rod of 20-node hexahedra: corners and middles of edges."""
+    cut = (around // 4) ** 2 + around * rings  # quadrilaterals of a section
+    corners = cut + around // 2 + 1
+    return corners * (2 * along + 1) + (2 * cut + around // 2) * (along + 1)
 
 
 def _ring_nodes(around: int, along: int, through: int) -> int:
@@ -143,9 +175,10 @@ def _ring_nodes(around: int, along: int, through: int) -> int:
 
 
 _NODES = (600, 2_500, 12_000)
+_FEW = 0.8  # of these
 
 
-def block_counts(size: tuple[float, float, float], accuracy: str) -> tuple[int, int, int]:
+def block_counts(size: tuple[float, float, float], accuracy: str) -> ElementCounts:
     """Return the elements along x, y and z: edges near equal, as many as the nodes allow."""
     budget = _NODES[level(accuracy)]
     least = _least_cuts(size)

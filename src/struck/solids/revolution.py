@@ -27,10 +27,12 @@ from struck.solids.meridian import (
 )
 from struck.solids.polygon_mesh import Pairs, as_points
 from struck.solids.resolution import (
+    Sizes,
     finer_around,
     require_counts,
     require_length,
     require_round,
+    round_sizes,
     shell_counts,
     solid_counts,
 )
@@ -174,7 +176,8 @@ class Revolution:
         OptionError
             On an unknown accuracy.
         """
-        around, along, through = finer_around(self.elements or self._counts(accuracy), finer)
+        begun = self.elements or self._counts(accuracy)
+        around, along, through = finer_around(begun, self._sizes, finer)
         counts = Counts(around=around, along=along, through=through)
         section = self._section
         if isinstance(section, Turned):
@@ -183,19 +186,26 @@ class Revolution:
             nodes, elements = revolved(section.patches(counts), around)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
-    def _counts(self, accuracy: str) -> tuple[int, int, int]:
+    @property
+    def _sizes(self) -> Sizes:
         points = np.array(self.profile)
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         radius = float(points[:, 0].max())
+        return round_sizes(
+            length, radius, radius if self.wall is None else float(np.max(self.wall))
+        )
+
+    def _counts(self, accuracy: str) -> tuple[int, int, int]:
+        round_the_axis, length, wall = self._sizes
+        radius = round_the_axis / (2 * np.pi)
         if self.wall is None:
             around, along, through = solid_counts(length, radius, accuracy)
             # What closes on the axis or undercuts is as wide as long, and stout.
             around = max(around, 12) if isinstance(self._section, Turned) else around
         else:
-            wall = float(np.max(self.wall))
             around, along, through = shell_counts(length, radius, wall, accuracy)
         # A profile given in detail is followed, one given in excess is not.
-        return around, max(along, min(len(points) - 1, 2 * along)), through
+        return around, max(along, min(len(self.profile) - 1, 2 * along)), through
 
 
 def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:

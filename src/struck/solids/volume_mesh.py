@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -122,6 +123,15 @@ class VolumeMesh:
             np.linalg.det(self.jacobians(rule.points, c)) @ rule.weights for c in self.chunks()
         )
         return float(sum(part.sum() for part in parts))
+
+    def width(self) -> float:
+        """Mean distance of the two corners of an element that are farthest apart, m."""
+        pairs = np.array(list(combinations(range(len(self.element.corners)), 2))).T
+        widest = 0.0
+        for chunk in self.chunks():
+            first, second = (self.nodes[self.corners[chunk][:, ends]] for ends in pairs)
+            widest += np.linalg.norm(first - second, axis=2).max(axis=1).sum()
+        return widest / len(self.elements)
 
     def chunks(self, size: int = 4096) -> Iterator[slice]:
         """Yield slices of elements small enough to work on at a time."""

@@ -50,7 +50,7 @@ def test_errors_bound_the_true_ones_closely_whatever_share_one_mesh_tells(
     share: float, ratio: float
 ) -> None:
     fine, coarse = pair(1e-3, ratio=ratio, share=share)
-    stated = stated_errors(fine, int(1000 * ratio), coarse, 1000)
+    stated = stated_errors(fine, coarse, ratio ** (1 / 3))
     assert (stated >= 1e-3).all()
     assert (stated <= 5e-3).all()
 
@@ -59,7 +59,7 @@ def test_a_defect_that_both_meshes_share_is_told() -> None:
     # One layer of elements in both: a tenth of the error goes, the rest stays.
     fine = modes(TRUE * 1.0100, ALONE * 0.0100)
     coarse = modes(TRUE * 1.0110, ALONE * 0.0110)
-    assert (stated_errors(fine, 3000, coarse, 1000) >= 0.01).all()
+    assert (stated_errors(fine, coarse, 1.44) >= 0.01).all()
 
 
 def test_a_mode_that_crossed_another_does_not_come_out_exact() -> None:
@@ -67,23 +67,23 @@ def test_a_mode_that_crossed_another_does_not_come_out_exact() -> None:
     crossed = coarse.frequencies.copy()
     crossed[2] = fine.frequencies[2]
     told = modes(crossed, coarse.errors)
-    assert stated_errors(fine, 3000, told, 1000)[2] >= 1e-3
+    assert stated_errors(fine, told, 1.44)[2] >= 1e-3
 
 
 def test_modes_beyond_the_coarse_mesh_keep_their_own_errors() -> None:
     fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
     fewer = modes(coarse.frequencies[:3], coarse.errors[:3])
-    assert stated_errors(fine, 3000, fewer, 1000)[3:] == pytest.approx(fine.errors[3:])
+    assert stated_errors(fine, fewer, 1.44)[3:] == pytest.approx(fine.errors[3:])
 
 
 def test_without_another_resolution_each_keeps_its_own() -> None:
     fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
-    assert np.array_equal(stated_errors(fine, 3000, None, 0), fine.errors)
-    assert np.array_equal(stated_errors(fine, 1020, coarse, 1000), fine.errors)
+    assert np.array_equal(stated_errors(fine, None, 1.0), fine.errors)
+    assert np.array_equal(stated_errors(fine, coarse, 1.007), fine.errors)
 
 
 def test_nothing_is_told_to_be_exact() -> None:
-    assert stated_errors(modes(TRUE, 0.0), 3000, None, 0) == pytest.approx([1e-4] * len(TRUE))
+    assert stated_errors(modes(TRUE, 0.0), None, 1.0) == pytest.approx([1e-4] * len(TRUE))
 
 
 def test_what_the_shape_misses_adds_in_squares() -> None:

@@ -148,9 +148,12 @@ def _carried(mesh: VolumeMesh, chunk: slice) -> Array:
 ALONE, _SCALED = 4.0, 2.3  # bound over residual error: of one mesh, and scaled by two
 _POWER = 3.0  # of the edges, with which errors fall; 4 is the most that quadratic elements reach
 _TYPICAL = 2.5  # how many times larger the errors are for which a count of nodes is chosen
-_LEAST_RATIO = 1.05  # of the nodes of two meshes that are compared
+LEAST_FINER = 1.016
+"""Least ratio of the widths of elements of two meshes that are compared."""
 _LEAST_GAIN = 0.05  # least share of its residual error that the finer mesh counts as having removed
 _MOST_MODES = 0.9
+_CAUTIOUS = 4.0  # times the true errors that stated ones are, where they are not far too large
+_AGAIN = 2.0, 6.0  # times the error that elements are chosen anew by, at least and at most
 _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
 _OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as its radius
 # Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
@@ -158,13 +161,11 @@ _OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as 
 _LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
 
 
-def stated_errors(
-    modes: Modes, nodes: int, coarse: Modes | None, coarse_nodes: int, *, layer: bool = False
-) -> Array:
+def stated_errors(modes: Modes, coarse: Modes | None, finer: float) -> Array:
     """Return the relative error of each frequency (M,) from those of one or of two meshes."""
-    # `modes` and `coarse` (a coarser mesh, a wider band) come with residual errors of one mesh;
-    # in a wall of one `layer` both have as many elements through it.
-    if coarse is None or not comparable(nodes, coarse_nodes):
+    # `modes` and `coarse` (elements `finer` times as wide, a wider band) come with residual errors
+    # of one mesh.
+    if coarse is None or finer < LEAST_FINER:
         return np.maximum(modes.errors, _LEAST)
     known = min(len(modes.frequencies), len(coarse.frequencies))
     ratio = coarse.frequencies[:known] / modes.frequencies[:known]
@@ -174,16 +175,10 @@ def stated_errors(
     scale = gone / np.maximum(before - after, _LEAST_GAIN * before)
     # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
     scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
-    directions = 2 if layer else 3  # in which elements become smaller
-    fallen = np.abs(ratio - 1) / ((nodes / coarse_nodes) ** (_POWER / directions) - 1)
+    fallen = np.abs(ratio - 1) / (finer**_POWER - 1)
     errors = modes.errors.copy()
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
     return _levelled(errors)
-
-
-def comparable(nodes: int, coarse_nodes: int) -> bool:
-    """Tell whether a coarser mesh of so many nodes says something about one of `nodes`."""
-    return coarse_nodes > 0 and nodes / coarse_nodes >= _LEAST_RATIO
 
 
 def _levelled(errors: Array) -> Array:
@@ -197,6 +192,14 @@ def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
     """Return how many nodes bring most modes' errors below `target`, from a coarser mesh's."""
     error = float(np.quantile(coarse.errors, _MOST_MODES)) * (_TYPICAL / ALONE)
     return int(nodes * max(error / target, 1e-9) ** 0.75)
+
+
+def nodes_short(found: Modes, nodes: int, target: float) -> int:
+    """Return how many nodes to take instead where stated errors are far above `target`, else 0."""
+    if not len(found.errors):
+        return 0
+    beyond = float(np.quantile(found.errors, _MOST_MODES)) / (_CAUTIOUS * target)
+    return round(nodes * np.clip(beyond, *_AGAIN) ** 0.75) if beyond > 1 else 0
 
 
 def with_shape(errors: Array, volume_error: float, *, layer: bool = False) -> Array:
