@@ -158,7 +158,11 @@ def filled_coarsely(
 
 def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Accuracy]:
     """Return a solid as a thin body where a lattice that it would not tear takes many nodes."""
-    if isinstance(body, FilledBody) and body.wall is not None:
+    if not isinstance(body, FilledBody):
+        from struck.solids.surface.thin_walls import with_both_faces
+
+        body = with_both_faces(body) or body
+    elif body.wall is not None:
         from struck.solids.surface.thin_walls import with_inner_face
 
         body = with_inner_face(body) or body

@@ -142,6 +142,12 @@ def repaired(mesh: Mesh, *, wall: float | None = None, holes: str | None = None)
 
 def _result(mesh: Mesh, wall: float | None, holes: str | None, diary: Diary) -> tuple[Mesh, bool]:
     """Return the body, or the sheet and True."""
+    if wall is not None and _is_strip(mesh):
+        diary.note(
+            "The surface has one side, as a Moebius strip has.",
+            f"Taken as the middle of a wall of {wall:g} m.",
+        )
+        return mesh, True
     bare = bared(mesh)
     if bare is not None and is_closed(bare):
         hidden = counted(len(mesh.faces) - len(bare.faces), "face")
@@ -164,6 +170,14 @@ def _result(mesh: Mesh, wall: float | None, holes: str | None, diary: Diary) -> 
     if not whole and holes == "fill":
         kept = [max(surface.closed.rims, key=lambda rim: _length(surface.open.points[rim]))]
     return _sheet(surface, kept, wall, diary), True
+
+
+def _is_strip(mesh: Mesh) -> bool:
+    """Return whether a surface is one-sided and open, and nowhere more than two faces meet."""
+    edges = edges_of(mesh.faces)
+    if edges.faces_at.max() > 2 or edges.shared.all():
+        return False
+    return turned_faces(edges, len(mesh.faces)) is None
 
 
 def _volume(mesh: Mesh) -> float:

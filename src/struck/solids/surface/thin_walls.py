@@ -13,15 +13,18 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
+from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
-from struck.model.mesh_topology import components, edges_of
+from struck.model.mesh_topology import components, edges_of, turned_faces
 from struck.solids.filling.membership import kept
 from struck.solids.filling.stuffing import Judge
 from struck.solids.surface.closedness import crossings
-from struck.solids.surface.distance import THINNEST, FilledBody
+from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
 
 _TURNS = 30  # of shrinking a ball: few faces take more than ten
 _TOUCHING = 1e-3  # share of its radius by which a ball may overlap the surface
@@ -87,6 +90,50 @@ def with_inner_face(body: FilledBody) -> FilledBody | None:
     )
     crossed = both.volume <= 0 or len(crossings(both))
     return None if crossed else FilledBody(mesh=both)
+
+
+def with_both_faces(sheet: WalledSheet) -> FilledBody | None:
+    """Return a one-sided sheet, such as a Moebius strip, as the surface of its wall.
+
+    Going round such a strip once leads to its other face: both are one, here twice as long, which
+    stands half a wall off the sheet, and a strip along the rim closes it. None of other sheets.
+    """
+    mesh, count = sheet.mesh, len(sheet.mesh.faces)
+    edges = edges_of(mesh.faces)
+    if turned_faces(edges, count) is not None:
+        return None
+    faces = np.vstack([mesh.faces, mesh.faces[:, ::-1]])  # each face, and its back
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    owner = edges.owner.reshape(-1, 3)
+    edge = np.vstack([owner, owner[:, [1, 0, 2]]]).ravel()
+    order = np.lexsort((np.arange(len(edge)) // 3 % count, start > end, edge))
+    ways = edges.faces_at[edge[order]]
+    sides, rim = order[ways == 2].reshape(-1, 4), order[ways == 1].reshape(-1, 2)
+    # At each edge a face goes on into that side of its neighbour which runs along the other way.
+    here, there = sides[:, [0, 1]].ravel(), sides[:, [3, 2]].ravel()
+    joints = np.vstack([np.stack([here, _after(there)], 1), np.stack([_after(here), there], 1)])
+    corners = components(joints, len(start))
+    points = np.empty((corners.max() + 1, 3))
+    points[corners] = mesh.points[start]
+    cover = Mesh(points=points, faces=corners.reshape(-1, 3), up=mesh.up)
+    (front, back), (ahead, behind) = corners[rim].T, corners[_after(rim)].T
+    across = np.vstack([np.stack([ahead, front, behind], 1), np.stack([ahead, behind, back], 1)])
+    both = Mesh(
+        points=points + sheet.wall / 2 * cover.vertex_normals,
+        faces=np.vstack([cover.faces, across]),
+        up=mesh.up,
+    )
+    if len(crossings(both)):
+        raise MeshError(
+            f"a wall of {sheet.wall:g} m around this one-sided sheet crosses itself: give less "
+            "wall="
+        )
+    return FilledBody(mesh=both)
+
+
+def _after(sides: Index) -> Index:
+    """Return the next side around the same face."""
+    return sides // 3 * 3 + (sides + 1) % 3
 
 
 def crisp_edges(mesh: Mesh) -> Index:
@@ -280,6 +327,7 @@ class Segments:
         kept = ~bent
         whole = kept[pairs].all(axis=1)
         labels = components(pairs[whole & ~cut & ~cleft], len(mesh.faces))
+        labels = _unfolded(mesh, pairs[whole & ~cut & ~cleft], labels, sounded.opposed)
         rounded = components(pairs[~kept[pairs].any(axis=1)], len(mesh.faces))
         labels = np.where(kept, labels, -1)
         across = pairs[whole & (cut | cleft) & sounded.thin[pairs].any(axis=1)]
@@ -304,6 +352,29 @@ class Segments:
             taken |= set(sheets[joined != joined[segment]].tolist())
             sheets[segment] = next(i for i in range(len(taken) + 1) if i not in taken)
         return sheets
+
+
+def _unfolded(mesh: Mesh, pairs: Index, labels: Index, opposed: Index) -> Index:
+    """Return labels (F,) with segments cut that are both faces of a wall, as on a Moebius strip.
+
+    Three bands, by their way from one face, are each no longer opposite themselves.
+    """
+    count = labels.max() + 1
+    sides = labels[opposed][(labels[opposed] >= 0).all(axis=1)]
+    own = np.bincount(sides[sides[:, 0] == sides[:, 1], 0], minlength=count)
+    folded = np.flatnonzero(4 * own > np.bincount(sides.ravel(), minlength=count))
+    if not len(folded):
+        return labels
+    inside = pairs[np.isin(labels[pairs], folded).all(axis=1)]
+    ways = np.linalg.norm(np.diff(mesh.centroids[inside], axis=1)[:, 0], axis=1)
+    graph = sparse.coo_array((ways, inside.T), shape=(len(labels), len(labels))).tocsr()
+    bands = np.zeros(len(labels), np.int64)
+    for segment in folded:
+        faces = np.flatnonzero(labels == segment)
+        far = dijkstra(graph, directed=False, indices=faces[0])[faces]
+        bands[faces] = np.minimum(3 * far / far.max(), 2).astype(np.int64)
+    cut = components(pairs[bands[pairs[:, 0]] == bands[pairs[:, 1]]], len(labels))
+    return np.where(labels < 0, -1, cut)
 
 
 def _distinct(pairs: Index) -> Index:
