@@ -69,7 +69,7 @@ KEPT_ALONE: dict[str, str] = {
 # Rooms that are not built yet, counted among the entries of the package.
 COMING = {"batch", "explorer"}
 # Libraries that are imported by the function that uses them.
-HEAVY = {"igl", "matplotlib", "meshio", "scipy.signal", "trimesh"}
+HEAVY = {"igl", "manifold3d", "matplotlib", "meshio", "scipy.signal", "trimesh"}
 # Paths of one machine, and where packages are fetched from.
 FOREIGN = re.compile(
     r"(?<![\w.-])/(?:work|root|home/\w+|tmp/\w+)\b"

@@ -17,7 +17,14 @@ from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
 from struck.model.mesh_topology import edges_of, extremes, pieces, submesh, volumes_of
 from struck.solids.filling.stuffing import Cells, Lattice, warped
-from struck.solids.surface.closedness import INSIDE, halves, is_closed, winding
+from struck.solids.surface.closedness import (
+    INSIDE,
+    Shells,
+    halves,
+    is_closed,
+    unit_factor,
+    winding,
+)
 from struck.solids.volume_mesh import side_keys
 
 _CELLS = (4_000, 9_000, 16_000)  # on the surface, from coarse to fine, until the volume stays
@@ -241,3 +248,27 @@ def _small(triangles: Array, shape: Index) -> Array | None:
             return None
         triangles = rest
     return np.concatenate([np.empty((0, 3, 3)), *done])
+
+
+def united(shells: Shells, pairs: Index) -> Mesh | None:
+    """Return the union of bodies whose faces cross (pairs of faces (K, 2)), edges left crisp.
+
+    None where a body crosses itself, as no union can tell what is inside it.
+    """
+    first, second = shells.labels[pairs].T
+    if (first == second).any():
+        return None
+    from manifold3d import Error, Manifold, Mesh64, OpType
+
+    mesh, factor = shells.mesh, unit_factor(shells.mesh)
+    body = shells.bodies(np.empty((0, 2), np.int64))
+    parts = []
+    for number in np.unique(body):
+        part = submesh(mesh, np.flatnonzero(body[shells.labels] == number))
+        parts.append(Manifold(Mesh64(part.points * factor, part.faces.astype(np.uint64))))
+    whole = Manifold.batch_boolean(parts, OpType.Add)
+    result = whole.to_mesh64()
+    if whole.status() != Error.NoError or not len(result.tri_verts):
+        return None
+    points = result.vert_properties[:, :3] / factor
+    return Mesh(points=points, faces=result.tri_verts.astype(np.int64), up=mesh.up)

@@ -203,7 +203,13 @@ def _body(surface: Mended, solid: Mask, diary: Diary) -> Mesh:
     if largest is not shells:
         shells, crossing = largest, Crossing.of(largest)
     if _matters(crossing, shells, diary):
-        return _rebuilt(shells.mesh, crossing.limits, diary)
+        from struck.solids.surface.rebuilding import united  # few surfaces need it
+
+        whole = united(shells, crossing.pairs)
+        if whole is None:
+            return _rebuilt(shells.mesh, crossing.limits, diary)
+        diary.changed.append("United, each part as it is.")
+        return _one(whole, diary)
     try:
         require_closed(shells.mesh)
     except MeshError as error:

@@ -36,6 +36,7 @@ _KINK, _ALONE = np.radians(12.0), 2.0  # a smaller crease, and how much sharper 
 _FLAT, _ALONGSIDE = np.radians(1.0), 0.8  # angle within a flat part, and cosine between two edges
 _CARRIED = 1.5  # lattice spacings up to which sheets that are joined count: more than a cell
 _REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
+_MOST_SHEETS = 40
 _FEW_FACES = 4_000  # up to which each face is sounded at four points
 
 
@@ -171,6 +172,8 @@ class ThinBody:
         if not len(segments.opposed):
             return self.solid
         colours = segments.coloured()
+        if colours.max() >= _MOST_SHEETS:  # a jagged surface: each sheet costs a number a cell
+            return self.solid
         sheet = np.where(segments.faces < 0, -1, colours[segments.faces])
         sheets = tuple(
             BoundingSheet(self.mesh, np.flatnonzero(sheet == number), np.flatnonzero(sheet < 0))
