@@ -58,7 +58,7 @@ def test_a_mesh_file_becomes_a_sound_and_a_picture(
     assert main(["info", "b.struck"]) == 0
     text = capsys.readouterr().out
     assert "steel" in text
-    (complete_to,) = map(int, re.findall(r"none missing up to (\d+) Hz", text))
+    (complete_to,) = set(map(int, re.findall(r"none missing up to (\d+) Hz", text)))
     assert 17_000 < complete_to < 18_000
     rate, samples = wavfile.read("b.wav")
     assert (rate, len(samples)) == (48000, 24000)
@@ -111,7 +111,10 @@ def test_tune_tells_the_length(capsys: pytest.CaptureFixture[str]) -> None:
     length = json.loads(capsys.readouterr().out)["length"]
     tuned = f"tube:length={length!r},radius=0.0125,wall=0.001"
     assert _analyze(tuned, "--material", "aluminium", "-o", "t.struck", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["frequencies"][0] == pytest.approx(600, abs=0.01)
+    told = json.loads(capsys.readouterr().out)
+    # Tuned on the elements to begin with, which the errors found may ask to be finer.
+    assert told["frequencies"][0] == pytest.approx(600, rel=told["errors"][0])
+    assert told["errors"][0] < 2e-3
 
 
 def test_materials_are_listed_with_their_sources(capsys: pytest.CaptureFixture[str]) -> None:

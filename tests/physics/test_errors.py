@@ -63,6 +63,29 @@ def test_errors_at_fine(body: str) -> None:
     check(BODIES[body], "fine")
 
 
+AIMED = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
+OWN = [name for name in BODIES if name.endswith("of hexahedra")]
+
+
+@pytest.mark.parametrize(
+    ("body", "accuracy"),
+    [
+        pytest.param(
+            body,
+            accuracy,
+            marks=[] if (body, accuracy) == ("disc of hexahedra", "preview") else pytest.mark.prove,
+        )
+        for body in OWN
+        for accuracy in AIMED
+    ],
+)
+def test_solids_are_as_exact_as_their_accuracy_says(body: str, accuracy: str) -> None:
+    known = BODIES[body]
+    found = analyzed(known, accuracy).natural_frequencies
+    true = np.abs(found / known.frequencies()[: len(found)] - 1)
+    assert np.quantile(np.maximum(true - known.certain, 0), 0.9) <= AIMED[accuracy]
+
+
 @pytest.mark.prove
 @pytest.mark.parametrize(("height", "degrees"), [(0.01, (16, 3)), (0.1, (14, 5))])
 def test_plates_are_known_as_well_as_is_said(height: float, degrees: tuple[int, int]) -> None:

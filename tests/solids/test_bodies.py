@@ -290,6 +290,8 @@ def test_places_are_where_their_names_say() -> None:
     assert SOLIDS["bell"].places["top"][2] > SOLIDS["bell"].places["rim"][2]
     assert SOLIDS["wine glass"].places["rim"][2] == pytest.approx(0.2, abs=0.003)
     assert SOLIDS["washer"].places["top"][2] == 0.01
+    for place in SOLIDS["hollow sphere"].places.values():
+        assert np.linalg.norm(place) == pytest.approx(0.05, rel=1e-3)  # its outside
     assert 0.04 < np.hypot(*SOLIDS["washer"].places["top"][:2]) < 0.1
 
 
