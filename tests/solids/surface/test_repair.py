@@ -198,6 +198,21 @@ def test_two_balls_that_overlap(scale: float) -> None:
     pair = mesh(ball(scale, fine=4), inverted(ball(scale, at=(distance, 0, 0), fine=4)))
     result = closed_repair(pair)
     assert result.volume_after == pytest.approx(lens(scale, distance), rel=0.005)
+    assert result.changed[-1] == "United, each part as it is."
+
+
+@pytest.mark.prove
+def test_two_balls_bridged_where_they_overlap_cross_as_one_surface_and_are_rebuilt() -> None:
+    first, second = ball(1.0, fine=4), ball(1.0, at=(1.3, 0, 0), fine=4)
+    one, other = first.triangles_center[:, 0].argmax(), second.triangles_center[:, 0].argmin()
+    a, b = first.faces[one], second.faces[other][[0, 2, 1]] + len(first.vertices)
+    bridge = [[a[i], a[j], b[j]] for i, j in ((0, 1), (1, 2), (2, 0))]
+    bridge += [[a[i], b[j], b[i]] for i, j in ((0, 1), (1, 2), (2, 0))]
+    faces = [np.delete(first.faces, one, axis=0)]
+    faces += [np.delete(second.faces, other, axis=0) + len(first.vertices), bridge]
+    points = np.vstack([first.vertices, second.vertices])
+    result = closed_repair(mesh(trimesh.Trimesh(points, np.vstack(faces), process=False)))
+    assert result.volume_after == pytest.approx(lens(1.0, 1.3), rel=0.005)
     assert "rebuilt on a lattice of" in result.changed[-1]
 
 
