@@ -161,7 +161,7 @@ class StructuredSolid:
         return self._at(self.accuracy, self._finer(nodes), stages)
 
     def finer(self, stages: Stages, nodes: int, /) -> Elements | None:
-        """Return elements of so many nodes, or of as many as the accuracy allows."""
+        """Return finer elements, with about this number of nodes as far as the accuracy allows."""
         return self.fine(stages, nodes)
 
     def _finer(self, nodes: int) -> float:
