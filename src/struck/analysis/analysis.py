@@ -202,7 +202,7 @@ class _Work:
     def _judged(
         self, elements: Elements, modes: Modes, coarse: Elements | None, first: Modes | None
     ) -> Modes:
-        """Return modes with stated errors: from coarser elements where there are any, and the shape."""
+        """Return modes with stated errors, from the shape and from coarser elements if any."""
         finer = coarse.mesh.width() / elements.mesh.width() if coarse else 1.0
         errors = stated_errors(modes, first, finer)
         errors = with_shape(errors, elements.volume_error, layer=elements.mesh.cubic)
