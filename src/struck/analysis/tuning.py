@@ -34,6 +34,9 @@ def tuned(
 ) -> Solid:
     """Find the dimension `vary` that makes the lowest mode of `body` ring at `lowest` Hz.
 
+    The elements are those that `accuracy` begins with. `struck.analyze` may take finer ones, and is
+    then off `lowest` by up to its stated error.
+
     Parameters
     ----------
     body : a solid of struck.solids
