@@ -99,9 +99,12 @@ def require_interruptions(folder: Path, count: int, seed: int, latest: float = 6
     assert codes.count(130) > 0.6 * count  # else the moments are too late to tell anything
 
 
-def test_forty_early_moments(folder: Path) -> None:
+@pytest.mark.parametrize(
+    "count", [len(COMMANDS), pytest.param(40, marks=pytest.mark.prove, id="forty")]
+)
+def test_early_moments(folder: Path, count: int) -> None:
     """Most of them while modules load."""
-    require_interruptions(folder, 40, 1, latest=0.3)
+    require_interruptions(folder, count, 1, latest=0.3)
 
 
 WAITING = """

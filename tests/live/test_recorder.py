@@ -68,7 +68,7 @@ def test_more_channels_than_there_are_and_strange_devices_are_refused() -> None:
         DeviceRecorder("other")
 
 
-_TRIES = 15
+_TRIES = 4
 
 
 @pytest.mark.usefixtures("jack")

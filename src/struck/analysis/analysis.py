@@ -33,10 +33,11 @@ from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
     LEAST_FINER,
+    most_errors,
     nodes_needed,
-    nodes_short,
     residual_errors,
     stated_errors,
+    times_too_wide,
     with_shape,
 )
 from struck.solids.fem.spectrum import Solver
@@ -61,6 +62,7 @@ BAND = (20.0, 20_000.0)
 _WIDER = 1.15
 _BESIDE_END = 10  # modes whose errors tell how far the band is complete
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
+_HELPS = 0.75  # times the errors before, or less: else more elements would not help
 _CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
@@ -183,18 +185,20 @@ class _Work:
         elements = source.fine(self.stages, nodes)
         modes = self._modes(elements.mesh, MODES, self.highest)
         found = self._judged(elements, modes, coarse, first)
-        while finer := self._finer(source, elements, found):
-            coarse, first = elements, modes
+        helped = True
+        while helped and (finer := self._finer(source, elements, found)):
+            coarse, first, before = elements, modes, most_errors(found)
             elements, modes = finer, self._modes(finer.mesh, MODES, self.highest)
             found = self._judged(elements, modes, coarse, first)
+            helped = most_errors(found) < _HELPS * before
         return elements, found
 
     def _finer(self, source: Discretisation, elements: Elements, found: Modes) -> Elements | None:
         """Return finer elements where the stated errors are far above the accuracy's."""
         if source.error is None or self.method != "quadratic":
             return None
-        nodes = nodes_short(found, elements.mesh.functions, source.error)
-        finer = source.finer(self.stages, nodes) if nodes else None
+        times = times_too_wide(most_errors(found), source.error)
+        finer = source.finer(self.stages, elements.times * times) if times > 1 else None
         if finer is None or elements.mesh.width() < LEAST_FINER * finer.mesh.width():
             return None
         return finer

@@ -36,6 +36,7 @@ COARSE: Stage[tuple[Filling, ...]] = holding("coarse filling", Filling, VolumeMe
 FILLING: Stage[Filling] = holding("filling", Filling, VolumeMesh)
 
 _COARSER, _STEP = 0.7, 1.1  # times as many elements in each direction
+_FIRST = 2.0  # times the nodes, as coarse elements overstate what is missing
 _PROMOTED = 6.0  # times the nodes of linear elements that quadratic ones have
 
 
@@ -85,6 +86,7 @@ class Elements:
     places: Mapping[str, Array] = field(default_factory=dict)
     provenance: Provenance
     volume_error: float = 0.0
+    times: float = 1.0  # as many in each direction as the accuracy begins with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +115,7 @@ class GivenElements:
         """Return the elements as they are."""
         return Elements(mesh=self.mesh, provenance=Provenance(method="given elements"))
 
-    def finer(self, _stages: Stages, _nodes: int, /) -> Elements | None:
+    def finer(self, _stages: Stages, _times: float, /) -> Elements | None:
         """Return None: there are no others."""
         return None
 
@@ -157,19 +159,18 @@ class StructuredSolid:
         return None if self._given else self._at(*self._coarser, stages)
 
     def fine(self, stages: Stages, nodes: int, /) -> Elements:
-        """Return the elements of its accuracy, or more."""
-        return self._at(self.accuracy, self._finer(nodes), stages)
+        """Return the elements of its accuracy, or up to `_FIRST` times as many nodes."""
+        more = nodes / self._count(self.accuracy, 1.0)
+        return self._most(min(max(more, 1.0), _FIRST) ** (1 / 3), stages)
 
-    def finer(self, stages: Stages, nodes: int, /) -> Elements | None:
-        """Return finer elements, with about this number of nodes as far as the accuracy allows."""
-        return self.fine(stages, nodes)
+    def finer(self, stages: Stages, times: float, /) -> Elements | None:
+        """Return `times` as many in each direction as to begin with, or what is allowed of that."""
+        return self._most(times, stages)
 
-    def _finer(self, nodes: int) -> float:
-        """Return how many times finer, from the nodes that would do if all directions took them."""
-        finer = max(1.0, (nodes / self._count(self.accuracy, 1.0)) ** (1 / 3))
-        while finer > 1 and self._count(self.accuracy, finer) > accuracy_named(self.accuracy).most:
-            finer = max(1.0, finer / _STEP)
-        return finer
+    def _most(self, times: float, stages: Stages) -> Elements:
+        while times > 1 and self._count(self.accuracy, times) > accuracy_named(self.accuracy).most:
+            times = max(1.0, times / _STEP)
+        return self._at(self.accuracy, times, stages)
 
     def _count(self, accuracy: str, finer: float) -> int:
         return len(self.solid.volume_mesh(accuracy, finer).nodes)
@@ -189,6 +190,7 @@ class StructuredSolid:
             places=solid.places,
             provenance=Provenance(method="structured elements", details=details),
             volume_error=abs(mesh.volume() / solid.volume - 1),
+            times=finer,
         )
 
 
@@ -239,7 +241,7 @@ class FilledSurface:
         )
         return self._elements(filling)
 
-    def finer(self, _stages: Stages, _nodes: int, /) -> Elements | None:
+    def finer(self, _stages: Stages, _times: float, /) -> Elements | None:
         """Return None: a surface is filled once, as that takes longer than its modes."""
         return None
 

@@ -153,7 +153,7 @@ LEAST_FINER = 1.016
 _LEAST_GAIN = 0.05  # least share of its residual error that the finer mesh counts as having removed
 _MOST_MODES = 0.9
 _CAUTIOUS = 4.0  # times the true errors that stated ones are, where they are not far too large
-_AGAIN = 2.0, 6.0  # times the error that elements are chosen anew by, at least and at most
+_AGAIN = 4.0, 8.0  # times the error, by whose fourth root elements are made narrower
 _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
 _OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as its radius
 # Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
@@ -188,18 +188,21 @@ def _levelled(errors: Array) -> Array:
     return np.maximum(believed, _LEAST)
 
 
+def most_errors(modes: Modes) -> float:
+    """Return the error that nine in ten modes keep."""
+    return float(np.quantile(modes.errors, _MOST_MODES)) if len(modes.errors) else 0.0
+
+
 def nodes_needed(coarse: Modes, nodes: int, target: float) -> int:
     """Return how many nodes bring most modes' errors below `target`, from a coarser mesh's."""
-    error = float(np.quantile(coarse.errors, _MOST_MODES)) * (_TYPICAL / ALONE)
+    error = most_errors(coarse) * (_TYPICAL / ALONE)
     return int(nodes * max(error / target, 1e-9) ** 0.75)
 
 
-def nodes_short(found: Modes, nodes: int, target: float) -> int:
-    """Return how many nodes to take instead where stated errors are far above `target`, else 0."""
-    if not len(found.errors):
-        return 0
-    beyond = float(np.quantile(found.errors, _MOST_MODES)) / (_CAUTIOUS * target)
-    return round(nodes * np.clip(beyond, *_AGAIN) ** 0.75) if beyond > 1 else 0
+def times_too_wide(stated: float, target: float) -> float:
+    """Return how many times too wide elements are if errors stated are far above `target`, or 1."""
+    beyond = stated / (_CAUTIOUS * target)
+    return float(np.clip(beyond, *_AGAIN)) ** 0.25 if beyond > 1 else 1.0
 
 
 def with_shape(errors: Array, volume_error: float, *, layer: bool = False) -> Array:
