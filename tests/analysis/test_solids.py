@@ -11,6 +11,7 @@ import struck
 from struck.errors import OptionError
 from struck.solids import Block, Tube
 from struck.solids.fem.vibration import vibration_modes
+from struck.solids.resolution import Forecast
 from tests.physics.bodies import ALUMINIUM
 
 MODES = 12  # of each body that are compared
@@ -37,9 +38,10 @@ def swept() -> dict[str, Tube | Block]:
 
 def highest_of(body: Tube | Block) -> float:
     """Return a frequency up to which there are a dozen modes or a few more, Hz."""
-    mesh, highest = body.volume_mesh("preview"), 50.0
+    mesh = body.volume_mesh("preview")
+    highest = Forecast.of(mesh.surface()[0], ALUMINIUM).lowest
     while True:
-        highest *= 1.5
+        highest *= 1.6
         with contextlib.suppress(OptionError):  # no mode lies below that yet
             found = vibration_modes(mesh, ALUMINIUM, highest).frequencies
             if len(found) >= MODES:
@@ -47,7 +49,7 @@ def highest_of(body: Tube | Block) -> float:
 
 
 BODIES = swept()
-SOME = ("tube 0.3, wall 0.5", "block 1 x 0.5")
+SOME = ("tube 0.3, wall 0.5", "block 0.5 x 0.5")
 
 
 @pytest.mark.parametrize(
