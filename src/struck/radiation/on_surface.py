@@ -155,19 +155,23 @@ def _orders(eigenvalues: Array, radius: float) -> Array:
 
 def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tuple[Array, Array]:
     """Return the lowest eigenvalues (H,) and the functions (V, H)."""
+    roots = sparse.diags_array(1 / np.sqrt(masses))
+    standard = (roots @ stiffness @ roots).tocsc()
     if len(masses) <= _SMALL:
-        eigenvalues, functions = eigh(stiffness.toarray(), np.diag(masses))
+        eigenvalues, functions = eigh(
+            standard.toarray(), subset_by_index=(0, min(COUNT, len(masses)) - 1)
+        )
     else:
         eigenvalues, functions = eigsh(
-            stiffness,
+            standard,
             k=COUNT,
-            M=sparse.diags_array(masses).tocsc(),
             sigma=-1 / radius**2,  # below all of them, where the matrix is regular
             v0=np.random.default_rng(_SEED).normal(size=len(masses)),
         )
-    return eigenvalues[:COUNT], functions[:, :COUNT]
+    return eigenvalues, roots @ functions
 
 
+_EQUAL = 1e-6  # of a group's weight: halves that differ by less are equal
 _BUNDLES = 512  # bundles of faces, which limit the wave number that they resolve
 _DIRECTIONS = 128  # pairs of opposite ones
 
@@ -229,26 +233,34 @@ def bundles(points: Array, weights: Array, count: int) -> Index:
     # Rounded, so that neither the body's size nor its place decides between equals.
     arms = points - points.mean(axis=0)
     places = np.round(arms / np.abs(arms).max(), 6)
-    shares = (weights / weights.sum()).astype(np.float32)
-    groups = [np.arange(len(points))]
-    while len(groups) < count and any(len(group) > 1 for group in groups):
-        groups = [half for group in groups for half in _halves(group, places, shares)]
+    shares = np.round(weights / weights.sum(), 9)
+    order, starts = np.arange(len(points)), np.zeros(1, np.int64)
+    while len(starts) < count and len(starts) < len(points):
+        order, starts = _halved(order, starts, places, shares)
     labels = np.empty(len(points), np.int64)
-    for label, group in enumerate(groups):
-        labels[group] = label
+    labels[order] = np.repeat(np.arange(len(starts)), _sizes(starts, len(points)))
     return labels
 
 
-def _halves(group: Index, points: Array, weights: NDArray[np.floating]) -> list[Index]:
-    if len(group) == 1:
-        return [group]
-    heavy = weights[group]
-    arms = points[group] - np.average(points[group], axis=0, weights=heavy)
-    axis = np.linalg.eigh((arms * heavy[:, None]).T @ arms)[1][:, -1]
-    order = np.argsort(arms @ axis, kind="stable")
-    before = np.cumsum(heavy[order])
-    middle = np.clip(np.searchsorted(before, before[-1] / 2), 1, len(group) - 1)
-    return [group[order[:middle]], group[order[middle:]]]
+def _sizes(starts: Index, count: int) -> Index:
+    return np.diff(np.append(starts, count))
+
+
+def _halved(order: Index, starts: Index, points: Array, weights: Array) -> tuple[Index, Index]:
+    """Return points in their new order, and where in it each group starts, twice as many."""
+    sizes, heavy = _sizes(starts, len(order)), weights[order][:, None]
+    whole = np.add.reduceat(heavy, starts)
+    means = np.add.reduceat(heavy * points[order], starts) / whole
+    arms = points[order] - np.repeat(means, sizes, axis=0)
+    products = (heavy * arms)[:, :, None] * arms[:, None]
+    axes = np.linalg.eigh(np.add.reduceat(products, starts))[1][:, :, -1]
+    along = np.einsum("nd,nd->n", arms, np.repeat(axes, sizes, axis=0))
+    order = order[np.lexsort((along, np.repeat(np.arange(len(starts)), sizes)))]
+    before = np.cumsum(weights[order])
+    ends = before[starts] - weights[order][starts] + (0.5 - _EQUAL) * whole[:, 0]
+    light = np.add.reduceat(before < np.repeat(ends, sizes), starts, dtype=np.int64)
+    middles = starts + np.clip(light, 1, sizes - 1)
+    return order, np.sort(np.append(starts, middles[sizes > 1]))
 
 
 def _gathering(labels: Index, weights: Array) -> sparse.csr_array:
