@@ -46,7 +46,7 @@ def analyze(
     repair: bool = True,
     fixed: Fixed | None = None,
     accuracy: str = "standard",
-    band: tuple[float, float] = (20.0, 20_000.0),
+    band: tuple[float, float] | None = None,
     damping: str = "own",
     radiation: str = "power",
     method: str | None = None,
@@ -79,8 +79,8 @@ def analyze(
     accuracy : str
         "preview", "standard" or "fine": how many elements a body gets at least, and as many more
         as bring most errors below 3, 0.5 and 0.1 %.
-    band : pair of float
-        All modes within it are computed, Hz.
+    band : pair of float, optional
+        All modes within it are computed, Hz: from 20 to 20,000 unless given, if that is not long.
     damping, radiation : str
         "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa),
         "obrien2002" or "heuristic1998" (relative).

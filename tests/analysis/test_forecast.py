@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -150,12 +151,35 @@ def test_a_size_that_is_too_large_is_told(tmp_path: Path) -> None:
 
 
 def test_what_takes_long_is_warned_of_with_the_band_that_does_not() -> None:
-    hull = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))
     with (
         pytest.warns(ScaleWarning, match=r"take about \S+ s of a processor.*band=\(20, \d+\)"),
         pytest.raises(OptionError, match="stopped"),
     ):
-        struck.analyze(hull, "oak", progress=stopped, cache=False)
+        struck.analyze(HULL, "oak", band=(20, 20_000), progress=stopped, cache=False)
+
+
+def test_a_band_that_nobody_asked_for_is_refused_where_it_takes_long() -> None:
+    begun = time.process_time()
+    solid = trimesh.creation.box((2.5, 1.8, 0.02))
+    wide = Mesh(points=solid.vertices, faces=solid.faces)
+    with pytest.raises(OptionError, match=r"min of a processor.*by band=\(20, 20000\)") as refused:
+        struck.analyze(wide, "steel", progress=stopped, cache=False)
+    assert time.process_time() - begun < 2
+    lower = float(re.findall(r"lower, as in band=\(20, (\d+)\)", str(refused.value))[0])
+    with pytest.raises(OptionError, match="stopped"):  # and no warning
+        struck.analyze(wide, "steel", band=(20, lower), progress=stopped, cache=False)
+
+
+def test_where_no_band_takes_little_another_way_is_told() -> None:
+    surface = Block(size=(0.5, 0.3, 0.05)).volume_mesh("preview").surface()[0]
+    many = (60_000, 180_000)
+    forecast = Forecast.of(surface, STEEL)
+    with pytest.raises(OptionError, match=r"8 GB: take a coarser accuracy, or ask for all"):
+        forecast.require_reasonable(2_000, many, asked=False)
+    assert "coarser accuracy" in forecast.require_reasonable(2_000, many)
+
+
+HULL = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))
 
 
 def stopped(stage: str, _fraction: float) -> None:

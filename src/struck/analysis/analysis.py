@@ -94,7 +94,7 @@ def analyze(
     repair: bool = True,
     fixed: Fixed | None = None,
     accuracy: str = "standard",
-    band: tuple[float, float] = BAND,
+    band: tuple[float, float] | None = None,
     damping: str = "own",
     radiation: str = "power",
     method: str | None = None,
@@ -106,7 +106,7 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    (lowest, highest), _ = _require_band(band), by_name(radiation)  # before the long work
+    (lowest, highest), _ = _require_band(band or BAND), by_name(radiation)  # before the long work
     file = FileOptions(units=units, size=size, part=part, up=up)
     if _is_shape(body):
         file.refuse("a body of struck.shapes has its own")
@@ -121,7 +121,7 @@ def analyze(
     source = discretise(
         body, file, stages, wall=wall, accuracy=accuracy, repair=repair, holes=holes
     )
-    _require_scale(source, chosen, highest, progress, held=fixed is not None)
+    _require_scale(source, chosen, highest, progress, held=fixed is not None, asked=bool(band))
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )
@@ -277,11 +277,17 @@ class _Work:
 
 
 def _require_scale(
-    source: Discretisation, material: Material, highest: float, progress: Progress, *, held: bool
+    source: Discretisation,
+    material: Material,
+    highest: float,
+    progress: Progress,
+    *,
+    held: bool,
+    asked: bool,
 ) -> None:
     """Forecast modes, time and memory of an analysis; warn or refuse where they are too many."""
     forecast, nodes = Forecast.of(source.outline, material, source.wall), source.nodes
-    told = forecast.require_reasonable(highest, nodes, held=held)
+    told = forecast.require_reasonable(highest, nodes, held=held, asked=asked)
     cost = Cost.of(forecast.modes(highest), nodes)
     if told:
         warnings.warn(told, ScaleWarning, stacklevel=4)

@@ -148,7 +148,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--up", help="axis that points up: x, y or z")
     parser.add_argument("--fixed", type=numbers(6), help="box x0,y0,z0,x1,y1,z1 that is held, m")
     parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
-    parser.add_argument("--band", type=numbers(2), default=(20.0, 20_000.0), help="low,high in Hz")
+    parser.add_argument("--band", type=numbers(2), help="low,high in Hz; 20,20000 unless given")
     parser.add_argument(
         "--radiation", default="power", help="power (default), obrien2002 or heuristic1998"
     )

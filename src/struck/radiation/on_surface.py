@@ -168,7 +168,7 @@ def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tup
             sigma=-1 / radius**2,  # below all of them, where the matrix is regular
             v0=np.random.default_rng(_SEED).normal(size=len(masses)),
         )
-    return eigenvalues, roots @ functions
+    return eigenvalues, functions / np.sqrt(masses)[:, None]
 
 
 _EQUAL = 1e-6  # of a group's weight: halves that differ by less are equal

@@ -229,6 +229,8 @@ MANY_MODES = 5_000
 """Modes of a body above which its scale is doubted: most were meant a thousand times smaller."""
 MANY_SECONDS = 300.0
 """Seconds of processor time above which a person is warned that an analysis takes long."""
+MANY_BYTES = 6 * 2**30
+"""Bytes above which, as above that time, a band is computed only where a person asks for it."""
 _RIGID = 6  # motions without bending, which the waves of a free body count too
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
@@ -254,6 +256,11 @@ class Cost:
         seconds = start + sum(nodes) * (node + both * modes)
         start, node, both = _MEMORY
         return cls(modes=modes, seconds=seconds, memory=start + max(nodes) * (node + both * modes))
+
+    @property
+    def is_high(self) -> bool:
+        """Tell whether a person should say so first."""
+        return self.seconds > MANY_SECONDS or self.memory > MANY_BYTES
 
     @property
     def effort(self) -> str:
@@ -330,12 +337,17 @@ class Forecast:
         return above if highest > ring else below
 
     def require_reasonable(
-        self, highest: float, nodes: Sequence[float] = (0.0,), *, held: bool = False
+        self,
+        highest: float,
+        nodes: Sequence[float] = (0.0,),
+        *,
+        held: bool = False,
+        asked: bool = True,
     ) -> str:
         """Return a warning about the scale, or nothing; raise OptionError where it must be wrong.
 
-        `highest`, Hz, is the end of the band; a body that is held has lower modes. The `nodes` are
-        those of each set of its elements.
+        `highest`, Hz, is the end of the band, which a person has `asked` for or not; a body that is
+        held has lower modes. The `nodes` are those of each set of its elements.
         """
         count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
         if least > highest:
@@ -344,14 +356,18 @@ class Forecast:
                 f"in {self._size} so check its units (lengths are in m), or widen band="
             )
         cost = Cost.of(count, nodes)
-        if count <= MANY_MODES and cost.seconds <= MANY_SECONDS:
+        if count <= MANY_MODES and not cost.is_high:
             return ""
         told = f"{self._size} has about {_rough(count)} modes below {highest:g} Hz"
         end = self._end(highest, nodes)
-        ways = f"{self._unit(highest)}end the band lower, as in band=(20, {end:.0f})"
+        lower = f"{self._unit(highest)}end the band lower, as in band=(20, {end:.0f})"
+        ways = lower if end < highest else "take a coarser accuracy"
         if count > MOST_MODES:
             raise OptionError(f"{told}, and at most {MOST_MODES:,} are computed: {ways}")
-        return f"{told}, which take {cost.effort}: {ways}"
+        told = f"{told}, which take {cost.effort}: {ways}"
+        if cost.is_high and not asked:
+            raise OptionError(f"{told}, or ask for all of them by band=(20, {highest:g})")
+        return told
 
     @property
     def _size(self) -> str:
@@ -376,9 +392,11 @@ class Forecast:
 
     def _end(self, highest: float, nodes: Sequence[float]) -> float:
         """Return the end of a band that takes less long, in steps of a quarter octave."""
-        least = Cost.of(0.0, nodes).seconds
+        none = Cost.of(0.0, nodes)
+        least, memory = none.seconds, none.memory
         while (count := self.modes(highest)) > MANY_MODES or (
             Cost.of(count, nodes).seconds > max(MANY_SECONDS, 2 * least)
+            or Cost.of(count, nodes).memory > max(MANY_BYTES, 2 * memory)
         ):
             highest /= 2**0.25
         return highest
