@@ -26,7 +26,14 @@ hypothesis.settings.load_profile("struck")
 # Two sound servers at once get into each other's way: JACK then refuses clients of either.
 _SOUND = "tests/live/"
 # Few and long: by themselves.
-_LONG = ("tests/test_documents.py", "tests/cli/test_control_c.py", "tests/test_hostile_calls.py")
+_LONG = (
+    "tests/test_documents.py",
+    "tests/cli/test_control_c.py",
+    "tests/test_hostile_calls.py",
+    "tests/analysis/test_solids.py",
+)
+# Long together, and to be kept together.
+_FIRST = (_SOUND, "tests/physics/test_errors.py", "tests/recordings/test_real_takes.py")
 
 
 class _Scheduling(LoadScopeScheduling):
@@ -40,7 +47,8 @@ class _Scheduling(LoadScopeScheduling):
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest first, so that no worker waits for it at the end."""
-    items.sort(key=lambda item: not item.nodeid.startswith((*_LONG, _SOUND)))
+    items.sort(key=lambda item: not item.nodeid.startswith(_LONG))
+    items.sort(key=lambda item: not item.nodeid.startswith(_FIRST))
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tests.physics.ritz_solid import Family, Section, solid_frequencies
 _KNOWN = 10
 
 
+@cache
 def analyzed(known: Known, accuracy: str) -> struck.ModalModel:
     """Return the model, warned of what is said of the body and of nothing else."""
     said = pytest.warns(RepairWarning, match=known.said) if known.said else nullcontext()
