@@ -76,3 +76,12 @@ def test_no_more_bundles_than_faces() -> None:
     mesh = ball(subdivisions=1)
     labels = bundles(mesh.centroids, mesh.areas, 512)
     np.testing.assert_array_equal(np.sort(labels), np.arange(len(mesh.faces)))
+
+
+def test_faces_of_hardly_any_area_are_bundled_too() -> None:
+    chance = np.random.default_rng(0)
+    weights = chance.uniform(size=3000)
+    weights[:1500] *= 1e-14
+    labels = bundles(chance.normal(size=(3000, 3)), weights, 512)
+    assert np.bincount(labels).min() >= 1
+    assert labels.max() == 511

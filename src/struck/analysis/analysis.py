@@ -106,7 +106,10 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    (lowest, highest), _ = _require_band(band or BAND), by_name(radiation)  # before the long work
+    (lowest, highest), _ = (
+        _require_band(BAND if band is None else band),
+        by_name(radiation),
+    )  # before the long work
     file = FileOptions(units=units, size=size, part=part, up=up)
     if _is_shape(body):
         file.refuse("a body of struck.shapes has its own")
@@ -121,7 +124,9 @@ def analyze(
     source = discretise(
         body, file, stages, wall=wall, accuracy=accuracy, repair=repair, holes=holes
     )
-    _require_scale(source, chosen, highest, progress, held=fixed is not None, asked=bool(band))
+    _require_scale(
+        source, chosen, highest, progress, held=fixed is not None, asked=band is not None
+    )
     work = _Work(
         stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
     )

@@ -233,7 +233,7 @@ def bundles(points: Array, weights: Array, count: int) -> Index:
     # Rounded, so that neither the body's size nor its place decides between equals.
     arms = points - points.mean(axis=0)
     places = np.round(arms / np.abs(arms).max(), 6)
-    shares = np.round(weights / weights.sum(), 9)
+    shares = (weights / weights.sum()).astype(np.float32).astype(float)
     order, starts = np.arange(len(points)), np.zeros(1, np.int64)
     while len(starts) < count and len(starts) < len(points):
         order, starts = _halved(order, starts, places, shares)
