@@ -164,11 +164,11 @@ class StructuredSolid:
         return self._most(min(max(more, 1.0), _FIRST) ** (1 / 3), stages)
 
     def finer(self, stages: Stages, times: float, /) -> Elements | None:
-        """Return `times` as many in each direction as to begin with, or what is allowed of that."""
+        """Return finer elements, `times` as many in each direction as to begin with."""
         return self._most(times, stages)
 
     def _most(self, times: float, stages: Stages) -> Elements:
-        """Return `times` as many in each direction, or as many as the accuracy allows."""
+        """Return elements, `times` as many in each direction or what the accuracy allows."""
         while times > 1 and self._count(self.accuracy, times) > accuracy_named(self.accuracy).most:
             times = max(1.0, times / _STEP)
         return self._at(self.accuracy, times, stages)
