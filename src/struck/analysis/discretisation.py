@@ -168,7 +168,7 @@ class StructuredSolid:
         return self._most(times, stages)
 
     def _most(self, times: float, stages: Stages) -> Elements:
-        """Return elements, `times` as many in each direction or what the accuracy allows."""
+        """Return elements of so many times the first counts, as far as the accuracy allows."""
         while times > 1 and self._count(self.accuracy, times) > accuracy_named(self.accuracy).most:
             times = max(1.0, times / _STEP)
         return self._at(self.accuracy, times, stages)
