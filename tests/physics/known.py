@@ -181,7 +181,7 @@ def _steel(
 
 
 def _as_rod(source: Callable[[], Source]) -> Known:
-    return _steel(source, partial(_rod, 0.01, 0.1, (12, 24)), 1.4e5, certain=1e-5)
+    return _steel(source, partial(_rod, 0.01, 0.1, (12, 24)), 1e5, certain=1e-5)
 
 
 def _as_disc(source: Callable[[], Source]) -> Known:
@@ -218,7 +218,7 @@ def _as_chime(source: Callable[[], Source]) -> Known:
 BODIES: Mapping[str, Known] = {
     "sphere": _sphere(4.8),
     "hollow sphere": _sphere(2.6, 0.008),
-    "thin hollow sphere": _sphere(2.2, 0.002),
+    "thin hollow sphere": _sphere(1.9, 0.002),
     "cube of hexahedra": _in_cube(lambda: Block(size=(1, 1, 1))),
     "cube stuffed": _in_cube(lambda: box(1, 1, 1)),
     "cube turned": _in_cube(lambda: turned(box(1, 1, 1))),
@@ -235,8 +235,8 @@ BODIES: Mapping[str, Known] = {
     "bar of hexahedra": _as_bar(lambda: Block(size=_BAR)),
     "bar stuffed": _as_bar(lambda: box(*_BAR)),
     "chime": _as_chime(lambda: _CHIME),
-    "thick tube of hexahedra": _as_tube(_THICK, lambda: _THICK, 6e4),
-    "thick tube stuffed": _as_tube(_THICK, lambda: hollow_cylinder(0.02, 0.006, 0.1), 6e4),
+    "thick tube of hexahedra": _as_tube(_THICK, lambda: _THICK, 4e4),
+    "thick tube stuffed": _as_tube(_THICK, lambda: hollow_cylinder(0.02, 0.006, 0.1), 4e4),
     "short tube of hexahedra": _as_tube(_SHORT, lambda: _SHORT, 2e4),
 }
 # Elements of another program: one resolution, whatever the accuracy.
