@@ -181,7 +181,7 @@ def _steel(
 
 
 def _as_rod(source: Callable[[], Source]) -> Known:
-    return _steel(source, partial(_rod, 0.01, 0.1, (12, 24)), 1e5, certain=1e-5)
+    return _steel(source, partial(_rod, 0.01, 0.1, (12, 24)), 1.4e5, certain=1e-5)
 
 
 def _as_disc(source: Callable[[], Source]) -> Known:
