@@ -7,12 +7,16 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy import optimize, special
 
 import struck
 from struck.errors import RepairWarning
 from tests.physics.known import BODIES, GIVEN, STEEL, Known
 from tests.physics.ritz_solid import Family, Section, solid_frequencies
 
+Array = NDArray[np.float64]
 # A true error is known to a tenth where it is so many times what the frequency is certain to.
 _KNOWN = 10
 
@@ -86,6 +90,37 @@ def test_solids_are_as_exact_as_their_accuracy_says(body: str, accuracy: str) ->
     found = analyzed(known, accuracy).natural_frequencies
     true = np.abs(found / known.frequencies()[: len(found)] - 1)
     assert np.quantile(np.maximum(true - known.certain, 0), 0.9) <= AIMED[accuracy]
+
+
+def needle(length: float, radius: float, material: struck.Material, count: int) -> Array:
+    """Return frequencies of a slender free cone, Hz (Kirchhoff 1879), by Bessel functions.
+
+    The deflection is a sum of J2(2 sqrt(k y)) / y and I2(2 sqrt(k y)) / y at y from the point.
+    """
+
+    def at_the_base(root: float) -> float:  # no moment, no force
+        ratio = special.iv(4, root) / special.iv(3, root)
+        return special.jv(4, root) - ratio * special.jv(3, root)
+
+    starts = np.arange(7.0, 7.0 + np.pi * (count + 1), 0.1)
+    signs = np.sign([at_the_base(start) for start in starts])
+    turns = np.flatnonzero(signs[1:] != signs[:-1])[:count]
+    roots = np.array([optimize.brentq(at_the_base, starts[i], starts[i + 1]) for i in turns])
+    speed = np.sqrt(material.youngs_modulus / material.density)
+    return roots**2 * radius * speed / (16 * np.pi * length**2)
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("accuracy", ["preview", "standard"])
+def test_a_needle_is_told_to_lack_its_point(accuracy: str) -> None:
+    cone = trimesh.creation.cone(radius=0.008, height=0.2, sections=32)
+    steel = struck.Material.named("steel")
+    body = struck.Mesh(points=np.array(cone.vertices), faces=np.array(cone.faces))
+    model = struck.analyze(body, steel, band=(20, 5500), accuracy=accuracy, cache=False)
+    pairs = np.repeat(needle(0.2, 0.008, steel, 4), 2)
+    true = np.abs(model.natural_frequencies / pairs[: len(model.errors)] - 1)
+    assert np.all(true <= model.errors)
+    assert np.median(model.errors / true) <= 6
 
 
 @pytest.mark.prove

@@ -33,6 +33,7 @@ from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
     LEAST_FINER,
+    cut_off,
     most_errors,
     nodes_needed,
     residual_errors,
@@ -214,7 +215,8 @@ class _Work:
         """Return modes with stated errors, from the shape and from coarser elements if any."""
         finer = coarse.mesh.width() / elements.mesh.width() if coarse else 1.0
         errors = stated_errors(modes, first, finer)
-        errors = with_shape(errors, elements.volume_error, layer=elements.mesh.cubic)
+        cut = cut_off(elements.outline, modes) if elements.outline else 0.0
+        errors = with_shape(errors, elements.volume_error, cut, layer=elements.mesh.cubic)
         judge = "the next degree of polynomials"
         if coarse and finer >= LEAST_FINER:
             judge = f"{coarse.mesh.functions} nodes beside these"

@@ -80,12 +80,16 @@ class FileOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elements:
-    """Elements of a body with its named places, origin, and share of the volume that they miss."""
+    """Elements of a body with its named places, origin, and share of the volume that they miss.
+
+    What they were made to fill is the `outline`, where that is known.
+    """
 
     mesh: VolumeMesh
     places: Mapping[str, Array] = field(default_factory=dict)
     provenance: Provenance
     volume_error: float = 0.0
+    outline: Mesh | None = None
     times: float = 1.0  # as many in each direction as the accuracy begins with
 
 
@@ -275,7 +279,10 @@ class FilledSurface:
         # The volume of a wall of one face is sampled: as a measure of its shape that is too rough.
         sampled = self.wall is not None and not filling.mesh.cubic
         missing = 0.0 if sampled else filling.volume_error
-        return Elements(mesh=filling.mesh, provenance=provenance, volume_error=missing)
+        outline = self.repair.mesh if self.wall is None else None
+        return Elements(
+            mesh=filling.mesh, provenance=provenance, volume_error=missing, outline=outline
+        )
 
 
 def _repair_details(repair: Repair) -> dict[str, object]:

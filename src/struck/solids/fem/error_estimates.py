@@ -12,6 +12,7 @@ from scipy import sparse
 
 from struck.model.arrays import Array
 from struck.model.material import Material
+from struck.model.mesh import Mesh, Surface
 from struck.model.modes import Modes
 from struck.solids.fem.assembly import Displacements, Hierarchic
 from struck.solids.fem.elements import ELEMENTS, Element
@@ -155,6 +156,8 @@ _MOST_MODES = 0.9
 _CAUTIOUS = 4.0  # times the true errors that stated ones are, where they are not far too large
 _AGAIN = 4.0, 8.0  # times the error, by whose fourth root elements are made narrower
 _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
+_PLACES = 5_000  # all over a surface, where it is compared with that of the elements
+_BENT = 0.1  # distance from a flat triangle over its size that is still that of a bent one
 _OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as its radius
 # Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
 # side), two meshes happen to agree on it: it gets this share of theirs.
@@ -205,7 +208,45 @@ def times_too_wide(stated: float, target: float) -> float:
     return float(np.clip(beyond, *_AGAIN)) ** 0.25 if beyond > 1 else 1.0
 
 
-def with_shape(errors: Array, volume_error: float, *, layer: bool = False) -> Array:
-    """Return errors (M,) with what the body's own shape misses, as crisp edges cut off do."""
+def with_shape(
+    errors: Array, volume_error: float, cut: Array | float = 0.0, *, layer: bool = False
+) -> Array:
+    """Return errors (M,) with what the body's own shape misses, all over and where it is `cut`."""
     # In a `layer`, what its two faces miss partly cancels in the volume.
-    return np.hypot(errors, (_OF_LAYER if layer else _OF_VOLUME) * volume_error)
+    all_over = (_OF_LAYER if layer else _OF_VOLUME) * abs(volume_error)
+    return np.hypot(errors, np.maximum(all_over, cut))
+
+
+def cut_off(outline: Mesh, modes: Modes) -> Array:
+    """Return how much the mass beyond the elements would lower each frequency (M,), or more.
+
+    A needle's point is next to nothing of the volume, but moves farther than all the rest. By
+    Rayleigh's quotient a mass m lowers a frequency by its share m |shape|^2 / 2.
+    """
+    surface = modes.surface
+    points, areas = _spread(outline)
+    faces, weights = Surface(surface).barycentric(points)
+    away = points - np.einsum("sc,scd->sd", weights, surface.points[surface.faces[faces]])
+    # Less is the arc over a chord of elements that are bent.
+    far = np.linalg.norm(away, axis=1) > _BENT * np.sqrt(surface.areas[faces])
+    # Of a cone on a face this is three times its volume, of a slab once.
+    volumes = np.maximum(np.einsum("sd,sd->s", away, areas), 0) * far
+    masses = modes.mass / surface.volume * volumes[:, None] * weights
+    gathered = np.bincount(surface.faces[faces].ravel(), masses.ravel(), len(surface.points))
+    moving = np.flatnonzero(gathered)
+    return gathered[moving] @ np.square(modes.shapes[moving]).sum(axis=1) / 2
+
+
+def _spread(mesh: Mesh) -> tuple[Array, Array]:
+    """Return points all over a surface (S, 3), and the area that each stands for (S, 3), m^2."""
+    sides = np.ceil(np.sqrt(_PLACES * mesh.areas / mesh.areas.sum())).astype(int)
+    points, areas = [], []
+    for side in np.unique(sides):
+        chosen = sides == side
+        steps = np.indices((side, side)).reshape(2, -1).T
+        upright, turned = (steps[steps.sum(axis=1) < side - k] + (k + 1) / 3 for k in (0, 1))
+        two = np.vstack([upright, turned]) / side
+        weights = np.column_stack([two, 1 - two.sum(axis=1)])
+        points.append(np.einsum("pc,fcd->fpd", weights, mesh.points[mesh.faces[chosen]]))
+        areas.append(np.repeat(mesh.area_vectors[chosen] / side**2, side**2, axis=0))
+    return np.vstack([each.reshape(-1, 3) for each in points]), np.vstack(areas)
