@@ -15,7 +15,7 @@ import struck
 from struck.model.arrays import Array
 from struck.solids import Block, Tube
 
-BODIES, PROCESSES = 40, 4
+BODIES, PROCESSES = 24, 4
 MOST_KILOBYTES = 2**20
 
 
@@ -43,7 +43,7 @@ def made(number: int) -> tuple[Array, Array, int]:
         else Tube(length=size, radius=size / chance.uniform(4, 20), wall=size / 100)
     )
     material = ("steel", "glass", "oak", "bronze")[number % 4]
-    model = struck.analyze(solid, material, accuracy="preview", band=(20, 12_000), cache=False)
+    model = struck.analyze(solid, material, accuracy="preview", band=(20, 6_000), cache=False)
     sound = struck.render(model, struck.Strike(), seconds=0.1)
     return model.frequencies, sound.samples, memory("VmHWM") - _begun["kB"]
 

@@ -74,17 +74,30 @@ def test_a_scan_with_holes_is_mended() -> None:
 
 @pytest.mark.prove
 @pytest.mark.skipif(not BUNNY.exists(), reason=f"{BUNNY.name} is not beside the checkout")
-@pytest.mark.parametrize(("wall", "gibibytes", "path"), [(0.008, 4, ""), (0.004, 6, "one layer")])
-def test_a_scan_with_holes_rings(tmp_path: Path, wall: float, gibibytes: int, path: str) -> None:
+@pytest.mark.parametrize(
+    ("wall", "accuracies", "gibibytes", "path"),
+    [
+        (0.008, ("standard", "fine"), 4, ""),
+        (0.004, ("preview", "standard"), 6, "one layer"),
+    ],
+)
+def test_a_scan_with_holes_rings(
+    tmp_path: Path, wall: float, accuracies: tuple[str, str], gibibytes: int, path: str
+) -> None:
     """Certified, in bounded memory, and as near a finer run as it says."""
     command = f"analyze {BUNNY} --material ceramic --size 0.15 --wall {wall} --no-cache"
-    memory = run(tmp_path, *command.split(), "-o", "bunny.struck")
-    run(tmp_path, *command.split(), "--accuracy", "fine", "-o", "finer.struck")
-    model, finer = (struck.load(tmp_path / name) for name in ("bunny.struck", "finer.struck"))
-    assert memory < gibibytes * 2**30
-    assert 20_000 / (1 + model.errors.max()) <= model.complete_to <= 20_000
-    assert len(model.frequencies) == model.provenance.details["sturm_count"]
-    assert str(model.provenance.details["path"]).startswith(path)
+    memory = {
+        accuracy: run(
+            tmp_path, *command.split(), "--accuracy", accuracy, "-o", f"{accuracy}.struck"
+        )
+        for accuracy in accuracies
+    }
+    model, finer = (struck.load(tmp_path / f"{accuracy}.struck") for accuracy in accuracies)
+    assert memory["standard"] < gibibytes * 2**30
+    for each in (model, finer):
+        assert 20_000 / (1 + each.errors.max()) <= each.complete_to <= 20_000
+        assert len(each.frequencies) == each.provenance.details["sturm_count"]
+        assert str(each.provenance.details["path"]).startswith(path)
     count = min(len(model.frequencies), len(finer.frequencies))
     assert count >= 25
     away = np.abs(model.frequencies[:count] / finer.frequencies[:count] - 1)

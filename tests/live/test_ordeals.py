@@ -171,6 +171,7 @@ def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:
 
 
 @pytest.mark.prove
+@pytest.mark.timed
 def test_a_soak_of_two_seconds(jack: Server, capsys: pytest.CaptureFixture[str]) -> None:
     # A shared machine now and then stops everybody, the server's clock too: three attempts.
     blocks = round(2 * RATE / BLOCK)
