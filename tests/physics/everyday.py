@@ -104,6 +104,16 @@ def coin() -> Mesh:
     return meshed(_turned([[[0, 1.8]], upper, lower, [[0, 0.2]]], 128))
 
 
+def prism() -> Mesh:
+    """Return a triangular prism 100 mm long, with sides of 60 mm."""
+    return _extruded([[0, 0], [60, 0], [30, 30 * np.sqrt(3)]], 100)
+
+
+def hemisphere() -> Mesh:
+    """Return half a ball of 80 mm."""
+    return meshed(_turned([_arc((0, 0), 40, 0, 90, 17), [[0, 0]]], 64))
+
+
 BODIES: dict[str, Callable[[], Mesh]] = {
     "mug": mug,
     "wine glass": glass,
@@ -118,6 +128,8 @@ BODIES: dict[str, Callable[[], Mesh]] = {
     "fork": fork,
     "perforated plate": perforated_plate,
     "coin": coin,
+    "prism": prism,
+    "hemisphere": hemisphere,
 }
 
 

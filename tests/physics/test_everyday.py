@@ -18,21 +18,44 @@ KEPT = json.loads(Path(__file__).with_name("everyday.json").read_text(encoding="
 MODES = 20
 
 
+# Of the others the truth has not converged: elements of CalculiX that are finer take its hours.
+KNOWN = [
+    *("plate of 4 mm", "plate of 1 mm", "undercut bar", "coin", "fork", "prism", "hemisphere"),
+    *("perforated plate", "bell", "crate"),
+]
+STEEL = Material.named("steel")
+
+
 def truth(name: str) -> tuple[Array, Array]:
-    """Return the frequencies of the finest mesh, and how far the one before is off."""
-    coarse, fine = (np.array(run["frequencies"][:MODES]) for run in KEPT[name][-2:])
+    """Return the frequencies of the finest mesh, and how far one 1.4 times coarser is off."""
+    runs = KEPT[name]
+    coarser = next(run for run in reversed(runs) if run["size"] >= 1.4 * runs[-1]["size"])
+    coarse, fine = (np.array(run["frequencies"][:MODES]) for run in (coarser, runs[-1]))
     return fine, np.abs(coarse / fine - 1)
+
+
+def compared(name: str, accuracy: str) -> tuple[struck.ModalModel, Array, Array]:
+    """Return a model, the true errors of its first modes, and how well those are known."""
+    frequencies, own = truth(name)
+    model = struck.analyze(
+        BODIES[name](), STEEL, accuracy=accuracy, band=(20, 1.03 * frequencies[-1]), cache=False
+    )
+    return model, np.abs(model.natural_frequencies[:MODES] / frequencies - 1), own
 
 
 @pytest.mark.parametrize("name", ["undercut bar", "plate of 1 mm", "coin"])
 def test_preview_is_within_three_percent(name: str) -> None:
-    frequencies, own = truth(name)
-    model = struck.analyze(
-        BODIES[name](),
-        Material.named("steel"),
-        accuracy="preview",
-        band=(20, 1.03 * frequencies[-1]),
-        cache=False,
-    )
-    true = np.abs(model.natural_frequencies[:MODES] / frequencies - 1)
+    _, true, own = compared(name, "preview")
     assert np.all(true <= np.maximum(0.03, 4 * own))
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("name", KNOWN)
+def test_standard_is_within_half_a_percent(name: str) -> None:
+    """One percent where the body is 300 times as long as thick; nine of ten modes as is said."""
+    model, true, own = compared(name, "standard")
+    assert np.all(true <= np.maximum(0.01 if name == "plate of 1 mm" else 0.005, 4 * own))
+    assert model.errors is not None
+    counted = true > 3 * own
+    assert np.mean((true <= model.errors[:MODES]) | ~counted) >= 0.9
+    assert int(str(model.provenance.details["nodes"])) <= 100_000

@@ -156,8 +156,10 @@ _MOST_MODES = 0.9
 _CAUTIOUS = 4.0  # times the true errors that stated ones are, where they are not far too large
 _AGAIN = 4.0, 8.0  # times the error, by whose fourth root elements are made narrower
 _OF_VOLUME = 1.5  # relative error of frequencies over that of the volume, where edges are cut off
+# The same over the mass that is cut off, but not this much more: elements beside it suffer too.
+_OF_CUT, _MORE_OF_CUT = 3.0, 0.01
 _PLACES = 5_000  # all over a surface, where it is compared with that of the elements
-_BENT = 0.1  # distance from a flat triangle over its size that is still that of a bent one
+_BENT = 0.05  # distance from a flat triangle over its size that is still that of a bent one
 _OF_LAYER = 2.0  # the same of thin walls: a tube with lattice cells as wide as its radius
 # Least error stated. Where a mode looks so much more exact than the modes beside it (four on each
 # side), two meshes happen to agree on it: it gets this share of theirs.
@@ -214,7 +216,8 @@ def with_shape(
     """Return errors (M,) with what the body's own shape misses, all over and where it is `cut`."""
     # In a `layer`, what its two faces miss partly cancels in the volume.
     all_over = (_OF_LAYER if layer else _OF_VOLUME) * abs(volume_error)
-    return np.hypot(errors, np.maximum(all_over, cut))
+    there = np.minimum(_OF_CUT * np.asarray(cut), cut + _MORE_OF_CUT)
+    return np.hypot(errors, np.maximum(all_over, there))
 
 
 def cut_off(outline: Mesh, modes: Modes) -> Array:
@@ -229,7 +232,6 @@ def cut_off(outline: Mesh, modes: Modes) -> Array:
     away = points - np.einsum("sc,scd->sd", weights, surface.points[surface.faces[faces]])
     # Less is the arc over a chord of elements that are bent.
     far = np.linalg.norm(away, axis=1) > _BENT * np.sqrt(surface.areas[faces])
-    # Of a cone on a face this is three times its volume, of a slab once.
     volumes = np.maximum(np.einsum("sd,sd->s", away, areas), 0) * far
     masses = modes.mass / surface.volume * volumes[:, None] * weights
     gathered = np.bincount(surface.faces[faces].ravel(), masses.ravel(), len(surface.points))
