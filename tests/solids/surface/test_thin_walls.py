@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh, Surface
 from struck.solids.filling.filling import filled
@@ -15,6 +16,7 @@ from struck.solids.surface.thin_walls import (
     balls_at,
 )
 from tests.physics.bodies import ball, box
+from tests.physics.everyday import BODIES as EVERYDAY
 from tests.physics.test_thin_bodies import between, rounded, turned
 
 PLATE = (0.3, 0.2, 0.001)
@@ -105,6 +107,20 @@ def test_a_round_lip_parts_the_outside_from_the_inside() -> None:
     assert len(outside) == len(inside) == 1
     assert outside[0] != inside[0]
     assert (segments.faces < 0).any()  # what rounds off the lip is neither's
+
+
+@pytest.mark.parametrize("spacing", [0.008, 0.01, 0.014])
+def test_a_rod_on_a_thin_body_stays_one_sheet(spacing: float) -> None:
+    """Its surface bounds both sides of it and is short around: a mug's handle, a glass's stem."""
+    for body, rod in (("mug", lambda c: c[:, 0] > 0.055), ("wine glass", _on_the_stem)):
+        mesh = EVERYDAY[body]()
+        labels = Segments.of(mesh, spacing).faces[rod(mesh.centroids)]
+        assert len(labels) > 50
+        assert len(np.unique(labels)) == 1
+
+
+def _on_the_stem(centroids: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return (centroids[:, 2] > 0.03) & (centroids[:, 2] < 0.075)
 
 
 def test_a_thick_body_stays_a_solid() -> None:

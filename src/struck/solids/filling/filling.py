@@ -49,6 +49,8 @@ ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
 _NODES_SOLID, _NODES_WALL, _NODES_LAYER = 18, 26, 80
 _NODES_HALVED = 15  # quadratic nodes that halving an edge adds, neighbours included
 _SOLID = 2.0  # times the nodes to begin with, up to which a body is filled as a solid one
+# Spacing over wall below which several layers take no more than one: between, cuts crowd.
+_SEVERAL = 0.7
 # Spacing over wall at which one layer bends well, quadratic or cubic; more if nodes run out.
 _FLATTEST_LAYER, _FLATTEST_CUBIC = 8, 20
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
@@ -184,12 +186,12 @@ def spacing_for(body: Body, nodes: int) -> float:
     thick = (volume * _NODES_WALL / nodes) ** (1 / 3)
     layer = _NODES_LAYER if body.both_faces else _NODES_WALL
     thin = (volume * layer / nodes / thickness) ** (1 / 2)
-    return thick if thick < thickness else max(thin, thickness)
+    return thick if thick < _SEVERAL * thickness else max(thin, thickness)
 
 
 def nodes_for(body: Body, spacing: float) -> float:
     """Return about how many nodes, or as many functions, a lattice makes."""
-    thin = _is_layer(body, spacing)
+    thin = not body.is_solid and spacing > _SEVERAL * body.thickness
     cell = spacing**2 * (body.thickness if thin else spacing)
     return body.rough_volume * (_NODES_LAYER if thin and body.both_faces else _NODES_WALL) / cell
 

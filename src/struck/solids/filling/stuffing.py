@@ -51,7 +51,8 @@ def cells_in(
     lattice = Lattice.over(bounds, spacing)
     whole, is_centre = _lattice_cells(lattice, depths, judge)
     _require_any(whole.tetrahedra, spacing)
-    fine = refined(whole, depths, shortest=spacing / 5, most=halved)
+    largest = _LARGEST_MISS if judge is None else _MISS_OF_WALLS
+    fine = refined(whole, depths, shortest=spacing / 5, most=halved, largest=largest)
     cells = warped(fine, is_centre)
     for surface in range(cells.depths.shape[1]):
         cells = cells.within(surface, beyond=judge is not None)
@@ -340,20 +341,25 @@ _STENCILS = {
 }
 
 
-_LARGEST_MISS = 0.2  # of the depth halfway along an edge against the mean of its ends, over length
+# Of the depth halfway along an edge against the mean of its ends, over length: more than a wall's
+# face may miss would leave a fillet at its foot too thick or too thin.
+_LARGEST_MISS, _MISS_OF_WALLS = 0.2, 0.1
 _BEYOND = 0.1  # lengths of an edge from a surface at which other surfaces matter no more
 _NEAR = 0.5  # lengths of an edge within which surfaces matter to it
 
 
-def refined(cells: Cells, depths: Depths, *, shortest: float, most: int) -> Cells:
+def refined(
+    cells: Cells, depths: Depths, *, shortest: float, most: int, largest: float = _LARGEST_MISS
+) -> Cells:
     """Halve tetrahedra where the surfaces bend or come near each other within one edge."""
-    # No edge shorter than twice `shortest`, m, and no more than `most` of them, are asked for.
+    # No edge shorter than twice `shortest`, m, and no more than `most` of them, are asked for; none
+    # whose depth halfway misses by less than `largest`.
     middles = _Middles(depths, cells.depths.shape[1], _NOUGHT * shortest)
     fresh = cells.tetrahedra
     while most > 0:
         edges = np.unique(_keys(fresh))
-        miss = _misses(cells, edges, middles, shortest)
-        wanted = np.flatnonzero(miss > _LARGEST_MISS)
+        miss = _misses(cells, edges, middles, shortest, largest)
+        wanted = np.flatnonzero(miss > largest)
         if not len(wanted):
             break
         worst = wanted[np.argsort(-miss[wanted], kind="stable")[:most]]
@@ -395,7 +401,9 @@ class _Middles:
         return self._known[np.searchsorted(self._keys, edges)]
 
 
-def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> Array:
+def _misses(
+    cells: Cells, edges: Index, middles: _Middles, shortest: float, largest: float
+) -> Array:
     """Return how far depths halfway are from the mean of both ends, in edge lengths (E,)."""
     # 0 for short edges, and where a 1-Lipschitz function cannot miss by much: the ends are too far
     # from each surface, or too unlike in depth.
@@ -403,7 +411,7 @@ def _misses(cells: Cells, edges: Index, middles: _Middles, shortest: float) -> A
     length = np.linalg.norm(cells.points[ends[:, 0]] - cells.points[ends[:, 1]], axis=1)[:, None]
     first, second = cells.depths[ends[:, 0]], cells.depths[ends[:, 1]]
     within = np.maximum(np.abs(first), np.abs(second)) < (_NEAR + 0.5) * length
-    alike = np.abs(first - second) < (1 - 2 * _LARGEST_MISS) * length
+    alike = np.abs(first - second) < (1 - 2 * largest) * length
     worth = (within & alike).any(axis=1) & (length[:, 0] > 2 * shortest)
     middle = middles.of(cells.points, edges[worth])
     length = length[worth]

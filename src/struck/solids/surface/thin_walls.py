@@ -37,6 +37,7 @@ _FLAT, _ALONGSIDE = np.radians(1.0), 0.8  # angle within a flat part, and cosine
 _CARRIED = 1.5  # lattice spacings up to which sheets that are joined count: more than a cell
 _REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
 _MOST_SHEETS = 40
+_AROUND_A_ROD = 2.0  # thicknesses along the surface to the opposite side: of a circle, pi / 2
 _FEW_FACES = 4_000  # up to which each face is sounded at four points
 
 
@@ -329,8 +330,9 @@ class Segments:
         bent |= _crumbs(mesh, pairs, bent, cut | cleft, thin)
         kept = ~bent
         whole = kept[pairs].all(axis=1)
-        labels = components(pairs[whole & ~cut & ~cleft], len(mesh.faces))
-        labels = _unfolded(mesh, pairs[whole & ~cut & ~cleft], labels, sounded.opposed)
+        smooth = whole & ~cut & ~cleft
+        labels = components(pairs[smooth], len(mesh.faces))
+        labels = _unfolded(mesh, smooth, labels, sounded.opposed, thin)
         rounded = components(pairs[~kept[pairs].any(axis=1)], len(mesh.faces))
         labels = np.where(kept, labels, -1)
         across = pairs[whole & (cut | cleft) & sounded.thin[pairs].any(axis=1)]
@@ -357,25 +359,36 @@ class Segments:
         return sheets
 
 
-def _unfolded(mesh: Mesh, pairs: Index, labels: Index, opposed: Index) -> Index:
+def _unfolded(mesh: Mesh, smooth: Mask, labels: Index, opposed: Index, thin: float) -> Index:
     """Return labels (F,) with segments cut that are both faces of a wall, as on a Moebius strip.
 
-    Three bands, by their way from one face, are each no longer opposite themselves.
+    Three bands, by their way from one face, are each no longer opposite themselves. A rod stays
+    whole: the way around it is short.
     """
     count = labels.max() + 1
-    sides = labels[opposed][(labels[opposed] >= 0).all(axis=1)]
+    opposed = opposed[(labels[opposed] >= 0).all(axis=1)]
+    sides = labels[opposed]
     own = np.bincount(sides[sides[:, 0] == sides[:, 1], 0], minlength=count)
     folded = np.flatnonzero(4 * own > np.bincount(sides.ravel(), minlength=count))
     if not len(folded):
         return labels
-    inside = pairs[np.isin(labels[pairs], folded).all(axis=1)]
-    ways = np.linalg.norm(np.diff(mesh.centroids[inside], axis=1)[:, 0], axis=1)
+    edges = edges_of(mesh.faces)
+    pairs, ends = edges.pairs()[0][smooth], edges.ends[edges.shared][smooth]
+    chosen = np.isin(labels[pairs], folded).all(axis=1)
+    inside = pairs[chosen]
+    along = np.diff(mesh.points[ends[chosen]], axis=1)[:, 0]
+    # Across the edge alone: middles of two slivers beside it may be far from each other along it.
+    across = np.cross(along, np.diff(mesh.centroids[inside], axis=1)[:, 0])
+    ways = np.linalg.norm(across, axis=1) / np.linalg.norm(along, axis=1)
     graph = sparse.coo_array((ways, inside.T), shape=(len(labels), len(labels))).tocsr()
     bands = np.zeros(len(labels), np.int64)
     for segment in folded:
         faces = np.flatnonzero(labels == segment)
-        far = dijkstra(graph, directed=False, indices=faces[0])[faces]
-        bands[faces] = np.minimum(3 * far / far.max(), 2).astype(np.int64)
+        far = np.zeros(len(labels))
+        far[faces] = dijkstra(graph, directed=False, indices=faces[0])[faces]
+        ways = np.abs(np.diff(far[opposed[(sides == segment).all(axis=1)]]))
+        if np.median(ways) > _AROUND_A_ROD * thin:
+            bands[faces] = np.minimum(3 * far[faces] / far.max(), 2).astype(np.int64)
     cut = components(pairs[bands[pairs[:, 0]] == bands[pairs[:, 1]]], len(labels))
     return np.where(labels < 0, -1, cut)
 
