@@ -70,6 +70,17 @@ def test_a_mode_that_crossed_another_does_not_come_out_exact() -> None:
     assert stated_errors(fine, told, 1.44)[2] >= 1e-3
 
 
+def test_two_modes_within_their_errors_of_each_other_have_the_same_error() -> None:
+    """A mesh splits such a pair by chance; a mode farther away keeps its own error."""
+    true = np.array([100.0, 210.0, 330.0, 330.01, 500.0])
+    apart = np.array([1, 1, 1.7, 0.3, 1])
+    fine = modes(true * (1 + 1e-3 * apart), ALONE * 1e-3)
+    coarse = modes(true * (1 + 4e-3 * apart), ALONE * 4e-3)
+    stated = stated_errors(fine, coarse, 4 ** (1 / 3))
+    assert stated[2] == stated[3] >= 1.7e-3
+    assert stated[1] == stated[4] < stated[2]
+
+
 def test_modes_beyond_the_coarse_mesh_keep_their_own_errors() -> None:
     fine, coarse = pair(1e-3, ratio=3.0, share=0.5)
     fewer = modes(coarse.frequencies[:3], coarse.errors[:3])

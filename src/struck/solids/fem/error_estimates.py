@@ -183,7 +183,7 @@ def stated_errors(modes: Modes, coarse: Modes | None, finer: float) -> Array:
     fallen = np.abs(ratio - 1) / (finer**_POWER - 1)
     errors = modes.errors.copy()
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
-    return _levelled(errors)
+    return _shared(modes.frequencies, _levelled(errors))
 
 
 def _levelled(errors: Array) -> Array:
@@ -191,6 +191,21 @@ def _levelled(errors: Array) -> Array:
     beside = np.array([np.median(span) for span in spans])
     believed = np.where(errors < _OUTLYING * beside, _SHARE * beside, errors)
     return np.maximum(believed, _LEAST)
+
+
+def _shared(frequencies: Array, errors: Array) -> Array:
+    """Give two modes that lie within their errors of each other the mean of both."""
+    # A symmetric body has such pairs. Meshes split them by chance, so that one of the two looks
+    # more exact than it is and the other less.
+    if len(errors) < 2:
+        return errors
+    gaps = np.diff(frequencies) / frequencies[1:]
+    beside = np.pad(gaps, 1, constant_values=np.inf)
+    closest = (gaps < beside[:-2]) & (gaps <= beside[2:])
+    first = np.flatnonzero(closest & (gaps <= np.maximum(errors[:-1], errors[1:])))
+    shared = errors.copy()
+    shared[first] = shared[first + 1] = (errors[first] + errors[first + 1]) / 2
+    return shared
 
 
 def most_errors(modes: Modes) -> float:
