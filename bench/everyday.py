@@ -3,10 +3,11 @@
     python bench/everyday.py                      the table, against what is kept
     python bench/everyday.py --truth mug 0.003    asks CalculiX anew, on elements of about 3 mm
 
-The truths are those of the very surface, facets and all: boxes as graded bricks of 20 nodes, the
-rest as quadratic tetrahedra of TetGen that keep each facet. How far the last two meshes differ
-tells their error. TetGen (AGPL) and CalculiX (GPL) are no dependencies: pip install tetgen==0.8.4,
-and on Debian apt-get install calculix-ccx (2.20).
+The truths are those of the very surface, facets and all: boxes as graded bricks of 20 nodes (round
+a sound hole along its 64 sides), the wine glass as bricks and wedges around its axis, the rest as
+quadratic tetrahedra of TetGen that keep each facet. How far the last two meshes differ tells their
+error. TetGen (AGPL) and CalculiX (GPL) are no dependencies: pip install tetgen==0.8.4, and on
+Debian apt-get install calculix-ccx (2.20).
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 # Before NumPy is imported: one thread each.
@@ -33,10 +33,11 @@ import struck
 from struck import Material
 from struck.errors import StruckError
 from struck.solids import VolumeMesh
-from struck.solids.fem.elements import ELEMENTS
 from struck.solids.surface.distance import FilledBody
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from turned import quadrilaterals, subdivided, wine_glass
+
 from tests.physics.everyday import BODIES
 
 MATERIALS = {name: Material.named("glass" if "glass" in name else "steel") for name in BODIES}
@@ -68,32 +69,54 @@ PLANES["table"] = (
     _both_ends(_LEGS, 600),
     (0, 600, 670, 690, 697, 699.5, 700, 700.5, 703, 710, 720, 725),
 )
+_NEAR_BOX, _NEAR_HOLE = (0, 3, 6, 12), [7.5 * step for step in range(-8, 9)]
+_HOLE, _SQUARE, _CENTRE = 0.045, 0.06, (0.25, 0.175)  # radius, half a square around it, m
+PLANES["guitar box"] = (
+    (*_NEAR_BOX, *(250 + each for each in _NEAR_HOLE), 438, 444, 447, 450),
+    (*_NEAR_BOX, *(175 + each for each in _NEAR_HOLE), 338, 344, 347, 350),
+    (*_NEAR_BOX, 88, 94, 97, 100),
+)
 
 
-def _subdivided(planes: Sequence[float], size: float) -> Array:
-    """Return planes, m, no further apart than `size`."""
-    parts = [0.0]
-    for a, b in pairwise(planes):
-        count = max(1, int(np.ceil((b - a) / 1000 / size - 1e-9)))
-        parts += list((a + (b - a) * np.arange(1, count + 1) / count) / 1000)
-    return np.array(parts)
+def _plan(name: str, size: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return quadrilaterals seen from above: their corners (P, 2), m, and numbers (Q, 4)."""
+    x, y = (subdivided(np.array(planes) / 1000, size) for planes in PLANES[name][:2])
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    every = quadrilaterals(points)
+    if name == "guitar box":
+        away = np.abs(every.mean(axis=1) - _CENTRE).max(axis=1)
+        every = np.vstack([every[away > _SQUARE], _around_a_hole(size) + _CENTRE])
+    joined, number = np.unique(np.round(every.reshape(-1, 2), 9), axis=0, return_inverse=True)
+    return joined, number.reshape(-1, 4)
+
+
+def _around_a_hole(size: float) -> Array:
+    """Return quadrilaterals of a square, with lines along a hole of 64 sides in it (Q, 4, 2)."""
+    circle = _HOLE * np.exp(2j * np.pi * np.arange(65) / 64)
+    sides = [(1 + 1j * np.linspace(-1, 1, 17)[:-1]) * 1j**turn for turn in range(4)]
+    square = _SQUARE * np.roll(np.concatenate(sides), -8)
+    square = np.append(square, square[0])
+    count = 1 + max(3, int(np.ceil((_SQUARE - _HOLE) / size)))
+    share = np.linspace(0, 1, count)[:, None]
+    # From a square in the middle of the hole to its edge, and on to the square around it.
+    lines = 0.4 * _SQUARE * np.linspace(-1, 1, 17)
+    grids = [lines[:, None] + 1j * lines]
+    grids += [(1 - share) * a + share * b for a, b in ((0.4 * square, circle), (circle, square))]
+    return np.vstack([quadrilaterals(np.stack([g.real, g.imag], axis=-1)) for g in grids])
 
 
 def bricks(name: str, size: float) -> VolumeMesh:
     """Return a body of boxes as bricks of 20 nodes, those whose middles are in it."""
-    grids = [_subdivided(planes, size) for planes in PLANES[name]]
-    fine = [np.sort(np.concatenate([grid, (grid[1:] + grid[:-1]) / 2])) for grid in grids]
-    counts = [len(grid) - 1 for grid in grids]
-    cells = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
-    middles = np.stack([fine[k][2 * cells[:, k] + 1] for k in range(3)], axis=1)
-    cells = cells[FilledBody(mesh=BODIES[name]()).distance(middles) < 0]
-    steps = np.round(2 * ELEMENTS["hex20"].nodes).astype(np.int64)
-    place = np.moveaxis(2 * cells[:, None] + steps, 2, 0)
-    lengths = tuple(len(each) for each in fine)
-    numbers, local = np.unique(np.ravel_multi_index(tuple(place), lengths), return_inverse=True)
-    where = np.unravel_index(numbers, lengths)
-    nodes = np.stack([each[k] for each, k in zip(fine, where, strict=True)], axis=1)
-    return VolumeMesh(nodes=nodes, elements=local.reshape(-1, 20), kind="hex20")
+    points, quads = _plan(name, size)
+    heights = subdivided(np.array(PLANES[name][2]) / 1000, size)
+    count = len(points)
+    nodes = np.column_stack([np.tile(points, (len(heights), 1)), np.repeat(heights, count)])
+    layers = count * np.arange(len(heights) - 1)[:, None, None]
+    cells = (layers + np.concatenate([quads, quads + count], axis=1)).reshape(-1, 8)
+    cells = cells[FilledBody(mesh=BODIES[name]()).distance(nodes[cells].mean(axis=1)) < 0]
+    used, local = np.unique(cells, return_inverse=True)
+    mesh = VolumeMesh(nodes=nodes[used], elements=local.reshape(-1, 8), kind="hex8")
+    return mesh.promoted()
 
 
 def tetrahedra(name: str, size: float) -> VolumeMesh:
@@ -112,14 +135,17 @@ def tetrahedra(name: str, size: float) -> VolumeMesh:
 
 def ask(name: str, size: float) -> None:
     """Ask CalculiX on elements of about `size`, m, and keep what it says."""
-    mesh = (bricks if name in PLANES else tetrahedra)(name, size)
+    if name == "wine glass":
+        parts = wine_glass(size)
+    else:
+        parts = [(bricks if name in PLANES else tetrahedra)(name, size)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as folder:
-        found = calculix.frequencies(mesh, MATERIALS[name], COUNT, Path(folder))
+        found = calculix.frequencies(parts, MATERIALS[name], COUNT, Path(folder))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     record = {
         "size": size,
-        "nodes": len(mesh.nodes),
+        "nodes": len(parts[0].nodes),
         "seconds": round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime),
         "frequencies": found.tolist(),
     }
@@ -127,7 +153,7 @@ def ask(name: str, size: float) -> None:
     others = [each for each in every.get(name, []) if each["size"] != size]
     every[name] = sorted([*others, record], key=lambda each: each["nodes"])
     KEPT.write_text(json.dumps(every, indent=1) + "\n")
-    print(name, size, len(mesh.nodes), record["seconds"], np.round(found[:6], 2))
+    print(name, size, len(parts[0].nodes), record["seconds"], np.round(found[:6], 2))
 
 
 def compare(name: str, accuracy: str) -> str:

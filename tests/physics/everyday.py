@@ -17,20 +17,20 @@ def mug() -> Mesh:
     """Return a mug 96 mm high with walls of 4 mm, a rounded lip and a handle."""
     profile = [
         [[0, 0], [37, 0]],
-        _arc((37, 3), 3, -80, 0, 4),
-        _arc((38, 94), 2, 0, 180, 9),
+        arc((37, 3), 3, -80, 0, 4),
+        arc((38, 94), 2, 0, 180, 9),
         [[36, 8]],
-        _arc((32, 8), 4, -10, -80, 4),
+        arc((32, 8), 4, -10, -80, 4),
         [[0, 4]],
     ]
-    ring = _turned([_arc((26, 0), 5, 0, 360, 17)[:-1]], 64).rotate([90, 0, 0])
+    ring = _turned([arc((26, 0), 5, 0, 360, 17)[:-1]], 64).rotate([90, 0, 0])
     inside = Manifold.cylinder(116, 38, 38, 96).translate([0, 0, -10])
     return meshed(_turned(profile, 96) + (ring.translate([42, 0, 48]) - inside))
 
 
 def glass() -> Mesh:
     """Return a wine glass 190 mm high with a bowl of 1.2 mm on a stem of 8 mm."""
-    outer, inner = _arc((0, 130), 35, -85, 5, 28), _arc((0, 130), 33.8, 5, -90, 28)
+    outer, inner = arc((0, 130), 35, -85, 5, 28), arc((0, 130), 33.8, 5, -90, 28)
     foot = [[0, 0], [32, 0], [32.6, 0.6], [32, 1.2], [12, 3], [6, 8], [4, 20], [4, 80], [5, 92]]
     return meshed(_turned([foot, outer, [[33, 190], [31.8, 190]], inner], 96))
 
@@ -41,8 +41,8 @@ def bell() -> Mesh:
     radius, wall = 120 + 200 * np.exp(-height / 110), 8 + 16 * np.exp(-height / 90)
     profile = [
         np.stack([radius, height], axis=1),
-        _arc((0, 500), 120, 0, 90, 14)[1:],
-        _arc((0, 500), 112, 90, 0, 14)[:-1],
+        arc((0, 500), 120, 0, 90, 14)[1:],
+        arc((0, 500), 112, 90, 0, 14)[:-1],
         np.stack([radius - wall, height], axis=1)[::-1],
     ]
     return meshed(_turned(profile, 96))
@@ -111,7 +111,7 @@ def prism() -> Mesh:
 
 def hemisphere() -> Mesh:
     """Return half a ball of 80 mm."""
-    return meshed(_turned([_arc((0, 0), 40, 0, 90, 17), [[0, 0]]], 64))
+    return meshed(_turned([arc((0, 0), 40, 0, 90, 17), [[0, 0]]], 64))
 
 
 BODIES: dict[str, Callable[[], Mesh]] = {
@@ -162,7 +162,7 @@ def _section(outline: Profile) -> CrossSection:
     return CrossSection([outline if area > 0 else outline[::-1]])
 
 
-def _arc(centre: tuple[float, float], radius: float, first: float, last: float, n: int) -> Profile:
+def arc(centre: tuple[float, float], radius: float, first: float, last: float, n: int) -> Profile:
     """Return points on an arc, its angles in degrees."""
     angle = np.radians(np.linspace(first, last, n))
     return np.array(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -36,7 +36,7 @@ def mesh() -> VolumeMesh:
 @pytest.fixture(scope="module")
 def theirs(mesh: VolumeMesh, tmp_path_factory: pytest.TempPathFactory) -> NDArray[np.float64]:
     folder: Path = tmp_path_factory.mktemp("calculix")
-    return calculix.frequencies(mesh, CERAMIC, calculix.COUNT, folder)
+    return calculix.frequencies([mesh], CERAMIC, calculix.COUNT, folder)
 
 
 @pytest.fixture

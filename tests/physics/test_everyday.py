@@ -18,11 +18,9 @@ KEPT = json.loads(Path(__file__).with_name("everyday.json").read_text(encoding="
 MODES = 20
 
 
-# Of the others the truth has not converged: elements of CalculiX that are finer take its hours.
-KNOWN = [
-    *("plate of 4 mm", "plate of 1 mm", "undercut bar", "coin", "fork", "prism", "hemisphere"),
-    *("perforated plate", "bell", "crate"),
-]
+# The bowl of the glass is known no better than by one layer of CalculiX's elements.
+KNOWN = [name for name in BODIES if name != "wine glass"]
+VERY_THIN = ("plate of 1 mm", "guitar box")
 STEEL = Material.named("steel")
 
 
@@ -52,9 +50,9 @@ def test_preview_is_within_three_percent(name: str) -> None:
 @pytest.mark.prove
 @pytest.mark.parametrize("name", KNOWN)
 def test_standard_is_within_half_a_percent(name: str) -> None:
-    """One percent where the body is 300 times as long as thick; nine of ten modes as is said."""
+    """One percent where a body is 100 times as long as thick; nine of ten modes as is said."""
     model, true, own = compared(name, "standard")
-    assert np.all(true <= np.maximum(0.01 if name == "plate of 1 mm" else 0.005, 4 * own))
+    assert np.all(true <= np.maximum(0.01 if name in VERY_THIN else 0.005, 4 * own))
     assert model.errors is not None
     counted = true > 3 * own
     assert np.mean((true <= model.errors[:MODES]) | ~counted) >= 0.9
