@@ -62,12 +62,12 @@ def _places(cells: Cells, chosen: Index, heights: Heights, spacing: float) -> Ar
     corners = cells.tetrahedra[chosen]
     middles, wanted = cells.points[corners].mean(axis=1), cells.depths[corners].mean(axis=1)
     step = _STEP * spacing
-    found = heights(middles)[0]
+    found, lengths = heights(middles)
     slopes = np.stack(
         [(heights(middles + way)[0] - found) / step for way in step * np.eye(3)], axis=2
     )
     steep = np.linalg.norm(slopes, axis=2)
-    counts = (cells.depths[corners] == 0).any(axis=1) & (np.abs(found) < spacing)
+    counts = (cells.depths[corners] == 0).any(axis=1) & (lengths < spacing)
     counts &= np.abs(wanted - found) < _FARTHEST * spacing
     counts &= (steep > _SLOPES[0]) & (steep < _SLOPES[1])
     slopes = np.where(counts[:, :, None], slopes, 0.0)

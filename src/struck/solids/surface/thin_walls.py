@@ -217,8 +217,12 @@ class SheetedBody:
 
     def _heights(self, points: Array) -> tuple[Array, Array]:
         """Return the heights above each sheet and what carries it on, and distances, m (K, n)."""
+        # Sheets that are joined end some way past their borders, so that all is continuous.
         found = [sheet.height(points) for sheet in self.sheets]
         heights, lengths = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+        joined = list(self.joined)
+        beyond = lengths[:, joined] - _CARRIED * self.spacing
+        heights[:, joined] = np.maximum(heights[:, joined], beyond)
         return heights, lengths
 
     def depths(self, points: Array) -> Array:
@@ -227,8 +231,8 @@ class SheetedBody:
         distance = self.solid.distance(points)[:, None]
         heights, lengths = self._heights(points)
         joined = np.isin(np.arange(len(self.sheets)), self.joined)
-        near = np.where(joined, _CARRIED * self.spacing, np.abs(distance) + _REACH * self.spacing)
-        heights = np.where(lengths > near, np.where(joined, lengths, -lengths), heights)
+        far = ~joined & (lengths > np.abs(distance) + _REACH * self.spacing)
+        heights = np.where(far, -lengths, heights)
         inside = distance <= 0
         heights = np.where(inside & ~joined, np.minimum(heights, distance), heights)
         # Outside, one sheet at least says so.
