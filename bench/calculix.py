@@ -11,7 +11,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from struck.solids.surface.distance import FilledBody
 
 MISSING = "CalculiX is not here (no ccx on PATH): on Debian, apt-get install calculix-ccx"
 COUNT = 50
-_NAME, _TYPES = "body", {"tet10": "C3D10", "hex20": "C3D20", "wedge15": "C3D15"}
+_NAME, _TYPES = "body", {"tet10": "C3D10", "hex20": "C3D20"}
 _KEPT = Path(__file__).parents[1] / "tests/physics/calculix_bird.npz"
 
 
@@ -36,13 +35,10 @@ def installed() -> bool:
 
 
 def frequencies(
-    parts: Sequence[VolumeMesh], material: Material, count: int, folder: Path
+    mesh: VolumeMesh, material: Material, count: int, folder: Path
 ) -> NDArray[np.float64]:
-    """Return the lowest `count` elastic frequencies of a free body, Hz, to 7 digits.
-
-    Its parts are of one kind of element each, on the same nodes.
-    """
-    (folder / f"{_NAME}.inp").write_text(_deck(parts, material, count + 6), encoding="ascii")
+    """Return the lowest `count` elastic frequencies of a free body, Hz, to 7 digits."""
+    (folder / f"{_NAME}.inp").write_text(_deck(mesh, material, count + 6), encoding="ascii")
     subprocess.run(
         [shutil.which("ccx") or "ccx", _NAME],
         cwd=folder,
@@ -66,7 +62,7 @@ def keep() -> None:
     """Ask CalculiX for what `kept` returns: a coarse mesh, so that the file stays small."""
     mesh = replace(filled(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh, cubic=False)
     with tempfile.TemporaryDirectory() as folder:
-        found = frequencies([mesh], Material.named("ceramic"), COUNT, Path(folder))
+        found = frequencies(mesh, Material.named("ceramic"), COUNT, Path(folder))
     elements = mesh.elements.astype(np.int32)
     np.savez_compressed(_KEPT, nodes=mesh.nodes, elements=elements, frequencies=found)
 
@@ -77,16 +73,10 @@ def _lines(numbers: list[int]) -> str:
     return ",\n".join(",".join(map(str, part)) for part in parts)
 
 
-def _deck(parts: Sequence[VolumeMesh], material: Material, count: int) -> str:
+def _deck(mesh: VolumeMesh, material: Material, count: int) -> str:
     # Its reader takes numbers of at most 20 characters.
-    nodes = parts[0].nodes
-    lines = ["*NODE, NSET=ALL"]
-    lines += [f"{i},{x:.12e},{y:.12e},{z:.12e}" for i, (x, y, z) in enumerate(nodes, 1)]
-    first = 1
-    for part in parts:
-        lines.append(f"*ELEMENT, TYPE={_TYPES[part.kind]}, ELSET=BODY")
-        lines += [_lines([i, *e]) for i, e in enumerate((part.elements + 1).tolist(), first)]
-        first += len(part.elements)
+    nodes = (f"{i},{x:.12e},{y:.12e},{z:.12e}" for i, (x, y, z) in enumerate(mesh.nodes, 1))
+    elements = (_lines([i, *e]) for i, e in enumerate(mesh.elements + 1, 1))
     rest = [
         "*MATERIAL, NAME=STUFF",
         "*ELASTIC",
@@ -99,7 +89,8 @@ def _deck(parts: Sequence[VolumeMesh], material: Material, count: int) -> str:
         f"{count}",
         "*END STEP",
     ]
-    return "\n".join([*lines, *rest]) + "\n"
+    heads = ["*NODE, NSET=ALL"], [f"*ELEMENT, TYPE={_TYPES[mesh.kind]}, ELSET=BODY"]
+    return "\n".join([*heads[0], *nodes, *heads[1], *elements, *rest]) + "\n"
 
 
 if __name__ == "__main__":

@@ -4,10 +4,9 @@
     python bench/everyday.py --truth mug 0.003    asks CalculiX anew, on elements of about 3 mm
 
 The truths are those of the very surface, facets and all: boxes as graded bricks of 20 nodes (round
-a sound hole along its 64 sides), the wine glass as bricks and wedges around its axis, the rest as
-quadratic tetrahedra of TetGen that keep each facet. How far the last two meshes differ tells their
-error. TetGen (AGPL) and CalculiX (GPL) are no dependencies: pip install tetgen==0.8.4, and on
-Debian apt-get install calculix-ccx (2.20).
+a sound hole along its 64 sides), the rest as quadratic tetrahedra of TetGen that keep each facet.
+How far the last two meshes differ tells their error. TetGen (AGPL) and CalculiX (GPL) are no
+dependencies: pip install tetgen==0.8.4, and on Debian apt-get install calculix-ccx (2.20).
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 # Before NumPy is imported: one thread each.
@@ -27,7 +27,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 import calculix
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import struck
 from struck import Material
@@ -36,8 +36,6 @@ from struck.solids import VolumeMesh
 from struck.solids.surface.distance import FilledBody
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from turned import quadrilaterals, subdivided, wine_glass
-
 from tests.physics.everyday import BODIES
 
 MATERIALS = {name: Material.named("glass" if "glass" in name else "steel") for name in BODIES}
@@ -105,6 +103,25 @@ def _around_a_hole(size: float) -> Array:
     return np.vstack([quadrilaterals(np.stack([g.real, g.imag], axis=-1)) for g in grids])
 
 
+def subdivided(planes: ArrayLike, size: float) -> Array:
+    """Return planes no further apart than `size`, the given ones among them."""
+    given = np.asarray(planes, np.float64)
+    counts = np.maximum(1, np.ceil(np.diff(given) / size - 1e-9)).astype(int)
+    parts = [
+        np.linspace(a, b, n + 1)[1:] for (a, b), n in zip(pairwise(given), counts, strict=True)
+    ]
+    return np.concatenate([given[:1], *parts])
+
+
+def quadrilaterals(grid: Array) -> Array:
+    """Return the corners of a grid's cells, anticlockwise (Q, 4, 2)."""
+    corners = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    cells = np.stack(corners, axis=2).reshape(-1, 4, 2)
+    x, y = np.moveaxis(cells, 2, 0)
+    area = np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)
+    return np.where(area[:, None, None] > 0, cells, cells[:, ::-1])
+
+
 def bricks(name: str, size: float) -> VolumeMesh:
     """Return a body of boxes as bricks of 20 nodes, those whose middles are in it."""
     points, quads = _plan(name, size)
@@ -135,17 +152,14 @@ def tetrahedra(name: str, size: float) -> VolumeMesh:
 
 def ask(name: str, size: float) -> None:
     """Ask CalculiX on elements of about `size`, m, and keep what it says."""
-    if name == "wine glass":
-        parts = wine_glass(size)
-    else:
-        parts = [(bricks if name in PLANES else tetrahedra)(name, size)]
+    mesh = (bricks if name in PLANES else tetrahedra)(name, size)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as folder:
-        found = calculix.frequencies(parts, MATERIALS[name], COUNT, Path(folder))
+        found = calculix.frequencies(mesh, MATERIALS[name], COUNT, Path(folder))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     record = {
         "size": size,
-        "nodes": len(parts[0].nodes),
+        "nodes": len(mesh.nodes),
         "seconds": round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime),
         "frequencies": found.tolist(),
     }
@@ -153,7 +167,7 @@ def ask(name: str, size: float) -> None:
     others = [each for each in every.get(name, []) if each["size"] != size]
     every[name] = sorted([*others, record], key=lambda each: each["nodes"])
     KEPT.write_text(json.dumps(every, indent=1) + "\n")
-    print(name, size, len(parts[0].nodes), record["seconds"], np.round(found[:6], 2))
+    print(name, size, len(mesh.nodes), record["seconds"], np.round(found[:6], 2))
 
 
 def compare(name: str, accuracy: str) -> str:

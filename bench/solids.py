@@ -204,7 +204,7 @@ def arpack_on_our_factor(mesh: VolumeMesh) -> Run:
 def by_calculix(mesh: VolumeMesh) -> Run:
     """Run ccx, its own assembly included."""
     with tempfile.TemporaryDirectory() as folder:
-        return measured(lambda: calculix.frequencies([mesh], MATERIAL, COUNT, Path(folder)))
+        return measured(lambda: calculix.frequencies(mesh, MATERIAL, COUNT, Path(folder)))
 
 
 CONTENDERS = {
