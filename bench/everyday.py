@@ -165,7 +165,7 @@ def ask(name: str, size: float) -> None:
     }
     every = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     others = [each for each in every.get(name, []) if each["size"] != size]
-    every[name] = sorted([*others, record], key=lambda each: each["nodes"])
+    every[name] = sorted([*others, record], key=lambda each: -each["size"])
     KEPT.write_text(json.dumps(every, indent=1) + "\n")
     print(name, size, len(mesh.nodes), record["seconds"], np.round(found[:6], 2))
 

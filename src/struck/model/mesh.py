@@ -96,6 +96,24 @@ class Mesh:
         """Longest edge of the bounding box, m."""
         return float(np.ptp(self.bounds, axis=0).max())
 
+    def spread(self, count: int) -> tuple[Array, Array]:
+        """Return places all over the surface, m (S, 3), with the area vector of each, m^2 (S, 3).
+
+        About `count` of them are as dense everywhere; each face has one at least.
+        """
+        sides = np.ceil(np.sqrt(count * self.areas / self.areas.sum())).astype(int)
+        places, vectors = [], []
+        for side in np.unique(sides[sides > 0]):
+            chosen = sides == side
+            steps = np.indices((side, side)).reshape(2, -1).T
+            upright, turned = (steps[steps.sum(axis=1) < side - k] + (k + 1) / 3 for k in (0, 1))
+            two = np.vstack([upright, turned]) / side
+            weights = np.column_stack([two, 1 - two.sum(axis=1)])
+            corners = self.points[self.faces[chosen]]
+            places.append(np.einsum("pc,fcd->fpd", weights, corners).reshape(-1, 3))
+            vectors.append(np.repeat(self.area_vectors[chosen] / side**2, side**2, axis=0))
+        return np.vstack(places), np.vstack(vectors)
+
     @checked
     def scaled(self, factor: float) -> Mesh:
         """Return a copy `factor` times as large about the origin."""

@@ -242,7 +242,7 @@ def cut_off(outline: Mesh, modes: Modes) -> Array:
     Rayleigh's quotient a mass m lowers a frequency by its share m |shape|^2 / 2.
     """
     surface = modes.surface
-    points, areas = _spread(outline)
+    points, areas = outline.spread(_PLACES)
     faces, weights = Surface(surface).barycentric(points)
     away = points - np.einsum("sc,scd->sd", weights, surface.points[surface.faces[faces]])
     # Less is the arc over a chord of elements that are bent.
@@ -252,18 +252,3 @@ def cut_off(outline: Mesh, modes: Modes) -> Array:
     gathered = np.bincount(surface.faces[faces].ravel(), masses.ravel(), len(surface.points))
     moving = np.flatnonzero(gathered)
     return gathered[moving] @ np.square(modes.shapes[moving]).sum(axis=1) / 2
-
-
-def _spread(mesh: Mesh) -> tuple[Array, Array]:
-    """Return points all over a surface (S, 3), and the area that each stands for (S, 3), m^2."""
-    sides = np.ceil(np.sqrt(_PLACES * mesh.areas / mesh.areas.sum())).astype(int)
-    points, areas = [], []
-    for side in np.unique(sides):
-        chosen = sides == side
-        steps = np.indices((side, side)).reshape(2, -1).T
-        upright, turned = (steps[steps.sum(axis=1) < side - k] + (k + 1) / 3 for k in (0, 1))
-        two = np.vstack([upright, turned]) / side
-        weights = np.column_stack([two, 1 - two.sum(axis=1)])
-        points.append(np.einsum("pc,fcd->fpd", weights, mesh.points[mesh.faces[chosen]]))
-        areas.append(np.repeat(mesh.area_vectors[chosen] / side**2, side**2, axis=0))
-    return np.vstack([each.reshape(-1, 3) for each in points]), np.vstack(areas)

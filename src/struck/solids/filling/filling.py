@@ -54,6 +54,8 @@ _SEVERAL = 0.7
 # Spacing over wall at which one layer bends well, quadratic or cubic; more if nodes run out.
 _FLATTEST_LAYER, _FLATTEST_CUBIC = 8, 20
 _LARGEST_VOLUME_ERROR, _LARGEST_COARSE_VOLUME_ERROR = 0.02, 0.05
+_PLACES = 5_000  # on a surface, where elements are looked for
+_LARGEST_UNREACHED = 0.02  # of the surface, or a part as large as a handle is missing
 _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few show most cavities
 _CRUMB = 0.01  # share of tetrahedra that hang by an edge or a corner where the lattice grazes
 _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over coarse nodes
@@ -78,6 +80,7 @@ class Filling:
     spacing: float  # of the lattice, m
     volume_error: float  # relative, against the body's own volume
     short: int  # boundary nodes that stayed short of the surface
+    unreached: float  # share of the surface that is farther from all elements than the lattice
     crumbs: int  # tetrahedra left out because they hung by an edge or a corner
 
     @property
@@ -243,6 +246,8 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
             return filling
         spacing *= _FINER_LATTICE
         if nodes_for(body, spacing) > goal.most:
+            goal = replace(goal, most=goal.thin)  # a neck or a handle takes as many as a thin body
+        if nodes_for(body, spacing) > goal.most:
             other = "the outer surface alone with wall=" if body.both_faces else "a thicker wall"
             raise MeshError(
                 f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', "
@@ -274,12 +279,16 @@ def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
 
 def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     thin = _is_layer(body, spacing)
-    halved = max(goal.most - nodes_for(body, spacing), 0) / _NODES_HALVED
+    widest = body.widest(spacing) if isinstance(body, FilledBody) else None
+    most = goal.thin if widest else goal.most  # a slender part may take what a thin body takes
+    halved = max(most - nodes_for(body, spacing), 0) / _NODES_HALVED
     cubic = thin and body.both_faces
     if cubic:
         halved = max(halved / FUNCTIONS_A_NODE, _HALVED)
     seen = body.at(spacing)
-    found = cells_in(seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge)
+    found = cells_in(
+        seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge, widest=widest
+    )
     cells, crumbs = _whole(found)
     features = None if isinstance(body, WalledSheet) else Features(mesh=body.mesh)
     mesh, short = curved(cells, seen.onto, body.mesh.up, opposed=seen.opposed, features=features)
@@ -292,8 +301,17 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
         spacing=spacing,
         volume_error=mesh.volume() / seen.volume(spacing / _SAMPLES_A_CELL) - 1,
         short=short,
+        unreached=_unreached(body.mesh, mesh, spacing),
         crumbs=crumbs,
     )
+
+
+def _unreached(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
+    """Return the share of a surface's area that no element is within a lattice spacing of."""
+    places, vectors = outline.spread(_PLACES)
+    areas = np.linalg.norm(vectors, axis=1)
+    away = Surface(elements.surface()[0]).closest(places)[0]
+    return float(areas[away > spacing].sum() / areas.sum())
 
 
 def _whole(cells: Cells) -> tuple[Cells, int]:
@@ -319,6 +337,8 @@ def _complaint(filling: Filling, largest: float) -> str:
         return f"the body falls into {pieces} pieces"
     if abs(filling.volume_error) > largest:
         return f"{100 * filling.volume_error:+.1f} % of the volume is missing or too much"
+    if filling.unreached > _LARGEST_UNREACHED:
+        return f"parts with {100 * filling.unreached:.0f} % of the surface have no elements"
     return ""
 
 

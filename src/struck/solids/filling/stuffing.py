@@ -19,6 +19,7 @@ from struck.solids.volume_mesh import VolumeMesh, unique_rows
 
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 Depths = Callable[[Array], Array]
+Widths = Callable[[Array], Array]  # longest edges wanted at points (K, 3), m (K,)
 
 # Shares of an edge within which the boundary pulls a lattice point over; long edges join two
 # corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
@@ -42,17 +43,23 @@ class Judge:
 
 
 def cells_in(
-    depths: Depths, bounds: Array, spacing: float, *, halved: int = 0, judge: Judge | None = None
+    depths: Depths,
+    bounds: Array,
+    spacing: float,
+    *,
+    halved: int = 0,
+    judge: Judge | None = None,
+    widest: Widths | None = None,
 ) -> Cells:
     """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
     # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body
     # but for surfaces that a `judge` has joined. At most `halved` edges are halved where a lattice
-    # is too coarse for it, not counting those that must follow.
+    # is too coarse for it or longer than the `widest`, not counting those that must follow.
     lattice = Lattice.over(bounds, spacing)
-    whole, is_centre = _lattice_cells(lattice, depths, judge)
+    whole, is_centre = _lattice_cells(lattice, depths, judge, slender=widest is not None)
     _require_any(whole.tetrahedra, spacing)
     largest = _LARGEST_MISS if judge is None else _MISS_OF_WALLS
-    fine = refined(whole, depths, shortest=spacing / 5, most=halved, largest=largest)
+    fine = refined(whole, depths, shortest=spacing / 5, most=halved, largest=largest, widest=widest)
     cells = warped(fine, is_centre)
     for surface in range(cells.depths.shape[1]):
         cells = cells.within(surface, beyond=judge is not None)
@@ -62,11 +69,16 @@ def cells_in(
     return cells.compact()
 
 
-def _lattice_cells(lattice: Lattice, depths: Depths, judge: Judge | None) -> tuple[Cells, Mask]:
+def _lattice_cells(
+    lattice: Lattice, depths: Depths, judge: Judge | None, *, slender: bool
+) -> tuple[Cells, Mask]:
     """Return the tetrahedra of a lattice that a body may reach, and which points are centres."""
     grids = lattice.sampled(depths)
     edge = lattice.cell.max()
-    near = lattice.sampled(lambda points: judge.distance(points) - edge) if judge else grids
+    near = grids
+    if judge or slender:  # a part may pass between all points of the lattice
+        distance = judge.distance if judge else depths
+        near = lattice.sampled(lambda points: _columns(distance, points).max(axis=1) - edge)
     numbers, local = np.unique(lattice.tetrahedra(*near), return_inverse=True)
     values = np.concatenate([each.reshape(-1, each.shape[-1]) for each in grids])[numbers]
     values[np.abs(values) < _NOUGHT * edge] = 0.0
@@ -349,16 +361,24 @@ _NEAR = 0.5  # lengths of an edge within which surfaces matter to it
 
 
 def refined(
-    cells: Cells, depths: Depths, *, shortest: float, most: int, largest: float = _LARGEST_MISS
+    cells: Cells,
+    depths: Depths,
+    *,
+    shortest: float,
+    most: int,
+    largest: float = _LARGEST_MISS,
+    widest: Widths | None = None,
 ) -> Cells:
     """Halve tetrahedra where the surfaces bend or come near each other within one edge."""
     # No edge shorter than twice `shortest`, m, and no more than `most` of them, are asked for; none
-    # whose depth halfway misses by less than `largest`.
+    # whose depth halfway misses by less than `largest`, unless it is longer than the `widest`.
     middles = _Middles(depths, cells.depths.shape[1], _NOUGHT * shortest)
     fresh = cells.tetrahedra
     while most > 0:
         edges = np.unique(_keys(fresh))
         miss = _misses(cells, edges, middles, shortest, largest)
+        if widest is not None:
+            miss = np.maximum(miss, largest * _excess(cells, edges, widest))
         wanted = np.flatnonzero(miss > largest)
         if not len(wanted):
             break
@@ -424,6 +444,16 @@ def _misses(
     misses = np.zeros(len(edges))
     misses[worth] = np.where((np.abs(middle) < _NEAR * length) & ~idle, off, 0.0).max(axis=1)
     return misses
+
+
+def _excess(cells: Cells, edges: Index, widest: Widths) -> Array:
+    """Return how many times longer than wanted edges beside the body are (E,)."""
+    ends = _ends(edges)
+    length = np.linalg.norm(cells.points[ends[:, 0]] - cells.points[ends[:, 1]], axis=1)
+    near = cells.depths[ends].max(axis=2).min(axis=1) < length
+    excess = np.zeros(len(edges))
+    excess[near] = length[near] / widest(cells.points[ends[near]].mean(axis=1))
+    return excess
 
 
 def _halved(cells: Cells, marked: Index, middles: _Middles) -> tuple[Cells, int]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from struck.model.arrays import Array
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 
 THINNEST = 0.75
 """Spacing of a lattice over the thickness of a solid part, above which the lattice tears there."""
+_FACING = -0.87  # cosine between the normals of two faces that face each other across a part
+_INWARD = 1e-6  # of the body's extent, by which rays start below the surface
+_PLACES = 5_000  # on a surface, at which the body is sounded
 _ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away: libigl's own
 
 
@@ -93,6 +98,38 @@ class FilledBody:
         return np.stack(surfaces, axis=1)
 
     judge = None  # depths below all faces tell what is in the body
+
+    @cached_property
+    def _thicknesses(self) -> tuple[Array, Array]:
+        """Return places on the surface, m (S, 3), and how thick the body is there, m (S,)."""
+        # Infinite where the face that a ray inward meets does not face the place.
+        places, vectors = self.mesh.spread(_PLACES)
+        inward = -vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        below = places + _INWARD * self.mesh.extent * inward
+        met, depths = self._surface.first_below(below, inward)
+        cosines = -np.einsum("sd,sd->s", inward, self.mesh.face_normals[met])
+        return places, np.where(cosines < _FACING, depths, np.inf)
+
+    def widest(self, spacing: float) -> Callable[[Array], Array] | None:
+        """Return the longest edges wanted at points (K, 3), m (K,), by how thick the body is there.
+
+        None where no part of a solid body is slender against a lattice of this spacing, m.
+        """
+        if not self.is_solid:
+            return None
+        places, thicknesses = self._thicknesses
+        slender = THINNEST * thicknesses < spacing
+        if not slender.any():
+            return None
+        tree = KDTree(places[slender])
+        edges = THINNEST * thicknesses[slender]
+
+        def widest(points: Array) -> Array:
+            away, nearest = tree.query(points)
+            # Half a thickness below the surface is the middle of the part.
+            return np.where(away < edges[nearest], edges[nearest], np.inf)
+
+        return widest
 
     @property
     def opposed(self) -> tuple[tuple[int, int], ...]:
