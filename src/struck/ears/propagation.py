@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
+from struck.ears.orientation import Carried
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
@@ -34,7 +35,7 @@ class Emitter:
 
     Parameters
     ----------
-    centre : Trajectory
+    centre : Trajectory or Carried
         Where it seems to come from, m.
     radius : float
         Of the ball about it that nobody may enter, m.
@@ -43,7 +44,7 @@ class Emitter:
         no distance law and no head shadow comes on top.
     """
 
-    centre: Trajectory
+    centre: Trajectory | Carried
     radius: float = 0.0
     field: bool = False
 

@@ -1,1 +1,5 @@
 from .body import Body as Body
+from .body import RigidBody as RigidBody
+from .body import Scene as Scene
+from .contacts import Contacts as Contacts
+from .contacts import Poses as Poses
