@@ -569,6 +569,41 @@ def _models(folder: Path) -> dict[str, Call]:
             },
             use=lambda made: finite(struck.render([made], seconds=0.05, sample_rate=RATE)),
         ),
+        "scene.RigidBody": Call(
+            made=scene.RigidBody,
+            given={"geometry": box(), "mass": 1.0, "centre": np.zeros(3), "inertia": np.eye(3)},
+        ),
+        "scene.Scene": Call(
+            made=scene.Scene,
+            given={
+                "bodies": {"bar": scene.Body(model=bar())},
+                "gravity": (0.0, 0.0, -9.81),
+            },
+        ),
+        "scene.Poses": Call(
+            made=scene.Poses,
+            given={
+                "time": [0.0],
+                "body": [0],
+                "position": [[0.0, 0.0, 0.0]],
+                "rotation": [[1.0, 0.0, 0.0, 0.0]],
+            },
+        ),
+        "scene.Contacts": Call(
+            made=scene.Contacts,
+            given={
+                "names": ["floor", "bar"],
+                "time": [0.1],
+                "dt": 0.001,
+                "body0": [0],
+                "body1": [1],
+                "position": [[0.0, 0.0, 0.0]],
+                "impulse": [[0.0, 0.0, 0.1]],
+                "normal": [[0.0, 0.0, 1.0]],
+                "velocity": [[0.0, 0.0, -1.0]],
+                "id": [3],
+            },
+        ),
         "analysis.model_of_modes": Call(made=analysis.model_of_modes, given=MODES, use=sounding),
         "report.overview": Call(
             made=report.overview, given={"model": bar(), "sound": sound(), "title": "it"}, dear=True

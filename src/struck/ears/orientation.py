@@ -113,6 +113,11 @@ class Carried:
         """Return where it is at times, s (n,): m (n, 3)."""
         return self.origin.at(times) + self.orientation.at(times) @ self.point
 
+    def seen(self, place: Array, times: Array) -> Array:
+        """Return a place of the scene, m (3,), in the body's coordinates at times (n,): (n, 3)."""
+        apart = place - self.origin.at(times)
+        return np.einsum("nd,nde->ne", apart, self.orientation.at(times))
+
 
 def slerp(first: Array, last: Array, share: Array) -> Array:
     """Return unit quaternions (n, 4) at shares (n,) of the shorter way between two."""

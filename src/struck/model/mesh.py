@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, MeshError
-from struck.model.arrays import Array, Index, checked
+from struck.model.arrays import Array, Index, Mask, checked
 
 if TYPE_CHECKING:
     import igl
@@ -90,6 +90,11 @@ class Mesh:
         """Lowest and highest corner of the bounding box, m (2, 3)."""
         used = self.points[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def reach(self) -> float:
+        """Radius of the ball that has the surface's area, m."""
+        return float(np.sqrt(self.areas.sum() / (4 * np.pi)))
 
     @cached_property
     def extent(self) -> float:
@@ -202,6 +207,13 @@ class Surface(Closest):
         """Return the nearest faces (K,) and the weights of their corners (K, 3)."""
         _, faces, nearest = self.closest(points)
         return faces, barycentric(self._points[self._parts[faces]], nearest)
+
+    def holds(self, points: Array) -> Mask:
+        """Return which points (K,) lie within the surface: it winds around them (K,)."""
+        import igl
+
+        turns = igl.winding_number(self._points, self._parts, in_space(points))
+        return np.atleast_1d(np.asarray(turns, np.float64)) > 0.5
 
     def first_below(self, points: Array, ways: Array) -> tuple[Index, Array]:
         """Return the faces (K,) that rays meet first, and how far away; -1 and infinity: none."""

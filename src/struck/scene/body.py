@@ -16,6 +16,7 @@ from struck.ears.propagation import Emitter, aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_numbers
+from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -151,7 +152,14 @@ class Body:
     @property
     def emitter(self) -> Emitter:
         """What ears need to know of it."""
-        return emitter_at(self.sounding, self.carried(centre_of(self.model)))
+        gains, surface = self.sounding.gains, self.model.geometry
+        return Emitter(
+            centre=self.carried(centre_of(self.model)),
+            radius=radius_of(self.model),
+            surface=gains.locator if isinstance(gains, ShapeGains) else None,
+            nearest=0.0 if surface is None else min(surface.reach, radius_of(self.model)),
+            field=gains.directional,
+        )
 
     @property
     def sounding(self) -> ModalModel:
@@ -236,11 +244,6 @@ def radius_of(model: ModalModel | RigidBody) -> float:
     if model.geometry is None:
         return 0.0
     return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
-
-
-def emitter_at(model: ModalModel, centre: Trajectory | Carried) -> Emitter:
-    """Return what ears need to know of a model whose centre is there."""
-    return Emitter(centre=centre, radius=radius_of(model), field=model.gains.directional)
 
 
 def place_beside(model: ModalModel) -> Array:
