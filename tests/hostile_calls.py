@@ -137,6 +137,27 @@ def foretold(**given: Any) -> struck.ModalModel:  # noqa: ANN401 - what an analy
     return made
 
 
+def hit_scene() -> scene.Scene:
+    """Return the bar on a floor that is silent."""
+    floor = scene.Body(model=scene.RigidBody())
+    return scene.Scene(bodies={"floor": floor, "bar": scene.Body(model=bar())})
+
+
+def hit() -> scene.Contacts:
+    return scene.Contacts(
+        names=["floor", "bar"],
+        time=[0.01],
+        body0=[0],
+        body1=[1],
+        position=[ON],
+        impulse=[[0.0, 0.0, 0.1]],
+    )
+
+
+def on_floor(events: scene.Events) -> None:
+    finite(struck.render(events.on(), seconds=0.05, sample_rate=RATE))
+
+
 def inside(made: ears.Room) -> None:
     heard_in = struck.Mono(position=(1.0, 1.0, 1.5))
     body = scene.Body(model=bar(), excitations=struck.Strike(), position=(2.0, 2.0, 1.0))
@@ -579,6 +600,14 @@ def _models(folder: Path) -> dict[str, Call]:
                 "bodies": {"bar": scene.Body(model=bar())},
                 "gravity": (0.0, 0.0, -9.81),
             },
+        ),
+        "scene.events_of": Call(
+            made=scene.events_of, given={"scene": hit_scene(), "contacts": hit()}, use=on_floor
+        ),
+        "scene.Events.on": Call(
+            made=scene.events_of(hit_scene(), hit()).on,
+            given={"forces": "noise2002", "seed": 1},
+            use=lambda made: finite(struck.render(made, seconds=0.05, sample_rate=RATE)),
         ),
         "scene.Poses": Call(
             made=scene.Poses,

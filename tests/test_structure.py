@@ -63,7 +63,6 @@ SHORT: dict[str, str] = {
 # Modules with one importer in their own room, and why they are not joined to it.
 KEPT_ALONE: dict[str, str] = {
     "excitation/path.py": "paths along a surface, which other touches will follow",
-    "scene/contacts.py": "the interface to every simulation, which their readers will use",
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",

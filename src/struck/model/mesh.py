@@ -80,6 +80,31 @@ class Mesh:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return normals / np.maximum(lengths, np.finfo(float).tiny)
 
+    @cached_property
+    def mean_curvatures(self) -> Array:
+        """Mean curvature about each vertex, 1/m, above 0 where it bulges (V,).
+
+        An edge of length l, whose faces turn by an angle a, holds a l / 2 of the integral of the
+        mean curvature (Steiner's formula); half of it goes to each end.
+        """
+        corners = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        owner = np.repeat(np.arange(len(self.faces)), 3)
+        order = np.lexsort((corners[:, 1], corners[:, 0]))
+        corners, owner = corners[order], owner[order]
+        two = np.flatnonzero((corners[1:] == corners[:-1]).all(axis=1))
+        ends, one, other = corners[two], owner[two], owner[two + 1]
+        normals, along = self.face_normals, self.points[ends[:, 1]] - self.points[ends[:, 0]]
+        cosines = np.einsum("ed,ed->e", normals[one], normals[other])
+        apart = self.centroids[other] - self.centroids[one]
+        bulges = np.where(np.einsum("ed,ed->e", apart, normals[one]) > 0, -1.0, 1.0)
+        held = bulges * np.arccos(np.clip(cosines, -1, 1)) * np.linalg.norm(along, axis=1) / 4
+        curvatures, shares = np.zeros(len(self.points)), np.zeros(len(self.points))
+        for end in ends.T:
+            np.add.at(curvatures, end, held)
+        for corner in self.faces.T:
+            np.add.at(shares, corner, self.areas / 3)
+        return curvatures / np.maximum(shares, np.finfo(float).tiny)
+
     @property
     def volume(self) -> float:
         """Enclosed volume, m^3; negative when the normals point inward."""

@@ -116,9 +116,9 @@ class Contacts:
         In the world, m.
     impulse : array-like (K, 3)
         What body1 receives during the step, friction included, N s; body0 gets the opposite.
-    dt : array-like (K,) or float
+    dt : array-like (K,) or one number
         How long the step lasts, s; 0 for an impact that is one row by itself.
-    normal : array-like (K, 3) or None
+    normal : array-like (K, 3)
         From body0 to body1, of any length; the direction of the impulse unless given.
     velocity : array-like (K, 3) or None
         Of body1 as seen from body0 at the point when the step begins, m/s; None: unknown.
@@ -145,8 +145,8 @@ class Contacts:
     body1: Index
     position: Array
     impulse: Array
-    dt: Array | float = 0.0
-    normal: Array | None = None
+    dt: Array = field(default_factory=lambda: np.zeros(()))
+    normal: Array = field(default_factory=lambda: np.zeros((0, 3)))
     velocity: Array | None = None
     id: Index | None = None
     poses: Poses | None = None
@@ -187,7 +187,8 @@ class Contacts:
         return replace(self, **parts)
 
     def _normals(self, impulses: Array) -> Array:
-        given = impulses if self.normal is None else _column("normal", self.normal, impulses.shape)
+        given = self.normal if len(self.normal) or not len(impulses) else impulses
+        given = _column("normal", given, impulses.shape)
         lengths = np.linalg.norm(given, axis=1, keepdims=True)
         # A point without load has no direction of its own; it pushes nothing.
         return np.where(lengths > 0, given / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
@@ -267,7 +268,7 @@ def _whole(name: str, values: object, count: int) -> Index:
     return column.astype(np.int64)
 
 
-def _steps(values: Array | float, count: int) -> Array:
+def _steps(values: Array, count: int) -> Array:
     steps = numbers("dt", values)
     steps = _column("dt", np.broadcast_to(steps, (count,)) if steps.ndim == 0 else steps, (count,))
     wrong = np.flatnonzero((steps < 0) | (steps > _LONGEST_STEP))

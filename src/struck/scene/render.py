@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +28,13 @@ from struck.model.contact import Contact
 from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
-from struck.scene.body import Action, Body, centre_of, place_beside
+from struck.scene.body import Action, Body, Scene, centre_of, place_beside
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
 if TYPE_CHECKING:
     from struck.ears.hearing import Hearing
     from struck.ears.room import Room
+    from struck.scene.contacts import Contacts
 
 LONGEST_SOUND = 3600.0  # the largest `seconds`
 _HIGHEST_RATE, _MOST_SAMPLES = 1e6, LONGEST_SOUND * 192_000
@@ -48,8 +49,8 @@ _HEARING_BLOCK = 4096
 
 
 def render(
-    model: ModalModel | Body | Sequence[Body],
-    excitations: Action | Sequence[Action] = (),
+    model: ModalModel | Body | Sequence[Body] | Scene,
+    excitations: Action | Sequence[Action] | Contacts = (),
     *,
     seconds: float | None = None,
     sample_rate: int = 48000,
@@ -60,7 +61,14 @@ def render(
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
-    bodies = _bodies(model, excitations)
+    told: tuple[str, ...] = ()
+    if isinstance(model, Scene):
+        model, told = _excited(model, excitations)
+        bodies = _bodies(model, ())
+    else:
+        if hasattr(excitations, "body0"):
+            raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
+        bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
@@ -74,8 +82,24 @@ def render(
         samples=np.atleast_2d(samples).astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=notes,
+        notes=told + notes,
     )
+
+
+def _excited(
+    scene: Scene, contacts: Action | Sequence[Action] | Contacts
+) -> tuple[Sequence[Body], tuple[str, ...]]:
+    """Return the bodies of a scene with what a log does to them, and the notes of both."""
+    from struck.scene.contacts import Contacts
+    from struck.scene.events import events_of
+
+    if isinstance(contacts, Contacts):
+        scene = events_of(scene, contacts).on()
+    elif contacts:
+        raise OptionError(
+            "a scene takes Contacts; excitations belong to its bodies: give them there"
+        )
+    return list(scene.bodies.values()), scene.notes
 
 
 def _bodies(
