@@ -154,6 +154,12 @@ def hit() -> scene.Contacts:
     )
 
 
+def _log_file(folder: Path) -> Path:
+    """Return a file of a contact log."""
+    scene.save_contacts(hit(), folder / "log.csv")
+    return folder / "log.csv"
+
+
 def on_floor(events: scene.Events) -> None:
     finite(struck.render(events.on(), seconds=0.05, sample_rate=RATE))
 
@@ -608,6 +614,10 @@ def _models(folder: Path) -> dict[str, Call]:
             made=scene.events_of(hit_scene(), hit()).on,
             given={"forces": "noise2002", "seed": 1},
             use=lambda made: finite(struck.render(made, seconds=0.05, sample_rate=RATE)),
+        ),
+        "scene.load_contacts": Call(made=scene.load_contacts, given={"path": _log_file(folder)}),
+        "scene.save_contacts": Call(
+            made=scene.save_contacts, given={"contacts": hit(), "path": folder / "new.csv"}
         ),
         "scene.Poses": Call(
             made=scene.Poses,
