@@ -137,6 +137,33 @@ def foretold(**given: Any) -> struck.ModalModel:  # noqa: ANN401 - what an analy
     return made
 
 
+def hit_scene() -> scene.Scene:
+    """Return the bar on a floor that is silent."""
+    floor = scene.Body(model=scene.RigidBody())
+    return scene.Scene(bodies={"floor": floor, "bar": scene.Body(model=bar())})
+
+
+def hit() -> scene.Contacts:
+    return scene.Contacts(
+        names=["floor", "bar"],
+        time=[0.01],
+        body0=[0],
+        body1=[1],
+        position=[ON],
+        impulse=[[0.0, 0.0, 0.1]],
+    )
+
+
+def _log_file(folder: Path) -> Path:
+    """Return a file of a contact log."""
+    scene.save_contacts(hit(), folder / "log.csv")
+    return folder / "log.csv"
+
+
+def on_floor(events: scene.Events) -> None:
+    finite(struck.render(events.on(), seconds=0.05, sample_rate=RATE))
+
+
 def inside(made: ears.Room) -> None:
     heard_in = struck.Mono(position=(1.0, 1.0, 1.5))
     body = scene.Body(model=bar(), excitations=struck.Strike(), position=(2.0, 2.0, 1.0))
@@ -568,6 +595,53 @@ def _models(folder: Path) -> dict[str, Call]:
                 "rotation": np.eye(3),
             },
             use=lambda made: finite(struck.render([made], seconds=0.05, sample_rate=RATE)),
+        ),
+        "scene.RigidBody": Call(
+            made=scene.RigidBody,
+            given={"geometry": box(), "mass": 1.0, "centre": np.zeros(3), "inertia": np.eye(3)},
+        ),
+        "scene.Scene": Call(
+            made=scene.Scene,
+            given={
+                "bodies": {"bar": scene.Body(model=bar())},
+                "gravity": (0.0, 0.0, -9.81),
+            },
+        ),
+        "scene.events_of": Call(
+            made=scene.events_of, given={"scene": hit_scene(), "contacts": hit()}, use=on_floor
+        ),
+        "scene.Events.on": Call(
+            made=scene.events_of(hit_scene(), hit()).on,
+            given={"forces": "noise2002", "seed": 1},
+            use=lambda made: finite(struck.render(made, seconds=0.05, sample_rate=RATE)),
+        ),
+        "scene.load_contacts": Call(made=scene.load_contacts, given={"path": _log_file(folder)}),
+        "scene.save_contacts": Call(
+            made=scene.save_contacts, given={"contacts": hit(), "path": folder / "new.csv"}
+        ),
+        "scene.Poses": Call(
+            made=scene.Poses,
+            given={
+                "time": [0.0],
+                "body": [0],
+                "position": [[0.0, 0.0, 0.0]],
+                "rotation": [[1.0, 0.0, 0.0, 0.0]],
+            },
+        ),
+        "scene.Contacts": Call(
+            made=scene.Contacts,
+            given={
+                "names": ["floor", "bar"],
+                "time": [0.1],
+                "dt": 0.001,
+                "body0": [0],
+                "body1": [1],
+                "position": [[0.0, 0.0, 0.0]],
+                "impulse": [[0.0, 0.0, 0.1]],
+                "normal": [[0.0, 0.0, 1.0]],
+                "velocity": [[0.0, 0.0, -1.0]],
+                "id": [3],
+            },
         ),
         "analysis.model_of_modes": Call(made=analysis.model_of_modes, given=MODES, use=sounding),
         "report.overview": Call(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from struck.ears.listeners import Listener
     from struck.ears.room import Room
     from struck.excitation.strike import Strike
-    from struck.files.sofa_fields import Contacts
+    from struck.files.sofa_fields import Places
     from struck.files.sound import Sound
     from struck.live.player import Player
     from struck.model.contact import Place
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from struck.perception.sound_map import SoundMap
     from struck.recordings.takes import Recording
     from struck.report.comparison import Comparison, Other
-    from struck.scene.body import Action, Body
+    from struck.scene.body import Action, Body, Scene
+    from struck.scene.contacts import Contacts
 
 
 @checked
@@ -260,7 +261,7 @@ def save(
     model: ModalModel,
     path: str | os.PathLike[str],
     *,
-    contacts: Contacts | None = None,
+    contacts: Places | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
     """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
@@ -294,8 +295,8 @@ def save(
 
 @checked
 def render(
-    model: ModalModel | Body | Sequence[Body],
-    excitations: Action | Sequence[Action] = (),
+    model: ModalModel | Body | Sequence[Body] | Scene,
+    excitations: Action | Sequence[Action] | Contacts = (),
     *,
     seconds: float | None = None,
     sample_rate: int = 48000,
@@ -306,10 +307,10 @@ def render(
 
     Parameters
     ----------
-    model : ModalModel, Body, or several bodies
+    model : ModalModel, Body, several bodies, or Scene
         What sounds; a `Body` is a model with its place in the scene and what happens to it.
-    excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, or several of them
-        What pushes a single model and what holds it.
+    excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, several of them, or Contacts
+        What pushes a single model and what holds it; or all contacts of a `struck.scene.Scene`.
     seconds : float or None
         Length of the sound. None: until 60 dB of decay of the slowest among the loud modes (within
         40 dB of the loudest), at most 10 s after the last push.
@@ -338,9 +339,8 @@ def render(
 
     Notes
     -----
-    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] is the answer to a unit impulse. Half-sine
-    strikes at points are convolved with it in closed form (`struck.synth.ring_down`); all else goes
-    through `struck.synth.resonators`, strikes too where a hand holds the body.
+    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
+    points are convolved with it in closed form, all else goes through `struck.synth.Resonators`.
     """
     from struck.scene import render as offline
 

@@ -215,7 +215,7 @@ def test_what_cannot_be_heard_is_refused(call: object, message: str) -> None:
 
 
 def test_a_listener_inside_a_body_is_refused() -> None:
-    with pytest.raises(ContactError, match="inside its radius"):
+    with pytest.raises(ContactError, match="inside its surface"):
         render(BLOCK, STRIKE, listener=Mono(position=(0.01, 0, 0)))
 
 

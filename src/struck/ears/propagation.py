@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
+from struck.ears.orientation import Carried
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
+from struck.model.mesh import Surface
 
 if TYPE_CHECKING:
     from struck.ears.heads import Filters
@@ -24,6 +26,7 @@ STRETCH = 512  # samples from one look at all places to the next; in between the
 LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from a listener
 # How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
 _EARLIEST, _WAITING = 1e-3, 16
+_CLOSEST = 1e-3  # m, to a point without a surface
 _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
 
@@ -34,18 +37,34 @@ class Emitter:
 
     Parameters
     ----------
-    centre : Trajectory
+    centre : Trajectory or Carried
         Where it seems to come from, m.
     radius : float
-        Of the ball about it that nobody may enter, m.
+        Of the ball about it that holds the body, m.
+    surface : Surface or None
+        What nobody may enter, in the coordinates of a body that carries the centre; None: the ball.
+    nearest : float
+        Distance from which on the sound grows no louder, m: it comes from all sides.
     field : bool
         Whether the body's own gains tell what each ear gets: then it has a line for each ear, and
         no distance law and no head shadow comes on top.
     """
 
-    centre: Trajectory
+    centre: Trajectory | Carried
     radius: float = 0.0
+    surface: Surface | None = None
+    nearest: float = 0.0
     field: bool = False
+
+    def holds(self, place: Array, time: float) -> bool:
+        """Tell whether a place, m (3,), is inside the body at a time, s."""
+        moment = np.array([time])
+        distance = float(np.linalg.norm(place - self.centre.at(moment)[0]))
+        if self.surface is None or not isinstance(self.centre, Carried):
+            return distance < max(self.radius, _CLOSEST)
+        if distance >= self.radius:
+            return False
+        return bool(self.surface.holds(self.centre.seen(place, moment))[0])
 
 
 class Sources:
@@ -61,7 +80,7 @@ class Sources:
         self.image = np.tile(np.arange(images), len(emitters))
         self.direct = images * self.emitter
         self.field = np.repeat([each.field for each in emitters], images)
-        self.radius = np.repeat([each.radius for each in emitters], images)
+        self.nearest = np.repeat([max(each.nearest, _CLOSEST) for each in emitters], images)
 
     @classmethod
     def of(cls, emitters: Sequence[Emitter], room: Room | None) -> Sources:
@@ -70,6 +89,16 @@ class Sources:
             return cls(emitters, np.ones((1, 3)), np.zeros((1, 3)))
         images = room.images()
         return cls(emitters, images.signs, images.offsets)
+
+    def require_outside(self, distances: Array, places: Array, times: Array) -> None:
+        """Raise a ContactError where a listener at places (n, 3), at times (n,), is in a body."""
+        bodies = distances[:, np.unique(self.direct)]
+        for moment, body in np.argwhere(bodies < [max(e.radius, _CLOSEST) for e in self._emitters]):
+            if self._emitters[body].holds(places[moment], times[moment]):
+                raise ContactError(
+                    f"the listener is {bodies[moment, body]:.3g} m from the centre of body {body}, "
+                    "inside its surface: move one of them away"
+                )
 
     @property
     def moves(self) -> bool:
@@ -260,13 +289,14 @@ class Propagation:
         """Return delays, samples, and gains (n, sources, ears), and the last time's responses."""
         distances, seen = self._distances(times)
         centres = distances[..., 0]
-        self._require_outside(centres)
+        self._require_possible(centres, times)
         if len(times) > 1:
             self._rates = (centres[-1] - centres[-2]) / (times[-1] - times[-2])
         self._guess = centres[-1]
         field = self._sources.field[:, None]
         ways = np.where(field, distances[..., 1:], distances[..., :1])
-        gains = np.where(field, ways[:, self._sources.direct], 1) / ways
+        least = np.where(field, 0, self._sources.nearest[:, None])
+        gains = np.where(field, ways[:, self._sources.direct], 1) / np.maximum(ways, least)
         later, responses = self._filtered(seen[-1], centres[-1])
         # What heads add moves straight from stretch to stretch.
         shares = np.arange(1, len(times) + 1)[:, None, None] / len(times)
@@ -297,15 +327,9 @@ class Propagation:
             responses = _convolved(responses, self._walls[self._sources.image])
         return later, responses
 
-    def _require_outside(self, distances: Array) -> None:
-        inside = distances < np.maximum(self._sources.radius, 1e-3)
-        if inside.any():
-            time, source = np.argwhere(inside)[0]
-            raise ContactError(
-                f"the listener is {distances[time, source]:.3g} m from the centre of body "
-                f"{self._sources.emitter[source]}, inside its radius of "
-                f"{self._sources.radius[source]:.3g} m: move one of them away"
-            )
+    def _require_possible(self, distances: Array, times: Array) -> None:
+        places = self._pose.at(times)[0][:, 0]
+        self._sources.require_outside(distances, places, times)
         if not distances.max() <= LONGEST_WAY:
             raise OptionError(
                 f"a body is {distances.max():.4g} m from the listener: at most {LONGEST_WAY:g} m"

@@ -240,6 +240,11 @@ def drive_at(
     return weights @ _rank_one(model, point + offsets, direction)
 
 
+def drives_at(model: ModalModel, points: Array, directions: Array) -> Array:
+    """Return how strongly each mode answers at points (K, 3) along directions (K, 3): (K, M)."""
+    return _rank_one(model, points, directions)
+
+
 def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
     drives = model.gains.at(points, np.broadcast_to(direction, (len(points), 3)))
     if drives.shape[1] != 1:

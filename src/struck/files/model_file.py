@@ -47,7 +47,7 @@ from struck.model.residual import Residual
 from struck.radiation import by_name
 
 if TYPE_CHECKING:
-    from struck.files.sofa_fields import Contacts
+    from struck.files.sofa_fields import Places
 
 
 # Gains: mode shapes on a surface; those of recordings by name, from `fields_file`.
@@ -311,7 +311,7 @@ def save_model(
     model: ModalModel,
     path: str | os.PathLike[str],
     *,
-    contacts: Contacts | None = None,
+    contacts: Places | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
     """Write a model to a ``.struck`` file, or its gains alone to a ``.sofa`` file."""

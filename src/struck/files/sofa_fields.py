@@ -33,7 +33,7 @@ from struck.model.survey import SYMMETRIES
 
 _LONGEST = 10.0  # s, of impulse responses unless their length is given
 
-Contacts = ArrayLike | Sequence[Place]
+Places = ArrayLike | Sequence[Place]
 
 _PASCAL, _RELATIVE = "Pa/(N s)", "relative"
 _AXES = ("ContactU", "ContactV")
@@ -64,7 +64,7 @@ def save_sofa(
     source: ModalModel | SampledField,
     path: str | os.PathLike[str],
     *,
-    contacts: Contacts | None = None,
+    contacts: Places | None = None,
     listeners: ArrayLike | None = None,
     title: str = "",
     author: str = "",
@@ -119,7 +119,7 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
 
 
 def sampled(
-    source: ModalModel | SampledField, contacts: Contacts | None, listeners: ArrayLike | None
+    source: ModalModel | SampledField, contacts: Places | None, listeners: ArrayLike | None
 ) -> SampledField:
     """Return gains at contacts and listeners; those of a field as they are."""
     if isinstance(source, SampledField):
@@ -166,7 +166,7 @@ def save_sofa_responses(
     *,
     seconds: float,
     sample_rate: int = 48_000,
-    contacts: Contacts | None = None,
+    contacts: Places | None = None,
     listeners: ArrayLike | None = None,
     title: str = "",
     author: str = "",
@@ -445,7 +445,7 @@ def export(
     model: ModalModel,
     path: str | os.PathLike[str],
     *,
-    contacts: Contacts | None = None,  # coordinates (P, D), points, m, or names; None: recorded
+    contacts: Places | None = None,  # coordinates (P, D), points, m, or names; None: recorded
     listeners: ArrayLike | None = None,  # (Q, 3), body coordinates, m; None: recorded
     convention: str = CONVENTIONS[0],
     seconds: float | None = None,  # of impulse responses; None: until a fall of 60 dB, at most 10

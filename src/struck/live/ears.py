@@ -13,13 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from struck.ears.delay_lines import between
-from struck.ears.listeners import Listener, Trajectory
+from struck.ears.listeners import Listener
 from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.errors import ContactError, OptionError
 from struck.live.ring import NEW_WAYS, SINCE, Record
 from struck.model.arrays import Array
 from struck.model.model import ModalModel
-from struck.scene.body import centre_of, emitter_at
+from struck.scene.body import Body
 
 FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
 _GROUP = 8  # taps in a vector
@@ -152,10 +152,10 @@ class LiveEars:
     def _require_possible(self, place: Array) -> None:
         for number, emitter in enumerate(self._emitters):
             distance = float(np.linalg.norm(emitter.centre.at(np.zeros(1))[0] - place))
-            if distance < emitter.radius:
+            if emitter.holds(place, 0.0):
                 raise ContactError(
                     f"the listener is {distance:.3g} m from the centre of body {number}, inside "
-                    f"its radius of {emitter.radius:.3g} m: move it away"
+                    "its surface: move it away"
                 )
             if distance > FARTHEST:
                 raise OptionError(
@@ -180,4 +180,4 @@ def _emitter(model: ModalModel) -> Emitter:
         raise OptionError(
             "a body with a timbre field is played for a bare position, or rendered for two ears"
         )
-    return emitter_at(model, Trajectory.of("position", centre_of(model)))
+    return Body(model=model).emitter

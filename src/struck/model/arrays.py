@@ -273,8 +273,8 @@ def _is_numbers(value: object) -> bool:
 _OF_NUMBERS = frozenset(["float", "int", "..."])
 _NAMED = frozenset(
     [
-        *("Body", "Fitting", "Material", "Mesh", "ModalModel", "Room", "Sound", "SoundMap"),
-        *("Strike", "Survey"),
+        *("Body", "Contacts", "Fitting", "Material", "Mesh", "ModalModel", "Room", "Scene"),
+        *("Sound", "SoundMap", "Strike", "Survey"),
     ]
 )
 _NUMBERS: Sort = (_is_numbers, "numbers")

@@ -310,14 +310,20 @@ class ShapeGains(Gains):
         return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs that fall as 1/r from the centre of mass."""
-        distances = np.linalg.norm(in_space(listeners) - self.centre, axis=1)
-        if distances.min(initial=np.inf) < self.radius:
+        """Return outputs that fall as 1/r from the centre of mass, and rise no further beside it.
+
+        Nearer than the ball of the same area, sound comes from all of the surface at once.
+        """
+        places = in_space(listeners)
+        distances = np.linalg.norm(places - self.centre, axis=1)
+        close = places[distances < self.radius]
+        if len(close) and (held := self.locator.holds(close)).any():
+            place = close[int(np.argmax(held))]
             raise ContactError(
-                f"a listener is {distances.min():.3g} m from the body's centre, inside its "
-                f"radius of {self.radius:.3g} m: move the listener farther away"
+                f"a listener is at {place} m, inside the body's surface: move it outside"
             )
-        return self.outputs / distances[:, None, None]
+        nearest = min(self.surface.reach, self.radius)
+        return self.outputs / np.maximum(distances, nearest)[:, None, None]
 
 
 def quarter_turns(frequencies: Array) -> Complex:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import ContactError, MeshError
-from struck.model.arrays import Array, Index, checked
+from struck.model.arrays import Array, Index, Mask, checked
 
 if TYPE_CHECKING:
     import igl
@@ -80,6 +80,31 @@ class Mesh:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return normals / np.maximum(lengths, np.finfo(float).tiny)
 
+    @cached_property
+    def mean_curvatures(self) -> Array:
+        """Mean curvature about each vertex, 1/m, above 0 where it bulges (V,).
+
+        An edge of length l, whose faces turn by an angle a, holds a l / 2 of the integral of the
+        mean curvature (Steiner's formula); half of it goes to each end.
+        """
+        corners = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        owner = np.repeat(np.arange(len(self.faces)), 3)
+        order = np.lexsort((corners[:, 1], corners[:, 0]))
+        corners, owner = corners[order], owner[order]
+        two = np.flatnonzero((corners[1:] == corners[:-1]).all(axis=1))
+        ends, one, other = corners[two], owner[two], owner[two + 1]
+        normals, along = self.face_normals, self.points[ends[:, 1]] - self.points[ends[:, 0]]
+        cosines = np.einsum("ed,ed->e", normals[one], normals[other])
+        apart = self.centroids[other] - self.centroids[one]
+        bulges = np.where(np.einsum("ed,ed->e", apart, normals[one]) > 0, -1.0, 1.0)
+        held = bulges * np.arccos(np.clip(cosines, -1, 1)) * np.linalg.norm(along, axis=1) / 4
+        curvatures, shares = np.zeros(len(self.points)), np.zeros(len(self.points))
+        for end in ends.T:
+            np.add.at(curvatures, end, held)
+        for corner in self.faces.T:
+            np.add.at(shares, corner, self.areas / 3)
+        return curvatures / np.maximum(shares, np.finfo(float).tiny)
+
     @property
     def volume(self) -> float:
         """Enclosed volume, m^3; negative when the normals point inward."""
@@ -90,6 +115,11 @@ class Mesh:
         """Lowest and highest corner of the bounding box, m (2, 3)."""
         used = self.points[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def reach(self) -> float:
+        """Radius of the ball that has the surface's area, m."""
+        return float(np.sqrt(self.areas.sum() / (4 * np.pi)))
 
     @cached_property
     def extent(self) -> float:
@@ -220,6 +250,13 @@ class Surface(Closest):
         """Return the nearest faces (K,) and the weights of their corners (K, 3)."""
         _, faces, nearest = self.closest(points)
         return faces, barycentric(self._points[self._parts[faces]], nearest)
+
+    def holds(self, points: Array) -> Mask:
+        """Return which points (K,) lie within the surface: it winds around them (K,)."""
+        import igl
+
+        turns = igl.winding_number(self._points, self._parts, in_space(points))
+        return np.atleast_1d(np.asarray(turns, np.float64)) > 0.5
 
     def first_below(self, points: Array, ways: Array) -> tuple[Index, Array]:
         """Return the faces (K,) that rays meet first, and how far away; -1 and infinity: none."""

@@ -1,21 +1,78 @@
-"""A body in space: a model, where it is, and what pushes it."""
+"""Bodies in space: what each is, where it is, what happens to it; and the scene they make."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Course3, Trajectory
+from struck.ears.orientation import Carried, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold
-from struck.model.arrays import Array, checked
+from struck.model.arrays import Array, checked, require_numbers
+from struck.model.gains import ShapeGains
+from struck.model.material import Material
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 
+if TYPE_CHECKING:
+    from struck.excitation.roughness import Roughness
+    from struck.scene.contacts import Contacts
+
 Action = Excitation | Hold  # what may happen to a body
+_EARTH = (0.0, 0.0, -9.81)
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidBody:
+    """What others touch of a body that makes no sound itself.
+
+    Parameters
+    ----------
+    geometry : Mesh or None
+        Its surface; None: touched at any place.
+    material : Material or None
+        None: as hard as can be.
+    mass : float or None
+        kg; None: it does not give way.
+    centre : array-like (3,) or None
+        Centre of mass, m.
+    inertia : array-like (3, 3) or None
+        Moments of inertia about it, kg m^2.
+
+    Raises
+    ------
+    OptionError
+        On a mass that does not exceed 0.
+    """
+
+    geometry: Mesh | None = None
+    material: Material | None = None
+    mass: float | None = None
+    centre: ArrayLike | None = None
+    inertia: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("centre", (3,)), ("inertia", (3, 3))):
+            value = getattr(self, name)
+            if value is not None:
+                array = np.array(value, np.float64)
+                require_numbers(name, array, shape)
+                object.__setattr__(self, name, array)
+        if self.mass is not None and not 0 < self.mass < np.inf:
+            raise OptionError(f"mass is {self.mass} kg: it must exceed 0; None does not give way")
+
+    @property
+    def supported(self) -> bool:
+        """Whether it is held, and does not give way."""
+        return self.mass is None
 
 
 @checked
@@ -25,29 +82,45 @@ class Body:
 
     Parameters
     ----------
-    model : ModalModel
+    model : ModalModel or RigidBody
+        What sounds, or what is merely touched.
     excitations : an excitation, a Hold, or several of them
-        In the body's own coordinates and the scene's time.
+        In the body's own coordinates and the scene's time; () where nothing happens to it.
     position : array-like (3,), (times, points) or function of time
         Where the origin of the body's coordinates is in the scene, m.
-    rotation : array-like (3, 3)
-        From the body's coordinates to the scene's.
+    rotation : array-like (3, 3) or (4,), (times, quaternions) or function of time
+        From the body's coordinates to the scene's; see `Turning`. Quaternions are (w, x, y, z).
+    roughness : str, Roughness or None
+        Of its surface, by which sliding and rolling sound; None: as its material has.
+    fixed : bool
+        Whether it is held and does not give way as a whole when it is hit.
 
     Raises
     ------
     OptionError
-        On nothing to happen, a position that is none, or a matrix that is no rotation.
+        On what is no excitation, a position that is none, or what is no rotation.
     """
 
-    model: ModalModel
-    excitations: Action | Sequence[Action]
+    model: ModalModel | RigidBody
+    excitations: Action | Sequence[Action] = ()
     position: Course3 = (0.0, 0.0, 0.0)
-    rotation: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    rotation: Turning = (1.0, 0.0, 0.0, 0.0)
+    roughness: str | Roughness | None = None
+    fixed: bool = False
 
     def __post_init__(self) -> None:
         _require_actions(self.actions)
+        if self.actions and self.silent:
+            raise OptionError(
+                f"{len(self.actions)} excitations on a body without sound: give a ModalModel as "
+                "its model, or leave them out"
+            )
         Trajectory.of("position", self.position)
-        object.__setattr__(self, "rotation", _rotation(self.rotation))
+        Orientation.of("rotation", self.rotation)
+        if self.roughness is not None:
+            from struck.excitation.roughness import profile
+
+            profile(self.roughness)
 
     @property
     def actions(self) -> Sequence[Action]:
@@ -57,33 +130,120 @@ class Body:
         return (self.excitations,)
 
     @property
+    def silent(self) -> bool:
+        """Whether it has no model of its sound."""
+        return not isinstance(self.model, ModalModel)
+
+    @property
+    def moves(self) -> bool:
+        """Whether its place or its orientation may change."""
+        return self.origin.moves or self.orientation.moves
+
+    @property
+    def orientation(self) -> Orientation:
+        """How it is turned over time."""
+        return Orientation.of("rotation", self.rotation)
+
+    @property
+    def origin(self) -> Trajectory:
+        """Where the origin of its coordinates is over time."""
+        return Trajectory.of("position", self.position)
+
+    @property
     def emitter(self) -> Emitter:
         """What ears need to know of it."""
-        moved = np.asarray(self.rotation) @ centre_of(self.model)
-        origin = Trajectory.of("position", self.position)
-        if origin.function is not None:
-            place = origin.function
-            centre = Trajectory.of("position", lambda time: np.asarray(place(time)) + moved)
-        else:
-            centre = replace(origin, points=origin.points + moved)
-        return emitter_at(self.model, centre)
+        gains, surface = self.sounding.gains, self.model.geometry
+        return Emitter(
+            centre=self.carried(centre_of(self.model)),
+            radius=radius_of(self.model),
+            surface=gains.locator if isinstance(gains, ShapeGains) else None,
+            nearest=0.0 if surface is None else min(surface.reach, radius_of(self.model)),
+            field=gains.directional,
+        )
+
+    @property
+    def sounding(self) -> ModalModel:
+        """Its model; OptionError where it has none."""
+        if not isinstance(self.model, ModalModel):
+            raise OptionError("the body has no model of its sound: give it a ModalModel")
+        return self.model
+
+    def carried(self, point: Array) -> Carried:
+        """Return a point (3,) of its coordinates, m, as it moves through the scene."""
+        return Carried(origin=self.origin, orientation=self.orientation, point=point)
 
 
-def centre_of(model: ModalModel) -> Array:
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Bodies by name, for the contacts of a log.
+
+    Parameters
+    ----------
+    bodies : mapping of str to Body
+        Those that sound and those that are merely touched.
+    gravity : array-like (3,)
+        m/s^2.
+    notes : tuple of str
+        What was left out or guessed when the scene was made.
+
+    Raises
+    ------
+    OptionError
+        On no bodies.
+    """
+
+    bodies: Mapping[str, Body]
+    gravity: ArrayLike = _EARTH
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        wrong = [name for name, body in self.bodies.items() if not isinstance(body, Body)]
+        if wrong or not self.bodies:
+            told = f"{wrong[0]!r} is a {type(self.bodies[wrong[0]]).__name__}" if wrong else "none"
+            raise OptionError(f"bodies: {told}: give each name a Body(model=...)")
+        gravity = np.array(self.gravity, np.float64)
+        require_numbers("gravity", gravity, (3,))
+        object.__setattr__(self, "bodies", MappingProxyType(dict(self.bodies)))
+        object.__setattr__(self, "gravity", gravity)
+
+    def posed(self, contacts: Contacts) -> Scene:
+        """Return the scene with its bodies where the poses of a log say.
+
+        Raises
+        ------
+        OptionError
+            On names in the log that the scene does not have.
+        """
+        unknown = [name for name in contacts.names if name not in self.bodies]
+        if unknown:
+            raise OptionError(
+                f"the log names {', '.join(map(repr, unknown[:5]))}, and the scene has "
+                f"{', '.join(map(repr, self.bodies))}: give the scene a Body for each; "
+                "Body(model=RigidBody()) is silent"
+            )
+        if contacts.poses is None:
+            return self
+        moved = dict(self.bodies)
+        for number, name in enumerate(contacts.names):
+            times, positions, rotations = contacts.poses.of(number)
+            if len(times):
+                moved[name] = replace(
+                    moved[name], position=(times, positions), rotation=(times, rotations)
+                )
+        return replace(self, bodies=moved)
+
+
+def centre_of(model: ModalModel | RigidBody) -> Array:
     """Return where a model's sound seems to come from, in its own coordinates, m (3,)."""
-    return np.zeros(3) if model.centre is None else np.asarray(model.centre)
+    return np.zeros(3) if model.centre is None else np.asarray(model.centre, np.float64)
 
 
-def radius_of(model: ModalModel) -> float:
+def radius_of(model: ModalModel | RigidBody) -> float:
     """Return the radius of the ball about a model's centre that holds it, m; 0 where unknown."""
     if model.geometry is None:
         return 0.0
     return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
-
-
-def emitter_at(model: ModalModel, centre: Trajectory) -> Emitter:
-    """Return what ears need to know of a model whose centre is there."""
-    return Emitter(centre=centre, radius=radius_of(model), field=model.gains.directional)
 
 
 def place_beside(model: ModalModel) -> Array:
@@ -92,18 +252,6 @@ def place_beside(model: ModalModel) -> Array:
 
 
 def _require_actions(actions: Sequence[object]) -> None:
-    if not actions:
-        raise OptionError("there is nothing to render: give at least one Strike")
     for each in actions:
         if not (isinstance(each, Hold) or callable(getattr(each, "begin", None))):
             raise OptionError(f"{each!r} is no excitation: give Strike(...) or several of them")
-
-
-def _rotation(values: ArrayLike) -> Array:
-    matrix = np.array(values, np.float64)
-    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6):
-        raise OptionError(f"rotation is {values!r}: give a matrix (3, 3) with orthonormal rows")
-    if np.linalg.det(matrix) < 0:
-        raise OptionError(f"rotation is {values!r}: it mirrors; give one that turns")
-    matrix.setflags(write=False)
-    return matrix

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +28,13 @@ from struck.model.contact import Contact
 from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
-from struck.scene.body import Action, Body, centre_of, place_beside
+from struck.scene.body import Action, Body, Scene, centre_of, place_beside
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
 if TYPE_CHECKING:
     from struck.ears.hearing import Hearing
     from struck.ears.room import Room
+    from struck.scene.contacts import Contacts
 
 LONGEST_SOUND = 3600.0  # the largest `seconds`
 _HIGHEST_RATE, _MOST_SAMPLES = 1e6, LONGEST_SOUND * 192_000
@@ -48,8 +49,8 @@ _HEARING_BLOCK = 4096
 
 
 def render(
-    model: ModalModel | Body | Sequence[Body],
-    excitations: Action | Sequence[Action] = (),
+    model: ModalModel | Body | Sequence[Body] | Scene,
+    excitations: Action | Sequence[Action] | Contacts = (),
     *,
     seconds: float | None = None,
     sample_rate: int = 48000,
@@ -60,36 +61,62 @@ def render(
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
+    told: tuple[str, ...] = ()
+    if isinstance(model, Scene):
+        model, told = _excited(model, excitations)
+        bodies = _bodies(model, ())
+    else:
+        if hasattr(excitations, "body0"):
+            raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
+        bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
-        body = Body(model=model, excitations=excitations)
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
         )
-        samples, notes = _arriving(body, place, seconds=seconds, sample_rate=sample_rate)
-        calibrated = model.calibrated
+        samples, notes = _arriving(bodies[0], place, seconds=seconds, sample_rate=sample_rate)
     else:
-        bodies, ears = _bodies(model, excitations), _someone(listener)
+        ears = _someone(listener)
         samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
-        calibrated = all(body.model.calibrated for body in bodies)
+    calibrated = all(body.sounding.calibrated for body in bodies)
     return Sound(
         samples=np.atleast_2d(samples).astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=notes,
+        notes=told + notes,
     )
+
+
+def _excited(
+    scene: Scene, contacts: Action | Sequence[Action] | Contacts
+) -> tuple[Sequence[Body], tuple[str, ...]]:
+    """Return the bodies of a scene with what a log does to them, and the notes of both."""
+    from struck.scene.contacts import Contacts
+    from struck.scene.events import events_of
+
+    if isinstance(contacts, Contacts):
+        scene = events_of(scene, contacts).on()
+    elif contacts:
+        raise OptionError(
+            "a scene takes Contacts; excitations belong to its bodies: give them there"
+        )
+    return list(scene.bodies.values()), scene.notes
 
 
 def _bodies(
     model: ModalModel | Body | Sequence[Body], excitations: Action | Sequence[Action]
 ) -> Sequence[Body]:
+    """Return the bodies that sound, to at least one of which something happens."""
     if isinstance(model, ModalModel):
-        return (Body(model=model, excitations=excitations),)
-    bodies = (model,) if isinstance(model, Body) else tuple(model)
-    if not bodies or not all(isinstance(each, Body) for each in bodies):
-        raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
-    if excitations:
-        raise OptionError("a Body brings its own excitations: give them there")
-    return bodies
+        bodies: Sequence[Body] = (Body(model=model, excitations=excitations),)
+    else:
+        bodies = (model,) if isinstance(model, Body) else tuple(model)
+        if not bodies or not all(isinstance(each, Body) for each in bodies):
+            raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
+        if excitations:
+            raise OptionError("a Body brings its own excitations: give them there")
+    if not any(body.actions for body in bodies):
+        raise OptionError("there is nothing to render: give at least one Strike")
+    return [body for body in bodies if not body.silent]
 
 
 def _someone(listener: Listener | ArrayLike | None) -> Listener:
@@ -115,7 +142,7 @@ def _arriving(
     body: Body, listener: Array, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
     """Return what arrives at a place (3,) in body coordinates, without travel time (n,)."""
-    model, actions = body.model, _after_attack(body)
+    model, actions = body.sounding, _after_attack(body)
     holds = [each for each in actions if isinstance(each, Hold)]
     strikes = [each for each in actions if _is_plain(each) and not holds]
     others = [each for each in actions if holds or not _is_plain(each)]
@@ -336,7 +363,7 @@ class DrivenBody:
 
 def _after_attack(body: Body) -> list[Action]:
     """Return actions in which modes set in when the attack has led up to them."""
-    residual = body.model.residual
+    residual = body.sounding.residual
     lead = 0.0 if residual is None else residual.lead
     return [
         replace(each, time=each.time + lead) if isinstance(each, Strike) else each
@@ -352,7 +379,7 @@ def _residual_sound(
     length: int,
 ) -> Array:
     """Return attacks and noise of all strikes, as strong as at some distances (rows, length)."""
-    model = body.model
+    model = body.sounding
     heard = np.zeros((len(distances(0.0)), length))
     if model.residual is None:
         return heard
@@ -411,17 +438,23 @@ def _mixed(
         near = [_at_a_metre(body, pose, rows) for body, (rows, _) in zip(bodies, sent, strict=True)]
         late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
         samples = _of_one_duration(samples, late, length)
-    return samples, _notes([notes for _, notes in sent], [e.model.calibrated for e in bodies])
+    known = [body.sounding.calibrated for body in bodies]
+    return samples, _notes([notes for _, notes in sent], known)
 
 
 def _sent(
     body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
     """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
-    if body.model.gains.directional:
+    model = body.sounding
+    if not body.actions:
+        length = 1 if seconds is None else max(1, round(seconds * sample_rate))
+        rows = len(pose.ear_points) if model.gains.directional else 1
+        return np.zeros((rows, length)), ()
+    if model.gains.directional:
         return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
-    far = place_beside(body.model)
-    place = centre_of(body.model) + far
+    far = place_beside(model)
+    place = centre_of(model) + far
     samples, notes = _arriving(body, place, seconds=seconds, sample_rate=sample_rate)
     return far[0] * samples[None], notes
 
@@ -430,13 +463,13 @@ def _sent_to_ears(
     body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
     """Return what a timbre field sends to each ear but for the travel time (ears, n)."""
-    model, outputs = body.model.expanded(), _toward_ears(body, pose)
+    model, outputs = body.sounding.expanded(), _toward_ears(body, pose)
     driven = DrivenBody(
         model=model,
         outputs=outputs(0.0),
         actions=_after_attack(body),
         sample_rate=sample_rate,
-        moving=outputs if pose.moves or body.emitter.centre.moves else None,
+        moving=outputs if pose.moves or body.moves else None,
     )
     samples = driven.samples(seconds, at_least=0.0)
     samples += _residual_sound(
@@ -450,17 +483,18 @@ def _sent_to_ears(
 
 def _ears_from(body: Body, pose: Pose, time: float) -> Array:
     """Return the ears as seen from a body when they hear what it sends at a time, m (ears, 3)."""
-    place = body.emitter.centre.at(np.array([time]))
+    place = body.carried(centre_of(body.model)).at(np.array([time]))
     way = float(np.linalg.norm(pose.at(np.array([time]))[0][0, 0] - place))
     return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
 
 
 def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
     """Return a function of the time of sending: gains toward the ears when that arrives."""
-    gains, back = body.model.gains.expanded(), np.asarray(body.rotation).T
+    gains, turned = body.sounding.gains.expanded(), body.orientation
 
     def outputs(time: float) -> Complex:
-        ears = _ears_from(body, pose, time) @ back.T + centre_of(body.model)
+        turn = turned.at(np.array([time]))[0]
+        ears = _ears_from(body, pose, time) @ turn + centre_of(body.model)
         return _finite(gains.toward(ears)[:, 0])
 
     return outputs
@@ -487,7 +521,7 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
 
 def _at_a_metre(body: Body, pose: Pose, rows: Array) -> Array:
     """Return what a body sounds like at 1 m (1, n); of a timbre field what the ears get there."""
-    if not body.model.gains.directional:
+    if not body.sounding.gains.directional:
         return rows
     start = np.zeros(1)
     apart = body.emitter.centre.at(start)[0] - pose.at(start)[0][0, 1:]

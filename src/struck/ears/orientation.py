@@ -1,0 +1,167 @@
+"""Orientation over time: rotations as unit quaternions, turned evenly from one to the next.
+
+Between two rotations of a table a body turns about one axis at an even rate, the shorter way round
+(spherical linear interpolation: Shoemake, SIGGRAPH 1985).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from struck.ears.listeners import Trajectory
+from struck.errors import OptionError
+from struck.model.arrays import Array, numbers
+
+Turning = ArrayLike | tuple[Sequence[float], ArrayLike] | Callable[[float], ArrayLike]
+"""A matrix (3, 3) or a unit quaternion (w, x, y, z); (times in s, quaternions (T, 4)), turned
+evenly from one to the next and held beyond their ends; or a function of the time in s that returns
+a matrix or a quaternion."""
+
+_SAME = 1e-6  # how far from a rotation a matrix may be
+_UNIT = 1e-2  # how far from 1 the length of a quaternion may be
+_NEAR = 1e-4  # rad, below which a turn is as good as straight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Orientation:
+    """How a body is turned over time: a rotation, a table of them, or a function.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for errors.
+    times, quaternions : array (T,), (T, 4)
+        Of a table, s; a body that does not turn has one.
+    function : callable or None
+        In place of a table.
+    """
+
+    name: str
+    times: Array
+    quaternions: Array
+    function: Callable[[float], ArrayLike] | None = None
+
+    @classmethod
+    def of(cls, name: str, turning: Turning) -> Orientation:
+        """Return the orientation of a `Turning`.
+
+        Raises
+        ------
+        OptionError
+            On what is no rotation, table or function.
+        """
+        if callable(turning):
+            empty = np.zeros((0, 4))
+            return cls(name=name, times=np.zeros(0), quaternions=empty, function=turning)
+        if isinstance(turning, tuple) and len(turning) == 2 and not np.isscalar(turning[1]):
+            times, quaternions = (numbers(name, each) for each in turning)
+            ascend = times.ndim == 1 and np.isfinite(times).all() and (np.diff(times) > 0).all()
+            if not (ascend and len(times) and quaternions.shape == (len(times), 4)):
+                raise OptionError(
+                    f"{name} has times of shape {times.shape} and quaternions of "
+                    f"{quaternions.shape}: give ascending times, s, and as many (w, x, y, z)"
+                )
+            return cls(name=name, times=times, quaternions=_unit(name, quaternions))
+        one = numbers(name, turning)
+        quaternion = _unit(name, one[None]) if one.shape == (4,) else _of_matrix(name, one)[None]
+        return cls(name=name, times=np.zeros(1), quaternions=quaternion)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it may change."""
+        return self.function is not None or len(self.times) > 1
+
+    def at(self, times: Array) -> Array:
+        """Return the rotations from the body's coordinates at some times, s (n,): (n, 3, 3).
+
+        As of a `Trajectory`, all is held as at 0 s until then.
+        """
+        if self.function is not None:
+            found = (numbers(self.name, self.function(max(t, 0.0))) for t in times.tolist())
+            rotations = [
+                _unit(self.name, one[None])[0] if one.shape == (4,) else _of_matrix(self.name, one)
+                for one in found
+            ]
+            return matrices(np.array(rotations).reshape(-1, 4))
+        if len(self.times) == 1:
+            return np.broadcast_to(matrices(self.quaternions), (len(times), 3, 3))
+        times = np.maximum(times, 0.0)
+        after = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
+        begin = self.times[after - 1]
+        share = np.clip((times - begin) / (self.times[after] - begin), 0, 1)
+        return matrices(slerp(self.quaternions[after - 1], self.quaternions[after], share))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Carried:
+    """A point that is carried by a body that moves and turns."""
+
+    origin: Trajectory  # of the body's coordinates, m
+    orientation: Orientation
+    point: Array  # (3,), in the body's coordinates, m
+
+    @property
+    def moves(self) -> bool:
+        """Whether it may change."""
+        return self.origin.moves or (self.orientation.moves and bool(self.point.any()))
+
+    def at(self, times: Array) -> Array:
+        """Return where it is at times, s (n,): m (n, 3)."""
+        return self.origin.at(times) + self.orientation.at(times) @ self.point
+
+    def seen(self, place: Array, times: Array) -> Array:
+        """Return a place of the scene, m (3,), in the body's coordinates at times (n,): (n, 3)."""
+        apart = place - self.origin.at(times)
+        return np.einsum("nd,nde->ne", apart, self.orientation.at(times))
+
+
+def slerp(first: Array, last: Array, share: Array) -> Array:
+    """Return unit quaternions (n, 4) at shares (n,) of the shorter way between two."""
+    cosine = np.einsum("nq,nq->n", first, last)
+    last = np.where(cosine[:, None] < 0, -last, last)
+    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
+    apart = np.where(angle < _NEAR, 1.0, np.sin(angle))
+    near = angle < _NEAR  # where the way is as good as straight
+    begin = np.where(near, 1 - share, np.sin((1 - share) * angle) / apart)
+    end = np.where(near, share, np.sin(share * angle) / apart)
+    between = begin[:, None] * first + end[:, None] * last
+    return between / np.linalg.norm(between, axis=1, keepdims=True)
+
+
+def matrices(quaternions: Array) -> Array:
+    """Return the rotations (n, 3, 3) of unit quaternions (w, x, y, z) (n, 4)."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _unit(name: str, quaternions: Array) -> Array:
+    lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    wrong = ~(np.abs(lengths - 1) <= _UNIT)
+    if wrong.any():
+        row = quaternions[int(np.argmax(wrong))]
+        raise OptionError(f"{name} is {row}: give unit quaternions (w, x, y, z)")
+    return quaternions / lengths
+
+
+def _of_matrix(name: str, matrix: Array) -> Array:
+    """Return the unit quaternion (4,) of a rotation matrix."""
+    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=_SAME):
+        raise OptionError(
+            f"{name} is {matrix!r}: give a matrix (3, 3) with orthonormal rows, or a unit "
+            "quaternion (w, x, y, z)"
+        )
+    if np.linalg.det(matrix) < 0:
+        raise OptionError(f"{name} is {matrix!r}: it mirrors; give one that turns")
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(matrix).as_quat()
+    return np.array([w, x, y, z])

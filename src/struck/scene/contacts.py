@@ -1,0 +1,297 @@
+"""Contacts of rigid bodies and their motion: all that a simulation has to tell.
+
+Every simulation, script or hand-written table speaks through `Contacts`: one row for each point of
+contact and step, in the names and the sense of NVIDIA Isaac's raw contact data (``time dt body0
+body1 position normal impulse``), since no standard exists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from struck.errors import OptionError
+from struck.model.arrays import AnyArray, Array, Index, Mask, checked, numbers
+
+_LONGEST_STEP = 1.0  # s, that one row may last
+_FARTHEST = 1e6  # m, m/s and N s: larger numbers are those of a simulation that exploded
+_LAST = 1e6  # s
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Poses:
+    """Where bodies are over time, row by row.
+
+    Parameters
+    ----------
+    time : array-like (N,)
+        s.
+    body : array-like (N,)
+        Number of the body among the names of the log.
+    position : array-like (N, 3)
+        Where the origin of the body's own coordinates is in the world, m.
+    rotation : array-like (N, 4)
+        Unit quaternions (w, x, y, z) from the body's coordinates to the world's.
+
+    Raises
+    ------
+    OptionError
+        On numbers that are not finite, no rotations, or not as many.
+
+    Notes
+    -----
+    Rows are put in order of body and time. Of several rows of one body and time the last counts;
+    `notes` tell how many were left out.
+    """
+
+    time: Array
+    body: Index
+    position: Array
+    rotation: Array
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        time = _column("time", self.time, None, _LAST)
+        body = _whole("body", self.body, len(time))
+        position = _column("position", self.position, (len(time), 3))
+        rotation = _quaternions(self.rotation, len(time))
+        order = np.lexsort((time, body))
+        same = (np.diff(body[order]) == 0) & (np.diff(time[order]) == 0)
+        order = order[~np.append(same, False)]
+        if same.any():
+            text = f"{same.sum()} poses have the time of another of their body: the last counts"
+            object.__setattr__(self, "notes", (*self.notes, text))
+        for name, values in zip(_POSE, (time, body, position, rotation), strict=True):
+            _set(self, name, values[order])
+
+    @classmethod
+    def together(cls, time: ArrayLike, position: ArrayLike, rotation: ArrayLike) -> Poses:
+        """Return poses of bodies (B) that are all known at the same times (T).
+
+        Parameters
+        ----------
+        time : array-like (T,)
+            s.
+        position, rotation : array-like (T, B, 3), (T, B, 4)
+            As in the class.
+        """
+        places, turns = numbers("position", position), numbers("rotation", rotation)
+        if places.ndim != 3 or turns.shape != (*places.shape[:2], 4):
+            raise OptionError(
+                f"position has shape {places.shape} and rotation {turns.shape}: give (times, "
+                "bodies, 3) and (times, bodies, 4)"
+            )
+        bodies = places.shape[1]
+        return cls(
+            time=np.repeat(numbers("time", time), bodies),
+            body=np.tile(np.arange(bodies), len(places)),
+            position=places.reshape(-1, 3),
+            rotation=turns.reshape(-1, 4),
+        )
+
+    def of(self, body: int) -> tuple[Array, Array, Array]:
+        """Return times (T,), positions (T, 3) and rotations (T, 4) of a body; T may be 0."""
+        first, last = np.searchsorted(self.body, [body, body + 1])
+        return self.time[first:last], self.position[first:last], self.rotation[first:last]
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contacts:
+    """All contacts of a scene, row by row: one point of contact during one step of time.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the bodies; `body0` and `body1` count them from 0.
+    time : array-like (K,)
+        When the step begins in which the impulse acts, s.
+    body0, body1 : array-like (K,)
+        Numbers of the two that touch.
+    position : array-like (K, 3)
+        In the world, m.
+    impulse : array-like (K, 3)
+        What body1 receives during the step, friction included, N s; body0 gets the opposite.
+    dt : array-like (K,) or one number
+        How long the step lasts, s; 0 for an impact that is one row by itself.
+    normal : array-like (K, 3)
+        From body0 to body1, of any length; the direction of the impulse unless given.
+    velocity : array-like (K, 3) or None
+        Of body1 as seen from body0 at the point when the step begins, m/s; None: unknown.
+    id : array-like (K,) or None
+        Number of the point of contact, the same from step to step, where the simulation has one.
+    poses : Poses or None
+        Where the bodies are; None: where the scene says.
+
+    Raises
+    ------
+    OptionError
+        On numbers that are not finite or those of a simulation that exploded, unknown bodies,
+        a body in contact with itself, or not as many of each.
+
+    Notes
+    -----
+    Rows are put in order of time, and of rows that are the same in everything one is kept; `notes`
+    tell what was changed, and how often.
+    """
+
+    names: Sequence[str]
+    time: Array
+    body0: Index
+    body1: Index
+    position: Array
+    impulse: Array
+    dt: Array = field(default_factory=lambda: np.zeros(()))
+    normal: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    velocity: Array | None = None
+    id: Index | None = None
+    poses: Poses | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", _names(self.names))
+        time = _column("time", self.time, None, _LAST)
+        count = len(time)
+        columns: dict[str, AnyArray] = {
+            "time": time,
+            "dt": _steps(self.dt, count),
+            "body0": _whole("body0", self.body0, count),
+            "body1": _whole("body1", self.body1, count),
+            "position": _column("position", self.position, (count, 3)),
+            "impulse": _column("impulse", self.impulse, (count, 3)),
+        }
+        columns["normal"] = self._normals(columns["impulse"])
+        if self.velocity is not None:
+            columns["velocity"] = _column("velocity", self.velocity, (count, 3))
+        if self.id is not None:
+            columns["id"] = _whole("id", self.id, count)
+        self._require_pairs(columns["body0"], columns["body1"])
+        self._require_poses()
+        kept, notes = _in_order(columns)
+        for name, values in columns.items():
+            _set(self, name, values[kept])
+        own = () if self.poses is None else self.poses.notes
+        object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *own, *notes))))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def chosen(self, rows: Index | Mask) -> Contacts:
+        """Return some of the rows, with all names and poses."""
+        some = {name: getattr(self, name) for name in _COLUMNS}
+        parts = {n: None if v is None else np.asarray(v)[rows] for n, v in some.items()}
+        return replace(self, **parts)
+
+    def _normals(self, impulses: Array) -> Array:
+        given = self.normal if len(self.normal) or not len(impulses) else impulses
+        given = _column("normal", given, impulses.shape)
+        lengths = np.linalg.norm(given, axis=1, keepdims=True)
+        # A point without load has no direction of its own; it pushes nothing.
+        return np.where(lengths > 0, given / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
+
+    def _require_pairs(self, body0: Index, body1: Index) -> None:
+        for name, column in (("body0", body0), ("body1", body1)):
+            wrong = np.flatnonzero((column < 0) | (column >= len(self.names)))
+            if len(wrong):
+                raise OptionError(
+                    f"{name} is {column[wrong[0]]} in row {wrong[0]} and {len(wrong) - 1} others: "
+                    f"there are {len(self.names)} names, counted from 0; name all bodies"
+                )
+        same = np.flatnonzero(body0 == body1)
+        if len(same):
+            raise OptionError(
+                f"row {same[0]} and {len(same) - 1} others let {self.names[int(body0[same[0]])]!r} "
+                "touch itself: leave them out"
+            )
+
+    def _require_poses(self) -> None:
+        most = -1 if self.poses is None else np.max(self.poses.body, initial=-1)
+        if most >= len(self.names):
+            raise OptionError(
+                f"there are poses of body {most}, and {len(self.names)} names: name all bodies"
+            )
+
+
+_POSE = ("time", "body", "position", "rotation")
+_COLUMNS = ("time", "dt", "body0", "body1", "position", "normal", "impulse", "velocity", "id")
+
+
+def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
+    """Return the rows to keep, in order of time, and what was changed."""
+    time, notes = columns["time"], []
+    order = np.arange(len(time))
+    back = int(np.count_nonzero(np.diff(time) < 0))
+    if back:
+        order = np.argsort(time, kind="stable")
+        notes.append(f"rows of the log were not in order of time, {back} steps back: put in order")
+    table = np.column_stack([columns[name][order].reshape(len(time), -1) for name in columns])
+    same = np.zeros(len(time), np.bool_)
+    same[1:] = (table[1:] == table[:-1]).all(axis=1) & columns["impulse"][order][1:].any(axis=1)
+    if same.any():
+        notes.append(f"{same.sum()} rows of the log repeat the one before them: left out")
+    return order[~same], tuple(notes)
+
+
+def _names(names: Sequence[str]) -> tuple[str, ...]:
+    told = tuple(names)
+    twice = sorted({each for each in told if told.count(each) > 1})
+    if twice or not all(told):
+        raise OptionError(f"names are {told}: give each body a name of its own")
+    return told
+
+
+def _column(
+    name: str, values: object, shape: tuple[int, ...] | None, most: float = _FARTHEST
+) -> Array:
+    """Return finite numbers of that shape, or (K,)."""
+    column = np.array(numbers(name, values), np.float64)
+    if column.ndim != 1 if shape is None else column.shape != shape:
+        raise OptionError(f"{name} has shape {column.shape}: give {shape or 'one for each row'}")
+    wrong = ~(np.abs(column) <= most)
+    if wrong.any():
+        rows = np.flatnonzero(wrong.reshape(len(column), -1).any(axis=1))
+        raise OptionError(
+            f"{name} is {column[rows[0]]} in row {rows[0]}, and {len(rows) - 1} others are not "
+            f"finite or beyond {most:g} either: leave those out, or end the simulation before"
+        )
+    return column
+
+
+def _whole(name: str, values: object, count: int) -> Index:
+    column = _column(name, values, (count,), 2.0**53)
+    if np.any(column % 1):
+        raise OptionError(f"{name} is {column[column % 1 > 0][0]}: give whole numbers")
+    return column.astype(np.int64)
+
+
+def _steps(values: Array, count: int) -> Array:
+    steps = numbers("dt", values)
+    steps = _column("dt", np.broadcast_to(steps, (count,)) if steps.ndim == 0 else steps, (count,))
+    wrong = np.flatnonzero((steps < 0) | (steps > _LONGEST_STEP))
+    if len(wrong):
+        raise OptionError(
+            f"dt is {steps[wrong[0]]} s in row {wrong[0]}: it must lie from 0 to {_LONGEST_STEP:g}"
+        )
+    return steps
+
+
+def _quaternions(values: Array, count: int) -> Array:
+    rotations = _column("rotation", values, (count, 4))
+    lengths = np.linalg.norm(rotations, axis=1, keepdims=True)
+    wrong = np.flatnonzero(np.abs(lengths - 1) > 0.01)
+    if len(wrong):
+        raise OptionError(
+            f"rotation is {rotations[wrong[0]]} in row {wrong[0]}, whose length is "
+            f"{lengths[wrong[0], 0]:.4g}: give unit quaternions (w, x, y, z)"
+        )
+    return rotations / lengths
+
+
+def _set(holder: object, name: str, values: AnyArray) -> None:
+    array = np.ascontiguousarray(values)
+    array.setflags(write=False)
+    object.__setattr__(holder, name, array)

@@ -1,0 +1,444 @@
+"""Events: what the contacts of a simulation are to the ear, blows and lasting contacts.
+
+The force of a simulation is no sound: its steps are longer than a blow, and a soft solver makes a
+blow longer still. What it knows well is the impulse. So rows of a log are parted into blows and
+loads (`struck.scene.touches`). A blow keeps impulse, time, place and direction of its rows, and
+gets the duration that elastic impact of the two bodies gives (Hertz: materials, curvatures, and the
+masses with which they give way there). A lasting load by itself is silent; what slides or rolls
+under it sounds by its roughness (`struck.scene.sustained_contact`).
+
+Both bodies get the same force, with opposite sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from struck.errors import ContactError, OptionError
+from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
+from struck.excitation.strike import Strike
+from struck.model.arrays import Array, Index, checked, require_number
+from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh, Surface, barycentric
+from struck.model.model import ModalModel
+from struck.scene.body import Action, Body, Scene, centre_of
+from struck.scene.contacts import Contacts
+from struck.scene.sustained_contact import SustainedContact, loaded
+from struck.scene.touches import Pair, Touches, pairs_of, touches_of
+
+FORCES = ("events", "impulses2002", "gaussian2002", "noise2002")
+SLOWEST = 2e-3  # m/s: what changes the speed of two bodies by less is no blow
+_PATCH = 0.1  # of the smaller body's extent: points of a blow as near as that are one
+_REBOUND = 1.5  # 1 + restitution, where nobody says how fast bodies came together
+_SHARPEST, _FLATTEST = 5e-4, 1.0  # m, the least and largest radius of curvature of two bodies
+_OFF = 0.1  # of a body's extent: contacts farther off its surface are counted
+_KERNEL = 3e-3  # s: six standard deviations of the Gaussian of 2002, which does not say its width
+_NOISE = 1.0  # share of noise in the force, for the roughness of 2002
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Impacts:
+    """Blows, point by point: those of one blow share its time."""
+
+    blow: Index  # (P,), number of the blow
+    first: Index  # (P,), body that gets the opposite impulse
+    second: Index  # (P,)
+    time: Array  # (P,), of the blow's middle, s
+    seen: Array  # (P,), when the bodies are so that the position holds, s
+    position: Array  # (P, 3), in the scene, m
+    impulse: Array  # (P, 3), on the second body, N s
+    approach: Array  # (P,), how fast the bodies came together, m/s; NaN: nobody says
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def chosen(self, rows: Index) -> Impacts:
+        """Return some of the points."""
+        return Impacts(**{name: getattr(self, name)[rows] for name in Impacts.__slots__})
+
+    @classmethod
+    def together(cls, parts: Sequence[Impacts]) -> Impacts:
+        """Return those of several pairs, in order of time, blows numbered anew."""
+        firsts = np.cumsum([0, *(int(part.blow.max(initial=-1)) + 1 for part in parts)])
+        columns = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__
+        }
+        columns["blow"] = np.concatenate(
+            [part.blow + first for part, first in zip(parts, firsts, strict=False)]
+        )
+        return cls(**columns).chosen(np.argsort(columns["time"], kind="stable"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Events:
+    """All that is heard of the contacts of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        With its bodies where the log says.
+    contacts : Contacts
+    impacts : Impacts
+    sustained : sequence of SustainedContact
+        What slides or rolls.
+    notes : tuple of str
+        What was left out, and how often.
+    """
+
+    scene: Scene
+    contacts: Contacts
+    impacts: Impacts
+    sustained: Sequence[SustainedContact]
+    notes: tuple[str, ...]
+
+    def table(self) -> Sequence[Mapping[str, object]]:
+        """Return a row for each point of a blow and for each lasting contact, in order of time."""
+        names, durations = self.contacts.names, self.durations
+        rows: list[Mapping[str, object]] = [
+            {
+                "event": "impact",
+                "time": float(self.impacts.time[k]),
+                "body0": names[self.impacts.first[k]],
+                "body1": names[self.impacts.second[k]],
+                "position": self.impacts.position[k].tolist(),
+                "impulse": self.impacts.impulse[k].tolist(),
+                "duration": float(durations[k]),
+            }
+            for k in range(len(self.impacts))
+        ]
+        rows += [each.row(names) for each in self.sustained]
+        return sorted(rows, key=lambda row: float(str(row["time"])))
+
+    @cached_property
+    def durations(self) -> Array:
+        """How long each point of a blow is pushed, s (P,)."""
+        return durations_of(self)
+
+    @checked
+    def on(self, *, forces: str = "events", seed: int = 0) -> Scene:
+        """Return the scene with its bodies excited by these events.
+
+        Parameters
+        ----------
+        forces : str
+            "events"; or as of 2002, from the rows of the log as they are: "impulses2002" takes
+            each as an impulse that acts in no time, "gaussian2002" convolves them with a Gaussian
+            kernel for soft collisions, "noise2002" with noise for roughness that is too small for
+            the simulation.
+        seed : int
+            Of where on their roughness things begin to slide, and of noise.
+
+        Raises
+        ------
+        OptionError
+            On unknown forces, or a recorded model, whose contacts are no places in space.
+        ContactError
+            On contacts that are nowhere near their body.
+        """
+        if forces not in FORCES:
+            raise OptionError(f"forces is {forces!r}: give one of {', '.join(FORCES)}")
+        require_number("seed", seed, 0, 2.0**63, whole=True)
+        if forces == "events":
+            impacts, lasting = self.impacts, self.sustained
+        else:
+            impacts, lasting = _rows_of(self.contacts), ()
+        notes, bodies = list(self.notes), dict(self.scene.bodies)
+        for number, name in enumerate(self.contacts.names):
+            body = bodies[name]
+            if body.silent:
+                continue
+            strikes, note = self._strikes(number, body, impacts, forces, seed)
+            notes += note
+            rubs = [
+                each.on(body.sounding, first=each.first == number, seed=seed + place)
+                for place, each in enumerate(lasting)
+                if number in {each.first, each.second}
+            ]
+            bodies[name] = replace(body, excitations=(*body.actions, *strikes, *rubs))
+        return replace(self.scene, bodies=bodies, notes=(*self.scene.notes, *notes))
+
+    def _strikes(
+        self, number: int, body: Body, impacts: Impacts, forces: str, seed: int
+    ) -> tuple[Sequence[Action], Sequence[str]]:
+        """Return a body's strikes, and a note where they lie off its surface."""
+        mine = np.flatnonzero((impacts.first == number) | (impacts.second == number))
+        if not len(mine):
+            return (), ()
+        some = impacts.chosen(mine)
+        sign = np.where(some.second == number, 1.0, -1.0)[:, None]
+        points, pushes = seen_from(body, some.seen, some.position, sign * some.impulse)
+        points, note = onto_surface(self.contacts.names[number], body.sounding, points)
+        sizes = np.linalg.norm(pushes, axis=1)
+        durations = self.durations[mine] if forces == "events" else None
+        ways = [
+            _strike(forces, None if durations is None else float(durations[k]), seed + int(mine[k]))
+            for k in range(len(mine))
+        ]
+        return [
+            replace(
+                way,
+                at=tuple(points[k]),
+                impulse=float(sizes[k]),
+                direction=tuple(pushes[k]),
+                time=max(0.0, float(some.time[k]) - (way.duration or 0.0) / 2),
+            )
+            for k, way in enumerate(ways)
+            if sizes[k] > 0
+        ], note
+
+
+@checked
+def events_of(scene: Scene, contacts: Contacts) -> Events:
+    """Find what is heard of the contacts of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    contacts : Contacts
+        Names bodies of the scene; where it has poses, they hold.
+
+    Returns
+    -------
+    Events
+
+    Raises
+    ------
+    OptionError
+        On bodies that the scene does not have.
+    """
+    posed = scene.posed(contacts)
+    blows, lasting, weak = [], [], 0
+    strengths = np.linalg.norm(contacts.impulse, axis=1)
+    approach = _approach(contacts)
+    for pair in pairs_of(contacts):
+        rows = pair.rows
+        coming = None if approach is None else approach[rows]
+        touches = touches_of(contacts.time[rows], contacts.dt[rows], strengths[rows], coming)
+        bodies = tuple(posed.bodies[contacts.names[each]] for each in (pair.first, pair.second))
+        found, missed = _impacts(pair, touches, contacts, bodies)
+        blows.append(found)
+        weak += missed
+        if not all(body.silent for body in bodies):
+            lasting += loaded(pair, touches, contacts, bodies)
+    notes = list(contacts.notes)
+    if weak:
+        notes.append(f"{weak} blows change no speed by more than {1e3 * SLOWEST:g} mm/s: left out")
+    return Events(
+        scene=posed,
+        contacts=contacts,
+        impacts=Impacts.together(blows) if blows else _no_impacts(),
+        sustained=tuple(lasting),
+        notes=tuple(notes),
+    )
+
+
+def _approach(contacts: Contacts) -> Array | None:
+    """Return how fast bodies come together at each row, m/s (K,)."""
+    if contacts.velocity is None:
+        return None
+    return -np.einsum("kd,kd->k", contacts.velocity, contacts.normal)
+
+
+def _impacts(
+    pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body]
+) -> tuple[Impacts, int]:
+    """Return the blows of a pair, and how many were too weak to count."""
+    mine = np.flatnonzero(touches.blow >= 0)
+    if not len(mine):
+        return _no_impacts(), 0
+    rows, blow = pair.rows[mine], touches.blow[mine]
+    impulses = contacts.impulse[rows] * (pair.sign * touches.share)[mine, None]
+    weights = np.linalg.norm(impulses, axis=1)
+    middles = contacts.time[rows] + contacts.dt[rows] / 2
+    time = _means(blow, weights, middles[:, None])[:, 0]
+    seen = _means(blow, weights, contacts.time[rows][:, None])[:, 0]
+    centre = _means(blow, weights, contacts.position[rows])
+    approach = _approach(contacts)
+    fastest = np.full(len(time), np.nan)
+    if approach is not None:
+        fastest = np.zeros(len(time))
+        np.maximum.at(fastest, blow, approach[rows])
+    sums = _sums(blow, impulses)
+    mass = joint_masses(bodies, seen, centre, sums)
+    strong = np.bincount(blow, weights) >= SLOWEST * mass
+    patch, point = _patches(blow, contacts.position[rows] - centre[blow], bodies)
+    place = _means(point, weights, contacts.position[rows])
+    kept = strong[patch]
+    found = Impacts(
+        blow=patch,
+        first=np.full(len(patch), pair.first),
+        second=np.full(len(patch), pair.second),
+        time=time[patch],
+        seen=seen[patch],
+        position=place,
+        impulse=_sums(point, impulses),
+        approach=fastest[patch],
+    )
+    return found.chosen(np.flatnonzero(kept)), int(np.count_nonzero(~strong))
+
+
+def _patches(blow: Index, apart: Array, bodies: Sequence[Body]) -> tuple[Index, Index]:
+    """Return the blow of each patch of contact (P,), and the patch of each row (n,)."""
+    extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]
+    size = _PATCH * min(extents, default=1.0)
+    cells = np.round(np.clip(apart / size, -1e5, 1e5)).astype(np.int64)
+    keys = np.column_stack([blow, cells])
+    patches, point = np.unique(keys, axis=0, return_inverse=True)
+    return patches[:, 0], point.ravel()
+
+
+def _sums(groups: Index, values: Array) -> Array:
+    """Return the sums of rows (n, 3) over groups numbered from 0 (G, 3)."""
+    sums = [np.bincount(groups, column) for column in values.T]
+    return np.stack(sums, axis=1).astype(np.float64)
+
+
+def _means(groups: Index, weights: Array, values: Array) -> Array:
+    """Return weighted means over groups (G, D); plain ones where nothing has a weight."""
+    weights = np.maximum(weights, _TINY)
+    return _sums(groups, values * weights[:, None]) / np.bincount(groups, weights)[:, None]
+
+
+def durations_of(events: Events) -> Array:
+    """Return how long elastic impact takes at each point of a blow, s (P,)."""
+    impacts, durations = events.impacts, np.zeros(len(events.impacts))
+    pairs = impacts.first * len(events.contacts.names) + impacts.second
+    for key in np.unique(pairs):
+        mine = np.flatnonzero(pairs == key)
+        some = impacts.chosen(mine)
+        ends = int(some.first[0]), int(some.second[0])
+        names = [events.contacts.names[each] for each in ends]
+        durations[mine] = _hertz([events.scene.bodies[name] for name in names], some)
+    return durations
+
+
+def _hertz(bodies: Sequence[Body], impacts: Impacts) -> Array:
+    """Return the durations of blows between two bodies, s (P,)."""
+    solids = [body.model.material for body in bodies if body.model.material is not None]
+    if not solids:
+        return np.zeros(len(impacts))
+    sizes = np.linalg.norm(impacts.impulse, axis=1)
+    mass = joint_masses(bodies, impacts.seen, impacts.position, impacts.impulse)
+    bulge = sum(_curvatures(body, impacts.seen, impacts.position) for body in bodies)
+    radius = 1 / np.clip(bulge, 1 / _FLATTEST, 1 / _SHARPEST)
+    least, most = sizes / (2 * mass), sizes / mass
+    told = np.isfinite(impacts.approach)
+    speed = np.where(told, np.clip(impacts.approach, least, most), sizes / (_REBOUND * mass))
+    speed = np.maximum(speed, SLOWEST / 2)
+    return CONTACT_CONSTANT * (mass**2 / (radius * contact_modulus(*solids) ** 2 * speed)) ** 0.2
+
+
+def _curvatures(body: Body, times: Array, places: Array) -> Array:
+    """Return the mean curvature of a body at places of the scene, 1/m (P,)."""
+    mesh = body.model.geometry
+    if mesh is None:
+        return np.zeros(len(places))
+    points, _ = seen_from(body, times, places, places)
+    _, faces, nearest = surface_of(body.model, mesh).closest(points)
+    corners = mesh.faces[faces]
+    weights = barycentric(mesh.points[corners], nearest)
+    return np.einsum("kc,kc->k", weights, mesh.mean_curvatures[corners])
+
+
+def joint_masses(bodies: Sequence[Body], times: Array, places: Array, directions: Array) -> Array:
+    """Return the mass of two bodies as seen by a push at places of the scene, kg (P,)."""
+    light = sum(_mobility(body, times, places, directions) for body in bodies)
+    # Where neither gives way, what sounds is taken to: it was moved by somebody.
+    heavy = min((b.model.mass for b in bodies if b.model.mass is not None), default=1.0)
+    return 1 / np.where(light > 0, light, 1 / heavy)
+
+
+def _mobility(body: Body, times: Array, places: Array, directions: Array) -> Array:
+    """Return the speed that a unit impulse gives a rigid body where it acts, 1/kg (P,)."""
+    model = body.model
+    if body.fixed or model.supported or model.mass is None:
+        return np.zeros(len(places))
+    points, ways = seen_from(body, times, places, directions)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _TINY)
+    mobility = np.full(len(places), 1 / model.mass)
+    if model.inertia is not None:
+        torques = np.cross(points - centre_of(model), ways)
+        turned = np.linalg.solve(np.asarray(model.inertia, np.float64), torques.T).T
+        mobility += np.einsum("kd,kd->k", torques, turned)
+    return mobility
+
+
+def seen_from(body: Body, times: Array, places: Array, ways: Array) -> tuple[Array, Array]:
+    """Return places and vectors of the scene at times (P,) in a body's coordinates (P, 3) each."""
+    turns = body.orientation.at(times)
+    points = np.einsum("kd,kde->ke", places - body.origin.at(times), turns)
+    return points, np.einsum("kd,kde->ke", ways, turns)
+
+
+def surface_of(model: object, mesh: Mesh) -> Surface:
+    """Return a mesh ready for closest points; that of a model is kept."""
+    if isinstance(model, ModalModel) and isinstance(model.gains, ShapeGains):
+        return model.gains.locator
+    return Surface(mesh)
+
+
+def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Sequence[str]]:
+    """Return points (P, 3) moved onto a model's surface, and a note where that was far."""
+    mesh = model.geometry
+    if mesh is None or not isinstance(model.gains, ShapeGains):
+        raise OptionError(
+            f"{name!r} is a model of recordings, whose contacts are no places in space: give the "
+            "scene a computed model for it, or RigidBody()"
+        )
+    distances, _, nearest = model.gains.locator.closest(points)
+    if np.median(distances) > mesh.extent:
+        raise ContactError(
+            f"contacts of {name!r} are {np.median(distances):.3g} m off its surface, and it is "
+            f"{mesh.extent:.3g} m large: look at the units of the log, and at the body's pose"
+        )
+    far = np.count_nonzero(distances > _OFF * mesh.extent)
+    if not far:
+        return nearest, ()
+    note = (
+        f"{far} of {len(points)} contacts of {name!r} lay up to {distances.max():.2g} m off its "
+        "surface and were moved onto it"
+    )
+    return nearest, (note,)
+
+
+def _strike(forces: str, duration: float | None, seed: int) -> Strike:
+    """Return how a point of contact pushes, its place and strength apart."""
+    if forces == "gaussian2002":
+        return Strike(impulse=1.0, duration=_KERNEL, shape="gaussian")
+    if forces == "noise2002":
+        return Strike(impulse=1.0, duration=_KERNEL, shape="gaussian", transient=_NOISE, seed=seed)
+    return Strike(impulse=1.0, duration=duration or 0.0)
+
+
+def _rows_of(contacts: Contacts) -> Impacts:
+    """Return the rows of a log as if each were a blow."""
+    rows = np.flatnonzero(contacts.impulse.any(axis=1))
+    return Impacts(
+        blow=np.arange(len(rows)),
+        first=contacts.body0[rows],
+        second=contacts.body1[rows],
+        time=contacts.time[rows] + contacts.dt[rows] / 2,
+        seen=contacts.time[rows],
+        position=contacts.position[rows],
+        impulse=contacts.impulse[rows],
+        approach=np.full(len(rows), np.nan),
+    )
+
+
+def _no_impacts() -> Impacts:
+    whole, row, rows = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3))
+    return Impacts(
+        blow=whole,
+        first=whole,
+        second=whole,
+        time=row,
+        seen=row,
+        position=rows,
+        impulse=rows,
+        approach=row,
+    )

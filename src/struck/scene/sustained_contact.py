@@ -1,0 +1,376 @@
+"""Sustained contact: two bodies that slide or roll on each other, as one force on both.
+
+A load that lasts is silent; what sounds is the roughness that passes under it. How fast it passes
+is asked of each body apart, for a box that slides over a floor stands still on itself and sweeps
+the floor: the roughness of the floor is read at the speed of the box, that of the box not at all.
+Where a wheel rolls, both are read at the same speed. The sum of both is one force, which pushes the
+two bodies with opposite sign, each at its own place.
+
+The speed of sweeping is how fast the points of contact move in a body's own coordinates. A
+simulation moves its load from point to point as it likes, so only points that are there in both of
+two steps count, those that leap farther than the bodies move left out.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from struck.excitation.excitation import Push, drives_at
+from struck.excitation.friction import CHUNK, FADE, Reader, Rubbed, fading
+from struck.excitation.hertz import contact_modulus
+from struck.excitation.roughness import Roughness, profile
+from struck.model.arrays import Array, Index
+from struck.model.material import Material, materials
+from struck.model.model import ModalModel
+from struck.scene.body import Body, centre_of
+from struck.scene.contacts import Contacts
+from struck.scene.touches import Pair, Touches
+
+_SMOOTH = 30e-3  # s, over which load, place and speed are averaged: no step of the solver is left
+_CONTROL = 5e-3  # s, from one value of these to the next
+_STILL, _MOVING = 1e-3, 3e-3  # m/s: slower is at rest, faster sounds in full
+_LEAP = 3.0  # times the speed of the bodies there: faster points are others than before
+_SLACK = 0.02  # m/s, that a point may move beyond that
+_TIP = 5e-3  # m, radius of the bumps on which flat things touch
+_NEAR = 1e-6  # of a body's extent: points as near as that are the same
+_GROUPS = {
+    "metal": "steel",
+    "glass": "glass",
+    "ceramic": "ceramic",
+    "stone": "concrete",
+    "wood": "wood",
+    "plastic": "plastic",
+}
+_HARD = 3e10  # Pa: unknown materials of a higher modulus are as smooth as steel
+_SHORTEST = 4  # values of a contact that lasts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SustainedContact:
+    """A contact of two bodies under a load, over time.
+
+    Parameters
+    ----------
+    first, second : int
+        Numbers of the bodies; the load pushes the second one.
+    times : array (S,)
+        Evenly spaced, s.
+    load : array (S,)
+        N.
+    normals, points : pairs of arrays (S, 3)
+        Direction of the load and place of the contact in the coordinates of each body, m.
+    sweeps : pair of arrays (S,)
+        How fast the contact moves over each body, m/s.
+    rubbed : pair of Rubbed
+        Roughness of each body, with the spring that both make.
+    """
+
+    first: int
+    second: int
+    times: Array
+    load: Array
+    normals: Sequence[Array]
+    points: Sequence[Array]
+    sweeps: Sequence[Array]
+    rubbed: Sequence[Rubbed]
+    _forces: dict[tuple[float, int], Array] = field(init=False, default_factory=dict, repr=False)
+    _making: threading.Lock = field(init=False, default_factory=threading.Lock, repr=False)
+
+    def row(self, names: Sequence[str]) -> Mapping[str, object]:
+        """Return it as a row of the table of events."""
+        return {
+            "event": "sustained",
+            "time": float(self.times[0]),
+            "seconds": float(self.times[-1] - self.times[0]),
+            "body0": names[self.first],
+            "body1": names[self.second],
+            "load": float(self.load.mean()),
+            "sweep0": float(self.sweeps[0].max()),
+            "sweep1": float(self.sweeps[1].max()),
+        }
+
+    def on(self, model: ModalModel, *, first: bool, seed: int) -> Rub:
+        """Return what it does to one of its bodies."""
+        side = 0 if first else 1
+        sign = -1.0 if first else 1.0
+        locator = getattr(model.gains, "locator", None)
+        points = self.points[side]
+        if locator is not None:
+            points = locator.closest(points)[2]
+        return Rub(contact=self, points=points, ways=sign * self.normals[side], seed=seed)
+
+    def force(self, sample_rate: float, seed: int) -> Array:
+        """Return the force beyond the load, sample by sample from the first time on, N (n,)."""
+        with self._making:
+            if (sample_rate, seed) not in self._forces:
+                self._forces[sample_rate, seed] = self._read(sample_rate, seed)
+            return self._forces[sample_rate, seed]
+
+    def _read(self, sample_rate: float, seed: int) -> Array:
+        count = max(1, round((self.times[-1] - self.times[0]) * sample_rate))
+        force, chance = np.zeros(count), np.random.default_rng(seed)
+        moments = self.times[0] + np.arange(0, count + 2 * CHUNK, CHUNK) / sample_rate
+        loads = np.interp(moments, self.times, self.load)
+        for rubbed, sweep in zip(self.rubbed, self.sweeps, strict=True):
+            offset = chance.uniform(0, rubbed.roughness.length)
+            if not sweep.any():
+                continue
+            speeds = np.interp(moments, self.times, sweep)
+            felt = loads * np.clip((speeds - _STILL) / (_MOVING - _STILL), 0, 1)
+            force += _passing(rubbed, sample_rate, offset, speeds, felt, count)
+        fade = max(1, round(FADE * sample_rate))
+        return force * fading(np.arange(count, dtype=np.float64), fade, max(0, count - fade))
+
+
+def _passing(
+    rubbed: Rubbed, sample_rate: float, offset: float, speeds: Array, loads: Array, count: int
+) -> Array:
+    """Return the force of roughness that passes at speeds, chunk by chunk, under loads (count,)."""
+    begin = {"speed": float(speeds[0]), "load": float(loads[0])}
+    reader = Reader(rubbed, sample_rate, offset=offset, **begin)
+    return reader.take(count, lambda chunk: (float(speeds[chunk]), float(loads[chunk])))[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rub:
+    """One side of a sustained contact: an excitation.
+
+    Parameters
+    ----------
+    contact : SustainedContact
+    points : array (S, 3)
+        On the body's surface, m.
+    ways : array (S, 3)
+        Unit vectors along which the force pushes, in the body's coordinates.
+    seed : int
+        Where on their roughness the two begin.
+    """
+
+    contact: SustainedContact
+    points: Array
+    ways: Array
+    seed: int
+
+    def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Playing:
+        """Begin on a model at sample number `start`; see `struck.excitation.excitation`."""
+        return Playing(self, model, sample_rate, start=start)
+
+
+class Playing:
+    """A `Pushing` that plays one side of a sustained contact."""
+
+    def __init__(self, rub: Rub, model: ModalModel, sample_rate: float, *, start: int) -> None:
+        self._rub, self._rate, self._now = rub, sample_rate, start
+        self._force = rub.contact.force(sample_rate, rub.seed)
+        self._first = round(float(rub.contact.times[0]) * sample_rate)
+        self.change(model)
+
+    def advance(self, length: int) -> Push | None:
+        """Return the push of the next `length` samples, None where there is no force in them."""
+        offset = self._now - self._first
+        self._now += length
+        part = self._force[max(offset, 0) : max(offset + length, 0)]
+        if not len(part):
+            return None
+        force = np.zeros(length)
+        begin = max(-offset, 0)
+        force[begin : begin + len(part)] = part
+        return Push(force=force, drive=self._drive_at(self._now / self._rate))
+
+    def change(self, model: ModalModel) -> None:
+        """Push at the same places of a body that has changed."""
+        points, ways = self._rub.points, self._rub.ways
+        steps = np.abs(np.diff(np.hstack([points, ways]), axis=0)).max(axis=1, initial=0)
+        moved = np.concatenate([[True], steps > _NEAR])
+        self._drives = list(drives_at(model, points[moved], ways[moved]))
+        self._number = np.cumsum(moved) - 1
+
+    def _drive_at(self, time: float) -> Array:
+        """Return how strongly each mode answers at the place of a time, s (M,)."""
+        times = self._rub.contact.times
+        place = float(np.clip((time - times[0]) / (times[1] - times[0]), 0, len(times) - 1))
+        low = min(int(place), len(times) - 2)
+        before, after = (self._drives[self._number[each]] for each in (low, low + 1))
+        if before is after:
+            return before
+        share = place - low
+        return (1 - share) * before + share * after
+
+    @property
+    def finished(self) -> bool:
+        """Whether no force will come any more."""
+        return self._now >= self._first + len(self._force)
+
+
+def loaded(
+    pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body]
+) -> Sequence[SustainedContact]:
+    """Return the contacts of a pair that last and in which something moves."""
+    every = np.flatnonzero(touches.rest >= 0)
+    parts = np.split(every, np.flatnonzero(np.diff(touches.rest[every])) + 1)
+    found = (_one(pair, touches, contacts, bodies, part) for part in parts if len(part))
+    return [each for each in found if each is not None]
+
+
+def _one(
+    pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body], mine: Index
+) -> SustainedContact | None:
+    """Return one contact that lasts; None where nothing moves."""
+    rows = pair.rows[mine]
+    steps = np.round((contacts.time[rows] - contacts.time[rows[0]]) / touches.step)
+    step = np.unique(steps, return_inverse=True)[1].astype(np.int64)
+    strengths = np.linalg.norm(contacts.impulse[rows], axis=1)
+    moments = np.zeros(step[-1] + 1)
+    moments[step] = contacts.time[rows]
+    places = contacts.position[rows]
+    track = _Track(moments=moments, step=step, weights=np.maximum(strengths, 1e-12))
+    every = contacts.time[rows]
+    sides = [_seen(body, every, places) for body in bodies]
+    velocity = None if contacts.velocity is None else contacts.velocity[rows]
+    fastest = _fastest(bodies, track, velocity)
+    partners = track.partners(places, None if contacts.id is None else contacts.id[rows])
+    times = track.control()
+    if len(times) < _SHORTEST:
+        return None
+    sweeps = [track.sweep(points, partners, fastest, times) for points in sides]
+    if not any(sweep.any() for sweep in sweeps):
+        return None
+    load = np.zeros(len(moments))
+    load[step] = touches.load[mine]
+    normals = contacts.normal[rows] * pair.sign[mine, None]
+    turned = [_turned(body, every, normals) for body in bodies]
+    return SustainedContact(
+        first=pair.first,
+        second=pair.second,
+        times=times,
+        load=track.smooth(load[:, None], times)[:, 0],
+        normals=[_unit(track.smooth(track.mean(each), times)) for each in turned],
+        points=[track.smooth(track.mean(each), times) for each in sides],
+        sweeps=sweeps,
+        rubbed=_rubbed(bodies),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Track:
+    """The steps of a contact that lasts, and the rows in each."""
+
+    moments: Array  # (T,), begin of each step, s
+    step: Index  # (n,), of each row
+    weights: Array  # (n,), its impulse, N s
+
+    def mean(self, values: Array) -> Array:
+        """Return the weighted mean of rows (n, D) in each step (T, D)."""
+        sums, weights = np.zeros((len(self.moments), values.shape[1])), np.zeros(len(self.moments))
+        np.add.at(sums, self.step, self.weights[:, None] * values)
+        np.add.at(weights, self.step, self.weights)
+        return sums / weights[:, None]
+
+    def control(self) -> Array:
+        """Return evenly spaced times over the contact, s (S,)."""
+        seconds = self.moments[-1] - self.moments[0]
+        return np.linspace(self.moments[0], self.moments[-1], int(seconds / _CONTROL) + 1)
+
+    def smooth(self, values: Array, times: Array, weights: Array | None = None) -> Array:
+        """Return values of steps (T, D), averaged over a Hann window about each time (S, D)."""
+        known = np.ones(len(self.moments)) if weights is None else weights
+        # Straight lines through the sums up to each step are averaged exactly, twice: a triangle.
+        half = _SMOOTH / 2
+        sums = np.zeros((len(times), values.shape[1] + 1))
+        for shift, share in ((-half / 2, 0.25), (0.0, 0.5), (half / 2, 0.25)):
+            sums += share * self._box(
+                np.column_stack([values * known[:, None], known]), times + shift, half
+            )
+        return sums[:, :-1] / np.maximum(sums[:, -1:], 1e-12)
+
+    def _box(self, values: Array, times: Array, width: float) -> Array:
+        """Return means of values (T, D) over a width about times (S, D), s."""
+        gaps = np.diff(self.moments, append=2 * self.moments[-1] - self.moments[-2])
+        edges = np.concatenate([self.moments - gaps / 2, [self.moments[-1] + gaps[-1] / 2]])
+        totals = np.concatenate(
+            [np.zeros((1, values.shape[1])), np.cumsum(values * gaps[:, None], axis=0)]
+        )
+        low, high = (
+            np.stack([np.interp(times + side, edges, each) for each in totals.T], axis=1)
+            for side in (-width / 2, width / 2)
+        )
+        return high - low
+
+    def partners(self, places: Array, ids: Index | None) -> Index:
+        """Return the row of the next step that is the same point of contact (n,), -1 for none."""
+        size = float(np.ptp(places, axis=0).max()) + 1e-3
+        far = 4.0 * size
+        keys = np.column_stack([self.step * far, places])
+        if ids is not None:
+            keys = np.column_stack([keys, (ids % 4096) * far])
+        shifted = keys.copy()
+        shifted[:, 0] += far
+        apart, partner = cKDTree(keys).query(shifted, distance_upper_bound=2 * size)
+        return np.where(np.isfinite(apart), partner, -1)
+
+    def sweep(self, points: Array, partners: Index, fastest: Array, times: Array) -> Array:
+        """Return how fast the contact moves over a body, m/s (S,)."""
+        rows = np.flatnonzero(partners >= 0)
+        gap = self.moments[self.step[partners[rows]]] - self.moments[self.step[rows]]
+        speeds = (points[partners[rows]] - points[rows]) / gap[:, None]
+        same = np.linalg.norm(speeds, axis=1) <= _LEAP * fastest[self.step[rows]] + _SLACK
+        rows, speeds = rows[same], speeds[same]
+        known: Array = np.zeros(len(self.moments))
+        means: Array = np.zeros((len(self.moments), 3))
+        np.add.at(known, self.step[rows], self.weights[rows])
+        np.add.at(means, self.step[rows], self.weights[rows, None] * speeds)
+        means /= np.maximum(known, 1e-300)[:, None]
+        found = np.linalg.norm(self.smooth(means, times, known), axis=1)
+        return np.where(found > _STILL, found, 0.0)
+
+
+def _fastest(bodies: Sequence[Body], track: _Track, velocity: Array | None) -> Array:
+    """Return how fast two bodies move along each other, rolling included, m/s (T,)."""
+    moments, speeds = track.moments, np.zeros(len(track.moments))
+    if len(moments) > 1:
+        for body, other in (bodies, bodies[::-1]):
+            seen = _seen(other, moments, body.carried(centre_of(body.model)).at(moments))
+            steps = np.gradient(seen, axis=0) / np.gradient(moments)[:, None]
+            speeds = np.maximum(speeds, np.linalg.norm(steps, axis=1))
+    if velocity is not None:
+        speeds = np.maximum(speeds, np.linalg.norm(track.mean(velocity), axis=1))
+    return speeds
+
+
+def _seen(body: Body, times: Array, places: Array) -> Array:
+    """Return places of the scene at times (n,) in a body's coordinates, m (n, 3)."""
+    return np.einsum("kd,kde->ke", places - body.origin.at(times), body.orientation.at(times))
+
+
+def _turned(body: Body, times: Array, ways: Array) -> Array:
+    """Return vectors of the scene at times (n,) in a body's coordinates (n, 3)."""
+    return np.einsum("kd,kde->ke", ways, body.orientation.at(times))
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+
+
+def _rubbed(bodies: Sequence[Body]) -> Sequence[Rubbed]:
+    solids = [body.model.material for body in bodies if body.model.material is not None]
+    modulus = contact_modulus(*solids)
+    return [Rubbed(roughness=roughness_of(each), modulus=modulus, radius=_TIP) for each in bodies]
+
+
+def roughness_of(body: Body) -> Roughness:
+    """Return the roughness of a body's surface: its own, or as its material has."""
+    if body.roughness is not None:
+        return profile(body.roughness)
+    return profile(_usual(body.model.material))
+
+
+def _usual(material: Material | None) -> str:
+    if material is None:
+        return "plastic"
+    group = materials().get(material.name, {}).get("group", "")
+    return _GROUPS.get(group) or ("steel" if material.youngs_modulus > _HARD else "plastic")

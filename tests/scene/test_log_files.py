@@ -1,0 +1,140 @@
+"""Contact logs written, read back, and written by hand."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+from struck.errors import FileFormatError, OptionError
+from struck.scene import Contacts, events_of, load_contacts, save_contacts
+from tests.scene.logs import SCENE, Solver, landing
+from tests.scene.test_events import EAR
+
+BY_HAND = """\
+time,body0,body1,position_x,position_y,position_z,impulse_x,impulse_y,impulse_z
+0.1,board,block,0.02,0.0,0.01,0,0,0.05
+0.4,board,block,0.05,0.01,0.01,0,0.01,0.03
+0.6,block,board,-0.1,0.05,0.01,0,0,-0.02
+"""
+POSED = """\
+# Lengths as the animation has them.
+# length: mm
+time,body,position_z,position_y,position_x,rotation_w,rotation_x,rotation_y,rotation_z,\
+body0,body1,impulse_x,impulse_y,impulse_z,dt
+
+0,block,35,0,0,1,0,0,0,,,,,,
+1,block,35,0,100,1,0,0,0,,,,,,
+0.5,,10,0,50,,,,,board,block,0,0,0.05,0.001
+"""
+
+
+@pytest.mark.parametrize("kind", ["csv", "jsonl", "npz"])
+def test_a_log_written_and_read_renders_the_same_samples(tmp_path: Path, kind: str) -> None:
+    contacts = landing(
+        Solver(flicker=True, sway=0.1),
+        slides=lambda t: 0.05 * np.clip(t - 0.1, 0, 0.2),
+        seconds=0.5,
+    )
+    contacts = replace(contacts, id=np.tile(np.arange(4), len(contacts) // 4))
+    save_contacts(contacts, tmp_path / f"log.{kind}")
+    read = load_contacts(tmp_path / f"log.{kind}")
+    for name in ("time", "dt", "body1", "position", "normal", "impulse", "velocity", "id"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(contacts, name))
+    np.testing.assert_array_equal(read.poses.rotation, contacts.poses.rotation)
+    assert read.names == contacts.names
+    first, second = (
+        struck.render(SCENE, each, listener=EAR, seconds=0.5, sample_rate=16_000)
+        for each in (contacts, read)
+    )
+    np.testing.assert_array_equal(first.samples, second.samples)
+
+
+def test_three_impacts_written_by_hand_are_heard(tmp_path: Path) -> None:
+    (tmp_path / "hits.csv").write_text(BY_HAND, encoding="utf-8")
+    contacts = load_contacts(tmp_path / "hits.csv")
+    scene = replace(
+        SCENE,
+        bodies={**SCENE.bodies, "block": replace(SCENE.bodies["block"], position=(0, 0, 0.035))},
+    )
+    impacts = events_of(scene, contacts).impacts
+    np.testing.assert_allclose(impacts.time, [0.1, 0.4, 0.6])
+    np.testing.assert_allclose(impacts.impulse[:, 2], [0.05, 0.03, 0.02])  # on the block
+    sound = struck.render(scene, contacts, listener=EAR, seconds=0.9).samples[0]
+    late = [
+        np.abs(sound[round((t + d) * 48_000) :][:480]).max()
+        for t in impacts.time
+        for d in (-0.02, 0.005)
+    ]
+    assert late[0] == 0
+    assert late[1] > late[2] < late[3] > late[4] < late[5]
+
+
+def test_poses_and_units_stand_in_the_same_file(tmp_path: Path) -> None:
+    (tmp_path / "posed.csv").write_text(POSED, encoding="utf-8")
+    contacts = load_contacts(tmp_path / "posed.csv")
+    np.testing.assert_allclose(contacts.position, [[0.05, 0.0, 0.01]])
+    number = contacts.names.index("block")
+    np.testing.assert_allclose(contacts.poses.of(number)[1], [[0, 0, 0.035], [0.1, 0, 0.035]])
+    assert contacts.dt.tolist() == [0.001]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        (
+            "a.csv",
+            BY_HAND.replace("0.05,0.01,0.01", "0.05,oops,0.01"),
+            "line 3 has position 'oops'",
+        ),
+        ("a.csv", BY_HAND.replace("0.4,board", "soon,board"), "line 3 has time 'soon'"),
+        ("a.csv", BY_HAND.replace("0.6,block", "0.6,"), "line 4 has no body0"),
+        ("a.csv", BY_HAND + "1,2\n", "line 5 has 2 cells, and there are 9"),
+        ("a.csv", "time\n", "no contacts and no poses"),
+        ("a.csv", "# length: furlong\n" + BY_HAND, "'furlong': m, cm, mm, in, ft"),
+        ("a.jsonl", "{]", "line 1 is no JSON"),
+        ("a.jsonl", "[1]", "line 1 is no object"),
+        (
+            "a.jsonl",
+            '{"time": 0, "body0": "a", "body1": "b", "position": 3}',
+            "line 1 has position 3",
+        ),
+        ("a.npz", "x", "a.npz is no contact log"),
+        ("a.txt", "x", "a contact log is .csv"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_with_its_line(
+    tmp_path: Path, name: str, text: str, message: str
+) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=message):
+        load_contacts(tmp_path / name)
+
+
+def test_numbers_that_cannot_be_are_told_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(BY_HAND.replace("0.03", "nan"), encoding="utf-8")
+    with pytest.raises(OptionError, match=r"a\.csv: impulse is .* in row 1"):
+        load_contacts(tmp_path / "a.csv")
+
+
+@pytest.mark.prove
+def test_a_million_rows_are_read_within_a_minute(tmp_path: Path) -> None:
+    count = 10**6
+    contacts = Contacts(
+        names=["a", "b"],
+        time=np.arange(count) * 1e-3,
+        dt=1e-3,
+        body0=np.zeros(count),
+        body1=np.ones(count),
+        position=np.random.default_rng(0).random((count, 3)),
+        impulse=np.ones((count, 3)),
+    )
+    save_contacts(contacts, tmp_path / "log.csv")
+    begun = time.process_time()
+    read = load_contacts(tmp_path / "log.csv")
+    assert time.process_time() - begun < 60
+    np.testing.assert_array_equal(read.position, contacts.position)
