@@ -27,7 +27,7 @@ FINE = ("plate of 4 mm", "plate of 1 mm", "undercut bar", "fork", "coin", "perfo
 def truth(name: str) -> tuple[Array, Array]:
     """Return the frequencies of the finest mesh, and how far one 1.4 times coarser is off."""
     fine, coarse, _ = _meshes(name)
-    return fine, np.abs(coarse / fine - 1)
+    return fine, coarse / fine - 1
 
 
 def limit(name: str) -> tuple[Array, Array]:
@@ -40,17 +40,24 @@ def limit(name: str) -> tuple[Array, Array]:
 
 
 def _meshes(name: str) -> tuple[Array, Array, float]:
+    """Return frequencies of the finest mesh and of a coarser one, and the ratio of their widths."""
     runs = KEPT[name]
-    coarser = next(run for run in reversed(runs) if run["size"] >= 1.4 * runs[-1]["size"])
-    coarse, fine = (np.array(run["frequencies"][:MODES]) for run in (coarser, runs[-1]))
-    return fine, coarse, coarser["size"] / runs[-1]["size"]
+    finest = runs[-1]
+    fine = np.array(finest["frequencies"][:MODES])
+    # The glass has no coarser mesh, as its facets are no larger than elements may be: residuals of
+    # its modes say how far they are above their limit.
+    if "errors" in finest:
+        return fine, fine * (1 + np.array(finest["errors"][:MODES])), 2 ** (1 / 3)
+    coarser = next(run for run in reversed(runs) if run["size"] >= 1.4 * finest["size"])
+    coarse = np.array(coarser["frequencies"][:MODES])
+    return fine, coarse, coarser["size"] / finest["size"]
 
 
 def check(name: str, model: ModalModel, tolerance: float) -> None:
     """Assert that modes are within a tolerance, or four errors of the truth, and errors hold."""
     frequencies, own = truth(name)
     true = np.abs(model.natural_frequencies[:MODES] / frequencies - 1)
-    assert np.all(true <= np.maximum(tolerance, 4 * own))
+    assert np.all(true <= np.maximum(tolerance, 4 * np.abs(own)))
     assert model.errors is not None
     stated = model.errors[:MODES]
     frequencies, own = limit(name)
