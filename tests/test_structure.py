@@ -23,7 +23,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/struck"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
-LINES, MODULES = 47_000, 200
+# What later rooms bring to the lines and modules of the rest, of the 10,000 lines that are theirs.
+BROUGHT = {
+    "explorer: what the page is sent": (200, 2),
+}
+LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
+MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
 LINES_A_FILE, FEW_LINES, LINES_A_BODY = 700, 100, 40
 MODULES_A_ROOM, ENTRIES, PUBLIC_NAMES = 20, 22, 40
 C_LINES, C_LINES_A_FILE, C_LINES_A_BODY = 3_000, 500, 60
@@ -67,7 +72,7 @@ KEPT_ALONE: dict[str, str] = {
     "shapes/bessel_series.py": "Bessel functions and their loops, which are tested by themselves",
 }
 # Rooms that are not built yet, counted among the entries of the package.
-COMING = {"batch", "explorer"}
+COMING = {"batch"}
 # Libraries that are imported by the function that uses them.
 HEAVY = {"igl", "manifold3d", "matplotlib", "meshio", "scipy.signal", "trimesh"}
 # Paths of one machine, and where packages are fetched from.
