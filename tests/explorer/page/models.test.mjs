@@ -26,7 +26,10 @@ for (const name of jsonOf('names.json')) {
   test(`${name}: outputs toward a listener`, () => {
     for (let k = 0; k < golden.listeners.shape[0]; k++) {
       const { re, im } = model.toward(Array.from(row(golden.listeners, k)));
-      const both = Float64Array.from({ length: 2 * re.length }, (_, n) => (n % 2 ? im : re)[n >> 1]);
+      const both = Float64Array.from(
+        { length: 2 * re.length },
+        (_, n) => (n % 2 ? im : re)[n >> 1],
+      );
       assert.ok(apart(both, row(golden.toward, k, both.length)) < 1e-14);
     }
   });
@@ -88,7 +91,13 @@ test('a body known by its mesh alone says up to where it is true to 1 %', async 
       model.drive(model.contact({ point: Array.from(row(golden.points, k)) })),
     );
     const wanted = found.map((_, k) => of(k));
-    assert.ok(apart(found.map((each) => each[mode]), wanted) < 0.01, `mode ${mode}`);
+    assert.ok(
+      apart(
+        found.map((each) => each[mode]),
+        wanted,
+      ) < 0.01,
+      `mode ${mode}`,
+    );
   }
 });
 
@@ -138,5 +147,8 @@ for (const [name, [damage, message]] of Object.entries(DAMAGED)) {
 }
 
 test('a newer file asks for a newer struck', async () => {
-  await assert.rejects(readModel(contentOf('newer.struck')), /its version is 2, and this page reads/);
+  await assert.rejects(
+    readModel(contentOf('newer.struck')),
+    /its version is 2, and this page reads/,
+  );
 });

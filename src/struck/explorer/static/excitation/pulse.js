@@ -2,6 +2,7 @@
  * The force of a strike as samples: a half-sine read through a short low-pass, so that nothing
  * above half the sample rate folds down. The twin of `struck/excitation/pulses.py`.
  */
+import { besselI0 } from '../model/bessel.js';
 import { transformBack } from './fourier.js';
 
 export const LEAD = 7; // samples that a pulse begins before its onset
@@ -58,16 +59,6 @@ function halfSine(cycles) {
 const halfSineExactly = (cycles) =>
   cycles === 0.5 ? Math.PI / 4 : Math.cos(Math.PI * cycles) / (1 - 4 * cycles * cycles);
 
-/** Return I_0(x), the modified Bessel function, by its series. */
-function besselI0(x) {
-  let [term, total] = [1, 1];
-  for (let k = 1; term > 1e-17 * total; k++) {
-    term *= (x / (2 * k)) ** 2;
-    total += term;
-  }
-  return total;
-}
-
 /** Return the low-pass at a place in samples: a sinc in a Kaiser window of +-LEAD. */
 function lowPass(place) {
   if (Math.abs(place) >= LEAD) return 0;
@@ -91,6 +82,9 @@ function lowPassSpectrum(size) {
     ),
   );
   const whole = spectrum[0];
-  SPECTRA.set(size, spectrum.map((each) => each / whole));
+  SPECTRA.set(
+    size,
+    spectrum.map((each) => each / whole),
+  );
   return SPECTRA.get(size);
 }

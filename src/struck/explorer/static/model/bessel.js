@@ -66,7 +66,18 @@ export function besselIScaled(order, x) {
     total += 2 * now; // I_0 + 2 I_1 + 2 I_2 + ... = exp(x)
     [above, now] = [now, ((2 * n) / x) * now + above];
     if (n - 1 === order) wanted = now;
-    if (now > LARGE) [above, now, total, wanted] = [above, now, total, wanted].map((v) => v / LARGE);
+    if (now > LARGE)
+      [above, now, total, wanted] = [above, now, total, wanted].map((v) => v / LARGE);
   }
   return wanted / (total + now);
+}
+
+/** Return I_0(x), by its series. */
+export function besselI0(x) {
+  let [term, total] = [1, 1];
+  for (let k = 1; term > 1e-17 * total; k++) {
+    term *= (x / (2 * k)) ** 2;
+    total += term;
+  }
+  return total;
 }

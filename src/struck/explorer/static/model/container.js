@@ -64,7 +64,9 @@ function parsed(text) {
 
 function requireVersion(metadata, kind, newest) {
   if (metadata.format !== kind)
-    throw new FormatError(`its format is '${metadata.format}' and not '${kind}': give a .${kind} file`);
+    throw new FormatError(
+      `its format is '${metadata.format}' and not '${kind}': give a .${kind} file`,
+    );
   const version = metadata.version ?? '';
   if (!/^[1-9][0-9]{0,5}$/.test(version))
     throw new FormatError(`its version is '${version}', no number, it is damaged: ${AGAIN}`);
@@ -90,7 +92,9 @@ async function requireSeal(buffer, end) {
   if (found) bytes.fill(48, place, place + 64);
   const digesting = digest.digest('SHA-256', buffer); // has taken its copy when it returns
   bytes.set(seal, place);
-  const sum = Array.from(new Uint8Array(await digesting), (byte) => byte.toString(16).padStart(2, '0'));
+  const sum = Array.from(new Uint8Array(await digesting), (byte) =>
+    byte.toString(16).padStart(2, '0'),
+  );
   if (!found || sum.join('') !== found[1])
     throw new FormatError(
       `its content does not match its SHA-256, it is damaged or truncated: ${AGAIN}`,
@@ -99,7 +103,8 @@ async function requireSeal(buffer, end) {
 
 function tensorOf(buffer, start, name, entry) {
   const kind = KINDS[entry?.dtype];
-  if (!kind) throw new FormatError(`its tensor '${name}' is of type ${entry?.dtype}: update struck`);
+  if (!kind)
+    throw new FormatError(`its tensor '${name}' is of type ${entry?.dtype}: update struck`);
   const [first, last] = entry.data_offsets ?? [];
   const count = (entry.shape ?? []).reduce((product, size) => product * size, 1);
   const fits = first >= 0 && last <= buffer.byteLength - start;

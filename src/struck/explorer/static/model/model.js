@@ -77,7 +77,9 @@ export class Model {
   #readGains(tensors) {
     const shaped = this.kind === 'ShapeGains';
     if (!shaped && this.kind !== 'SinglePoint' && !FIELDS.includes(this.kind))
-      throw new FormatError(`its gains are '${this.kind}', which this page does not know: update struck`);
+      throw new FormatError(
+        `its gains are '${this.kind}', which this page does not know: update struck`,
+      );
     const named = shaped ? 'outputs' : 'field_outputs';
     this.outputs = FIELDS.includes(this.kind) ? null : numbers(tensors, named);
     this.shapes = shaped ? numbers(tensors, 'shapes') : null;
@@ -217,7 +219,8 @@ export class Model {
   }
 
   #outputs(scale) {
-    if (!this.outputs) throw new FormatError('it is a recorded timbre field: render it with struck');
+    if (!this.outputs)
+      throw new FormatError('it is a recorded timbre field: render it with struck');
     const re = Float64Array.from({ length: this.count }, (_, n) => scale * this.outputs[2 * n]);
     const im = Float64Array.from({ length: this.count }, (_, n) => scale * this.outputs[2 * n + 1]);
     return { re, im };
