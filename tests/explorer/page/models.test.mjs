@@ -123,6 +123,7 @@ test('a free body struck beside its centre gives way: a thin rod at its end, as 
 test('a place off the body is refused with the distance', async () => {
   const model = await readModel(contentOf('block.struck'));
   assert.throws(() => model.contact({ point: [1, 1, 1] }), /m off the body, more than 0.004/);
+  assert.throws(() => model.contact({ point: [NaN, 0, 0] }), /\(NaN, 0, 0\): give finite numbers/);
   assert.throws(() => model.toward([0, 0, 0]), /inside its radius/);
 });
 

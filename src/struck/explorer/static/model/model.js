@@ -129,6 +129,8 @@ export class Model {
    * @returns {Contact}
    */
   contact({ point, face, direction }) {
+    if (!point.every(Number.isFinite))
+      throw new RangeError(`the place is (${point.join(', ')}): give finite numbers, in m`);
     if (this.recorded) {
       const none = [0, 0, 0];
       const found = { point, normal: none, direction: none, face: 0, weights: [1, 0, 0] };

@@ -93,6 +93,9 @@ export class Engine {
   /** @type {Map<number, {model: Model, holds: Map<number, {contact: Contact, grip: number}>}>} */
   #bodies = new Map();
   #next = 0;
+  #adding = 0; // bodies that the worklet does not have yet
+  /** @type {Map<number, () => void>} */
+  #asked = new Map();
   #fullScale = 1;
   #volume = 0;
   /** @type {((report: Report) => void)[]} */
@@ -125,11 +128,28 @@ export class Engine {
 
   /** Tell the worklet something now, by memory that both share where it fits, else by a message. */
   #send(words, timed) {
-    if (this.ring && !timed && words.length < RING_WORDS / 4 && this.ring.write(words)) return;
+    // Memory would overtake the message that brings a body.
+    const fits = this.ring && !timed && !this.#adding && words.length < RING_WORDS / 4;
+    if (fits && this.ring.write(words)) return;
     this.node.port.postMessage(words, [words.buffer]);
   }
 
   #receive(data) {
+    if (data === 'added') this.#adding--;
+    else if (typeof data === 'number') this.#asked.get(data)?.();
+    else this.#hear(data);
+  }
+
+  /** Return when the worklet has taken all that was said so far: before an offline rendering. */
+  settled() {
+    const number = ++this.#next;
+    return new Promise((done) => {
+      this.#asked.set(number, () => done(this.#asked.delete(number)));
+      this.node.port.postMessage({ ask: number });
+    });
+  }
+
+  #hear(data) {
     this.last = reportOf(data);
     for (const listener of this.#listening) listener(this.last);
   }
@@ -163,6 +183,7 @@ export class Engine {
     const poles = logarithms(model, null, this.sampleRate);
     const outputs = Float64Array.from([...re, ...im]);
     const add = { count: model.count, poles, outputs, centre, radius: model.radius };
+    this.#adding++;
     this.node.port.postMessage({ number, add });
     this.#bodies.set(number, { model, place, holds: new Map() });
   }

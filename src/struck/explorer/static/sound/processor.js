@@ -49,7 +49,10 @@ class StruckProcessor extends AudioWorkletProcessor {
 
   #receive(data) {
     if (data instanceof Float64Array) this.synthesis.post(data);
-    else if (data.add) this.synthesis.add(data.number, data.add);
+    else if (data.add) {
+      this.synthesis.add(data.number, data.add);
+      this.port.postMessage('added');
+    } else if (data.ask) this.port.postMessage(data.ask);
     else if (data.close) this.alive = false;
     else if (data.burn) this.burn = data.burn; // tests overload it on purpose
   }
