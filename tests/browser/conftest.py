@@ -17,10 +17,15 @@ ALONE = (
 )
 
 
+def chromium() -> str | None:
+    """Return the path of a Chromium, if the system has one."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """Yield a Chromium without a window; with STRUCK_BROWSER=required a failure where none is."""
-    path = next((found for name in NAMES if (found := shutil.which(name))), None)
+    path = chromium()
     if path is None:
         if os.environ.get("STRUCK_BROWSER") == "required":
             pytest.fail(f"there is none of {', '.join(NAMES)} on the path, and one is required")

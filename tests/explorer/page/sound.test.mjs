@@ -199,6 +199,23 @@ test('a strike sounds at its sample, wherever that lies in a block', () => {
   assert.ok(decibels(error) < -100, `${decibels(error)}`);
 });
 
+test('a context that went on alone for a while loses no strike, and keeps its time', () => {
+  const [synthesis, other] = [scene(), scene()];
+  const one = new Float32Array(128);
+  synthesis.process([one], 0);
+  synthesis.process([one], 10240);
+  other.process([one], 0);
+  synthesis.post(strike(10240 + 1280));
+  other.post(strike(1280));
+  const rest = [];
+  for (let k = 1; k < 40; k++) {
+    synthesis.process([one], 10240 + 128 * k);
+    rest.push(...one);
+  }
+  assert.ok(loudest(rest) > 1e-6);
+  assert.ok(decibels(apart(rest, played(other, rest.length))) < -100);
+});
+
 test('strikes beyond the voices are dropped and counted', () => {
   const synthesis = scene(KITS.wasm, { voices: 3 });
   for (let k = 0; k < 10; k++) synthesis.post(strike(64));

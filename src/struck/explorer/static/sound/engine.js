@@ -340,7 +340,8 @@ export class Engine {
  * What the worklet tells.
  * @typedef {{time: number, peak: number, reduction: number, ringing: number, modes: number,
  *   voices: number, dropped: number, late: number, replaced: number, underruns: number,
- *   load: number}} Report
+ *   load: number, struck: number}} Report `struck`: when the first sample of the last
+ *   strike was made, ms of `Date.now()`
  */
 
 /** @returns {Report} */
@@ -357,6 +358,7 @@ function reportOf(words) {
     replaced: words[REPORT.REPLACED],
     underruns: words[REPORT.UNDERRUNS],
     load: words[REPORT.LOAD],
+    struck: words[REPORT.STRUCK],
   };
 }
 

@@ -6,22 +6,27 @@ import { PlainKit } from './plain.js';
 import { REPORT, Synthesis } from './synthesis.js';
 
 const SAID = 0.05; // s between reports
-const GAP = 15; // ms by which sound falls behind the clock when a buffer was lost
+const WINDOW = 250; // ms of which the least lag counts: buffers are asked for in bursts
+const GAP = 4; // ms of lag more than in the window before: so much sound was lost
 
-/** How far sound falls behind the clock: a device that got a buffer too late lost that time. */
+/** How far sound lags behind the clock: a device that got a buffer too late lost that time. */
 class Watch {
-  constructor(start) {
-    [this.start, this.least, this.underruns] = [start, Infinity, 0];
-    [this.working, this.since] = [0, Date.now()];
+  constructor() {
+    this.underruns = 0;
+    this.before = this.least = Infinity;
+    this.working = 0;
+    this.begun = this.since = Date.now();
   }
 
   /** Note that sound has gone on up to a time, s; Date is the only clock of a worklet. */
   note(time) {
-    const behind = Date.now() - 1000 * time;
-    if (behind > this.least + GAP) {
-      this.underruns++;
-      this.least = behind;
-    } else if (behind < this.least) this.least = behind;
+    const now = Date.now();
+    this.least = Math.min(this.least, now - 1000 * time);
+    if (now < this.begun + WINDOW) return;
+    if (this.least > this.before + GAP) this.underruns++;
+    this.before = this.least;
+    this.least = Infinity;
+    this.begun = now;
   }
 
   /** Return the share of the time that was spent working. */
@@ -41,7 +46,7 @@ class StruckProcessor extends AudioWorkletProcessor {
     const head = given.head ? headOf(given.head.text, given.head.tensors) : new SinglePoint();
     this.synthesis = new Synthesis(kit, head, { voices: given.voices, start: currentFrame });
     this.ring = given.ring ? new Ring(given.ring) : null;
-    this.watch = given.realTime ? new Watch(currentTime) : null;
+    this.watch = given.realTime ? new Watch() : null;
     this.next = 0;
     this.alive = true;
     this.port.onmessage = ({ data }) => this.#receive(data);
@@ -60,7 +65,11 @@ class StruckProcessor extends AudioWorkletProcessor {
   process(_inputs, [outputs]) {
     const begun = this.watch ? Date.now() : 0;
     this.ring?.read(this.synthesis.take);
-    this.synthesis.process(outputs);
+    this.synthesis.process(outputs, currentFrame);
+    if (this.synthesis.struck) {
+      this.synthesis.report[REPORT.STRUCK] = Date.now();
+      this.synthesis.struck = false;
+    }
     if (this.burn) for (const end = begun + this.burn; Date.now() < end;);
     if (this.watch) {
       this.watch.note(currentTime);

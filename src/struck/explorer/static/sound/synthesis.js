@@ -25,7 +25,8 @@ export const REPORT = {
   REPLACED: 8,
   UNDERRUNS: 9,
   LOAD: 10,
-  SIZE: 11,
+  STRUCK: 11,
+  SIZE: 12,
 };
 
 /** Return by how many samples all that is heard is late, but for its way through the air. */
@@ -137,8 +138,9 @@ export class Synthesis {
     this.channels = head.ears;
     this.propagation = new Propagation(head, kit.session.sampleRate);
     this.propagation.start += start / kit.session.sampleRate;
-    [this.since, this.opened, this.ready] = [STRETCH, true, BLOCK];
+    [this.since, this.opened, this.ready] = [STRETCH, true, BLOCK]; // `ready`: read of the block
     [this.gain, this.wanted] = [1, 1];
+    this.struck = false; // whether a strike has begun, for whoever has a clock
     this.report = new Float64Array(REPORT.SIZE);
     this.take = (words, at) => this.#run(words, at, true);
   }
@@ -219,6 +221,7 @@ export class Synthesis {
     voice.begun = false;
     voice.count = count;
     voice.first = Math.max(sample, this.now);
+    this.struck = true;
     voice.at = at + BROUGHT + 2;
     voice.force = words;
     if (passing) {
@@ -274,21 +277,38 @@ export class Synthesis {
     }
   }
 
-  /** Fill channels of any length with the next samples. */
-  process(outputs) {
+  /**
+   * Fill channels of any length with the next samples.
+   * @param {Float32Array[]} outputs
+   * @param {number} [frame] number in the context of their first one; it may have gone on alone
+   */
+  process(outputs, frame = this.now - BLOCK + this.ready) {
+    const gone = frame - (this.now - BLOCK + this.ready);
+    if (gone) this.#jump(gone);
+    this.#fill(outputs);
+  }
+
+  /** Call the present by another number: the context went on while nobody asked for samples. */
+  #jump(by) {
+    this.now += by;
+    this.propagation.start += by / this.kit.session.sampleRate;
+    for (const body of this.#list) for (const voice of body.voices) voice.first += by;
+  }
+
+  #fill(outputs) {
     const frames = outputs[0].length;
-    for (let frame = 0; frame < frames;) {
+    for (let done = 0; done < frames;) {
       if (this.ready === BLOCK) {
         this.#make();
         this.ready = 0;
       }
-      const count = Math.min(frames - frame, BLOCK - this.ready);
+      const count = Math.min(frames - done, BLOCK - this.ready);
       for (let channel = 0; channel < outputs.length; channel++) {
         const from = Math.min(channel, this.channels - 1) * BLOCK + this.ready;
-        for (let k = 0; k < count; k++) outputs[channel][frame + k] = this.kit.mix[from + k];
+        for (let k = 0; k < count; k++) outputs[channel][done + k] = this.kit.mix[from + k];
       }
       this.ready += count;
-      frame += count;
+      done += count;
     }
   }
 
