@@ -164,30 +164,45 @@ INLINED int64_t frames(const struct group *g, int pushes, int outputs, int turne
   static void remainder_##o##_##t(const struct group *g, int64_t first) { \
     for (; first < g->block; first++) frame(g, 0, g->modes, first, PUSHES, o, t, 1, 0, 1); \
   }
+#if defined(__wasm__) /* few kernels, so that the page loads fast: rare cases go as wider ones */
+#define PUSHED(o, t) \
+  REMAINDER(o, t) \
+  KERNEL(o, t, 0, 0, 0) KERNEL(o, t, 1, 1, 0) KERNEL(o, t, 4, 0, 0) KERNEL(o, t, 4, 1, 0) \
+  KERNEL(o, t, 1, 0, 1)
+#define kernel_1_1_0_1_0 kernel_1_1_1_1_0
+#define kernel_1_1_1_0_0 kernel_1_1_4_0_0
+#define kernel_1_1_2_0_0 kernel_1_1_4_0_0
+#define kernel_1_1_2_1_0 kernel_1_1_4_1_0
+#else
 #define PUSHED(o, t) \
   REMAINDER(o, t) \
   KERNEL(o, t, 0, 0, 0) KERNEL(o, t, 0, 1, 0) KERNEL(o, t, 1, 0, 0) KERNEL(o, t, 1, 1, 0) \
   KERNEL(o, t, 2, 0, 0) KERNEL(o, t, 2, 1, 0) KERNEL(o, t, 4, 0, 0) KERNEL(o, t, 4, 1, 0) \
   KERNEL(o, t, 1, 0, 1)
+#endif
 #define LISTED(o, t) \
   {kernel_##o##_##t##_0_0_0, kernel_##o##_##t##_0_1_0, kernel_##o##_##t##_1_0_0, \
    kernel_##o##_##t##_1_1_0, kernel_##o##_##t##_2_0_0, kernel_##o##_##t##_2_1_0, \
    kernel_##o##_##t##_4_0_0, kernel_##o##_##t##_4_1_0, kernel_##o##_##t##_1_0_1}
 
+typedef int64_t kernel(const struct group *g);
+typedef void remainder(const struct group *g, int64_t first);
+#if defined(__wasm__)
+PUSHED(1, 1)
+static kernel *const KERNELS[1][2][9] = {{LISTED(1, 1), LISTED(1, 1)}};
+static remainder *const REMAINDERS[1][2] = {{remainder_1_1, remainder_1_1}};
+#else
 PUSHED(1, 0) PUSHED(1, 1) PUSHED(2, 0) PUSHED(2, 1)
 PUSHED(4, 0) PUSHED(4, 1) PUSHED(8, 0) PUSHED(8, 1)
-
-typedef int64_t kernel(const struct group *g);
 static kernel *const KERNELS[4][2][9] = {{LISTED(1, 0), LISTED(1, 1)},
                                          {LISTED(2, 0), LISTED(2, 1)},
                                          {LISTED(4, 0), LISTED(4, 1)},
                                          {LISTED(8, 0), LISTED(8, 1)}};
-
-typedef void remainder(const struct group *g, int64_t first);
 static remainder *const REMAINDERS[4][2] = {{remainder_1_0, remainder_1_1},
                                             {remainder_2_0, remainder_2_1},
                                             {remainder_4_0, remainder_4_1},
                                             {remainder_8_0, remainder_8_1}};
+#endif
 
 void bank_run(const struct group *g) {
   const int outputs = g->outputs == 1 ? 0 : g->outputs == 2 ? 1 : g->outputs == 4 ? 2 : 3;

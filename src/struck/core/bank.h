@@ -4,7 +4,11 @@
 
 #include "core.h"
 
-enum { PUSHES = 4, OUTPUTS = 8 }; /* most at a time */
+#if defined(__wasm__)
+enum { PUSHES = 4, OUTPUTS = 1 }; /* most at a time: the page hears each body at one place */
+#else
+enum { PUSHES = 4, OUTPUTS = 8 };
+#endif
 
 struct group {
   int64_t modes, block; /* modes a multiple of 8, all rows of modes on a cache line */

@@ -27,7 +27,15 @@ SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-ffp-c
 COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibility=hidden", "-g0")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
 STRICT = frozenset({"limiter", "queue", "callback", "recorder"})  # rounded as they are written
-PAGE = frozenset({"bank", "block", "delay_lines", "limiter", "version"})  # what the page runs
+# What the page runs, and how: few bytes, but vectors in the loops in which time goes.
+LOOPS, FEW_BYTES = ("-Os",), ("-Os", "-DSCALAR")
+PAGE = {
+    "bank": LOOPS,
+    "block": FEW_BYTES,
+    "delay_lines": LOOPS,
+    "limiter": FEW_BYTES,
+    "version": FEW_BYTES,
+}
 PAGES = "wasm32"  # its platform
 # How libraries are linked, by their endings; that of the page imports nothing, and so needs no C
 # library, which would take a minute to compile.
@@ -35,7 +43,11 @@ LINKED = {
     ".so": ("-shared", "-lm"),
     ".dylib": ("-shared", "-lm"),
     ".dll": ("-shared",),
-    ".wasm": ("-nostdlib", "-lcompiler_rt", "-Wl,--no-entry,--export-dynamic,-z,stack-size=65536"),
+    ".wasm": (
+        "-nostdlib",
+        "-lcompiler_rt",
+        "-Wl,--no-entry,--export-dynamic,--strip-all,-z,stack-size=65536",
+    ),
 }
 
 
@@ -83,7 +95,7 @@ def sources(target: Target) -> list[Path]:
 
 def fingerprint() -> int:
     """Return a number of 63 bits that changes with every C file, header and flag."""
-    digest = hashlib.sha256(repr((SUMS, COMMON, sorted(STRICT))).encode())
+    digest = hashlib.sha256(repr((SUMS, COMMON, sorted(STRICT), PAGE)).encode())
     for path in sorted((*HERE.glob("*.c"), *HERE.glob("*.h"))):
         digest.update(path.name.encode() + path.read_bytes().replace(b"\r\n", b"\n"))
     return int.from_bytes(digest.digest()[:8], "little") >> 1
@@ -136,8 +148,9 @@ def _objects(target: Target, scratch: Path) -> Iterator[str]:
 def _compilations(target: Target, scratch: Path) -> Iterable[list[str]]:
     for source, made in zip(sources(target), _objects(target, scratch), strict=True):
         sums = ("-ffp-contract=off",) if source.stem in STRICT else SUMS
+        size = PAGE[source.stem] if target.ending == ".wasm" else ()
         position = ("-fPIC",) if target.ending in {".so", ".dylib"} else ()
-        options = (*COMMON, *WARNINGS, *sums, *position, f"-DFINGERPRINT={fingerprint()}LL")
+        options = (*COMMON, *WARNINGS, *sums, *size, *position, f"-DFINGERPRINT={fingerprint()}LL")
         aim = ("-target", target.triple, f"-mcpu={target.processor}")
         yield [*compiler(), *aim, *options, "-c", str(source), "-o", made]
 

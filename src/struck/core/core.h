@@ -17,7 +17,11 @@
 #endif
 
 /* Loops over modes, taps or places are what the compiler turns into vectors. */
+#if defined(SCALAR) /* but where few bytes count for more */
+#define VECTORS
+#else
 #define VECTORS _Pragma("clang loop vectorize(enable) interleave(enable)")
+#endif
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double smaller(double a, double b) { return a < b ? a : b; }

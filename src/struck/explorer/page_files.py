@@ -1,0 +1,136 @@
+"""What the page is sent: models as fine as its clicks need, and the tables of heads.
+
+The page knows some mode shapes by their formula and goes straight from vertex to vertex in all
+others; heads come as delays and responses over directions, ready to be mixed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from struck.ears import heads, measured_head
+from struck.ears.sphere import HEAD_RADIUS
+from struck.errors import OptionError
+from struck.files.container import Arrays, pack
+from struck.files.model_file import to_bytes
+from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.shapes.particular_solutions import PolygonForms
+
+MOST_BYTES = 32 * 2**20  # of the shapes at the vertices of a body that the page knows by them alone
+FINE = 0.28  # spacing times wave number up to which straight lines miss a wave by 1 %
+
+
+def model_bytes(model: ModalModel) -> bytes:
+    """Return a model as the page reads it: a file whose mesh is fine enough to be clicked on."""
+    return to_bytes(refined(model))
+
+
+def refined(model: ModalModel) -> ModalModel:
+    """Return a body whose formula the page does not have on a finer mesh, at most 32 MB of it.
+
+    All edges are halved until straight lines between vertices are 1 % true of all modes. Other
+    bodies are returned as they are.
+    """
+    gains = model.gains
+    if not isinstance(gains, ShapeGains) or gains.formula is None:
+        return model
+    forms, surface = gains.formula.forms, gains.surface
+    if not isinstance(forms, PolygonForms):
+        return model
+    shortest = FINE * gains.formula.size / forms.wavenumbers.max(initial=0.0)
+    # A closed surface of V vertices has about 3 V edges: halved, each makes one more.
+    most = MOST_BYTES // (4 * 3 * 4 * len(forms.wavenumbers))
+    while len(surface.points) <= most and _longest_edge(surface) > shortest:
+        surface = _halved(surface)
+    if surface is gains.surface:
+        return model
+    shapes = gains.formula.displacements(surface.points).astype(np.float32)
+    return replace(
+        model,
+        gains=replace(gains, surface=surface, shapes=shapes),
+        geometry=None if model.geometry is None else surface,
+    )
+
+
+def _longest_edge(surface: Mesh) -> float:
+    corners = surface.points[surface.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+def _halved(surface: Mesh) -> Mesh:
+    """Return a surface with four faces for each."""
+    from trimesh.remesh import subdivide
+
+    points, faces = subdivide(surface.points, surface.faces)[:2]
+    return Mesh(points=points, faces=faces, up=surface.up)
+
+
+def head_bytes(name: str, sample_rate: int) -> bytes:
+    """Return the tables of a head's delays, s, and responses: "kemar" or "exact", a rigid ball.
+
+    A container of the format "struck-head"; `static/sound/head.js` reads it. Making it takes about
+    a second, once.
+
+    Raises
+    ------
+    OptionError
+        On another name, or a sample rate that no head has.
+    """
+    makers = {"kemar": _measured, "exact": _ball}
+    if name not in makers:
+        raise OptionError(f"no head is called {name!r}: give one of {', '.join(makers)}")
+    text, tables = makers[name](sample_rate)
+    metadata = {"format": "struck-head", "version": "1", "json": json.dumps(text)}
+    return pack(tables, metadata)
+
+
+def _measured(sample_rate: int) -> tuple[dict[str, object], Arrays]:
+    """Return the grids of a measured head, far and near, as responses in place of their spectra."""
+    head = measured_head.MeasuredHead.named("kemar")
+    filters = head.prepared(sample_rate, brief=True)
+    if not isinstance(filters, measured_head.MeasuredFilters):
+        raise TypeError(f"KEMAR's filters are {type(filters).__name__}")
+    tables: Arrays = {}
+    short = round(measured_head.NEAR_LASTING * sample_rate)
+    for kind, table, taps in (("far", filters.grid, filters.taps), ("near", filters.near, short)):
+        spectra = np.ascontiguousarray(table[:, 2:]).view(np.complex64).reshape(len(table), 2, -1)
+        responses = np.fft.irfft(spectra, filters.length)[..., :taps]
+        tables[f"{kind}_delays"] = np.ascontiguousarray(table[:, :2])
+        tables[f"{kind}_responses"] = responses.astype(np.float32)
+    text = {
+        "kind": "measured",
+        "columns": len(measured_head.AZIMUTHS),
+        "near_columns": measured_head.NEAR_STEPS + 4,
+        "step": measured_head.STEP,
+        "near_steps": measured_head.NEAR_STEPS,
+        "near": heads.NEAR,
+        "knot_step": heads.KNOT_STEP,
+        "farthest": float(1 + heads.HEIGHTS[-3]),
+        "radius": HEAD_RADIUS,
+        "source": head.measured.source,
+        "licence": head.measured.licence,
+    }
+    return text, tables
+
+
+def _ball(sample_rate: int) -> tuple[dict[str, object], Arrays]:
+    """Return the table of a rigid ball over angles and distances."""
+    filters = heads.SphereHead().prepared(sample_rate)
+    if not isinstance(filters, heads.TabulatedFilters):
+        raise TypeError(f"a ball's filters are {type(filters).__name__}")
+    text = {
+        "kind": "ball",
+        "steps": heads.STEPS,
+        "near": heads.NEAR,
+        "knots": heads.KNOTS,
+        "knot_step": heads.KNOT_STEP,
+        "radius": filters.radius,
+        "ears": filters.ears.T.tolist(),
+    }
+    responses = np.ascontiguousarray(filters.table[:, 1:], np.float32)
+    return text, {"delays": np.ascontiguousarray(filters.table[:, 0]), "responses": responses}
