@@ -23,7 +23,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/struck"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
-LINES, MODULES = 47_000, 200
+# 47,000 lines and 200 modules, and what touch brings: textures and envelopes.
+LINES, MODULES = 47_000 + 500, 200 + 2
 LINES_A_FILE, FEW_LINES, LINES_A_BODY = 700, 100, 40
 MODULES_A_ROOM, ENTRIES, PUBLIC_NAMES = 20, 22, 40
 C_LINES, C_LINES_A_FILE, C_LINES_A_BODY = 3_000, 500, 60
@@ -57,6 +58,7 @@ SHORT: dict[str, str] = {
 }
 # Modules with one importer in their own room, and why they are not joined to it.
 KEPT_ALONE: dict[str, str] = {
+    "excitation/envelope.py": "what a ball feels that rolls, a law of its own",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",

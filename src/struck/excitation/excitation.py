@@ -240,6 +240,14 @@ def drive_at(
     return weights @ _rank_one(model, point + offsets, direction)
 
 
+def drives_at(model: ModalModel, points: Array, normals: Array, *, radius: float = 0.0) -> Array:
+    """Return drives (K, M) of pushes straight in at several points, all at once."""
+    if not radius:
+        return _rank_one(model, points, -normals)
+    places = zip(points, normals, strict=True)
+    return np.stack([drive_at(model, at, normal, -normal, radius=radius) for at, normal in places])
+
+
 def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
     drives = model.gains.at(points, np.broadcast_to(direction, (len(points), 3)))
     if drives.shape[1] != 1:
