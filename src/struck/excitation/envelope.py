@@ -14,7 +14,7 @@ that is longer, so that nothing folds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,8 @@ from struck.excitation.friction import FOLLOWED, LIGHTEST, Rubbed
 from struck.excitation.texture import CHUNK, Layers
 from struck.model.arrays import Array
 
-_WAVES = np.arange(2, 41)  # around the roller: 1 would be off its axle
+_WAVES = 240  # around the roller, the more the lower, and at least 2: one would be off its axle
+_POINTS = 1 << 14  # around it
 _RANGE = 6.0  # rms heights from valley to peak
 _WIDEST = 400  # grid points that a peak reaches to each side
 _FINEST = 2e-6  # m, of the grid
@@ -43,18 +44,23 @@ class Roller:
     roundness: float = 0.0  # rms of its waves around, m
     flat: float = 0.0  # depth of a flat spot, m
     seed: int = 0  # of the roundness
+    outline: Array = field(init=False)  # (_POINTS,), m: out of round
+
+    def __post_init__(self) -> None:
+        random = np.random.default_rng(self.seed)
+        waves = np.zeros(_POINTS // 2 + 1, np.complex128)
+        waves[2 : _WAVES + 1] = np.exp(2j * np.pi * random.random(_WAVES - 1))
+        waves[2 : _WAVES + 1] /= np.arange(2, _WAVES + 1)
+        outline = np.fft.irfft(waves)
+        object.__setattr__(self, "outline", outline * (self.roundness / outline.std()))
 
     def heights(self, ways: Array) -> Array:
         """Return how far its surface is out where it touches after rolling (n,), m."""
-        random = np.random.default_rng(self.seed)
-        phases = random.uniform(0, 2 * np.pi, len(_WAVES) + 1)
-        turns = ways / self.radius + phases[-1]
+        turns = ways / self.radius
         places = np.stack([np.cos(turns), np.sin(turns), np.zeros(len(turns))], axis=1)
         found = self.layers.at(self.radius * places)
-        sizes = _WAVES**-2.0
-        sizes *= self.roundness / np.sqrt(np.square(sizes).sum() / 2)
-        if self.roundness:
-            found += np.cos(turns[:, None] * _WAVES + phases[:-1]) @ sizes
+        points = turns * (_POINTS / 2 / np.pi)
+        found += np.interp(points, np.arange(_POINTS), self.outline, period=_POINTS)
         chord = np.sqrt(8 * self.radius * self.flat)
         if chord:
             around = 2 * np.pi * self.radius

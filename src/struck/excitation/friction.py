@@ -10,7 +10,8 @@ so that it never turns into a pull: where the surface falls away it fades toward
 rises the tip is pushed off before the force doubles. A constant load is silent and left out.
 
 - *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the share of the heights that squeezes the dent: of the
-  rest the tip keeps clear as it moves up and down. The level of rubbing noise is a linear function
+  rest the tip keeps clear as it moves up and down. A roller, all of whose mass would have to follow,
+  has a share of 0.3. The level of rubbing noise is a linear function
   of the logarithm of speed and of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani,
   Wear 268, 335 (2010)); the exponent is 3/4, or 4.5 dB a doubling ("Influence of sliding speed on
   roughness noise", 2019, experiment and simulation).
@@ -49,7 +50,8 @@ FADE = 5e-3  # s, in which a moving contact comes on and lifts off
 LIGHTEST = 1e-6  # N: the force of lighter contacts is in proportion to this one's
 
 _MOST = 0.8  # of the load: what filters overshoot stays a push
-_SHARE, _EXPONENT = 0.05, 0.75  # of the heights at 1 m/s, and how it grows with speed
+TIP, ROLLER = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
+_EXPONENT = 0.75  # of the speed
 _SPARED = 0.6  # power of X by which a rough surface acts less than in proportion
 FOLLOWED = 5e-4  # m, waves from which on the tip follows
 # Spacings a sample between which layers fade out: their waves are two spacings long and longer.
@@ -116,6 +118,7 @@ class Rubbed:
     modulus: float  # E* of the two, Pa
     radius: float  # joint radius of curvature, m
     seed: int = 0
+    share: float = TIP  # of the heights that is not followed, at 1 m/s
 
     def contact_radius(self, loads: Array) -> Array:
         """Return the radius of the circle of contact, m, at loads of any shape, N."""
@@ -129,7 +132,7 @@ class Rubbed:
         """Return y a metre of height, 1/m, of heights whose rms at the dent is `felt`, m."""
         held = np.maximum(loads, LIGHTEST)
         squeeze = self.stiffness(held) / held
-        share = np.minimum(_SHARE * speeds**_EXPONENT, 1.0)
+        share = np.minimum(self.share * speeds**_EXPONENT, 1.0)
         return np.where(loads > 0, share * squeeze / (1 + (squeeze * felt) ** _SPARED), 0.0)
 
 

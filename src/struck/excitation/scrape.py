@@ -19,7 +19,7 @@ from struck.excitation.excitation import (
     require_at_least_zero,
     require_positive,
 )
-from struck.excitation.friction import FADE, Reader, Rubbed, Tool, fading, limited
+from struck.excitation.friction import FADE, ROLLER, Reader, Rubbed, Tool, fading, limited
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.path import Path, Waypoints, require_waypoints
 from struck.excitation.roughness import Finish, Roughness, finish
@@ -146,8 +146,8 @@ class Roll:
     material : str or Material
         Of the roller.
     roundness : float
-        How far the roller is from round, rms of 2 to 40 waves around it, m: a good ball bearing's
-        ball has a tenth of a micrometre, a marble some.
+        How far the roller is from round, rms of 2 to 240 waves around it, m: a ball of a good
+        bearing has a tenth of a micrometre, a marble some.
     flat : float
         Depth of a flat spot worn into the roller, m: it passes every 2 pi radius of the way. Its
         edges are taken as rounded over, so that its profile is a raised cosine of the length
@@ -232,7 +232,10 @@ class Roll:
             material = Material.named(material)
         solids = (material,) if model.material is None else (material, model.material)
         rubbed = Rubbed(
-            roughness=surface, modulus=contact_modulus(*solids), radius=self.radius, seed=self.seed
+            roughness=surface,
+            modulus=contact_modulus(*solids),
+            radius=self.radius,
+            share=ROLLER,
         )
         below = surface.layers(self.seed)
         ball = Roller(
