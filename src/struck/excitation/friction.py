@@ -10,11 +10,11 @@ so that it never turns into a pull: where the surface falls away it fades toward
 rises the tip is pushed off before the force doubles. A constant load is silent and left out.
 
 - *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the share of the heights that squeezes the dent: of the
-  rest the tip keeps clear as it moves up and down. A roller, all of whose mass would have to follow,
-  has a share of 0.3. The level of rubbing noise is a linear function
-  of the logarithm of speed and of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani,
-  Wear 268, 335 (2010)); the exponent is 3/4, or 4.5 dB a doubling ("Influence of sliding speed on
-  roughness noise", 2019, experiment and simulation).
+  rest the tip keeps clear as it moves up and down. A roller, all of whose mass would have to move,
+  has a share of 0.3. The level of rubbing noise is a linear function of the logarithm of speed and
+  of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani, Wear 268, 335 (2010)); the
+  exponent is 3/4, or 4.5 dB a doubling ("Influence of sliding speed on roughness noise", 2019,
+  experiment and simulation).
 - *Roughness.* Smooth surfaces, X below 1, act in proportion to their heights; of rough ones,
   which the dent cannot take, with the power 0.4. Twice the load is louder by 2^(1/3) when smooth
   and by 2^0.73 when rough.
