@@ -398,12 +398,15 @@ def _excitations() -> dict[str, Call]:
         ),
         "excitation.Roughness": Call(
             made=struck.Roughness,
+            given={"rms": 1e-5, "correlation_length": 1e-4, "slope": -2.0, "waviness": 1e-5},
+            use=lambda made: made.layers().at(np.zeros((3, 3))),
+        ),
+        "excitation.Profile": Call(
+            made=excitation.Profile,
             given={"heights": np.sin(np.arange(64.0)), "pitch": 1e-4, "name": "mine"},
+            use=lambda made: made.roughness(),
         ),
-        "excitation.Roughness.fractal": Call(
-            made=struck.Roughness.fractal,
-            given={"rms": 1e-5, "exponent": 2.0, "shortest": 1e-4, "longest": 1e-2, "seed": 0},
-        ),
+        "excitation.Profile.named": Call(made=excitation.Profile.named, given={"name": "wood"}),
         "excitation.Roughness.named": Call(made=struck.Roughness.named, given={"name": "wood"}),
         "excitation.Push": Call(
             made=excitation.Push,

@@ -254,8 +254,8 @@ UNCALLED = {
     "made by struck itself": "Calibration CapturePlan Comparison Device Exponentials Fitted",
     "made by it as well": "Fitting Manifest MeasuredHead ModalModel Modes Provenance Residual",
     "made by it in between": "MeshPart ShapeGains TimbreTable",
-    "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials roughnesses strikers",
-    "without arguments either": "wall_materials",
+    "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials profiles roughnesses",
+    "without arguments either": "strikers wall_materials",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
 }

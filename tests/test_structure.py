@@ -25,6 +25,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 # What later rooms bring to the lines and modules of the rest, of the 10,000 lines that are theirs.
 BROUGHT = {
+    "touch: textures and envelopes": (500, 2),
     "scene: bodies that turn, contact logs, impulses of trajectories, events": (2_500, 8),
     "explorer: what the page is sent": (200, 2),
 }
@@ -63,6 +64,7 @@ SHORT: dict[str, str] = {
 }
 # Modules with one importer in their own room, and why they are not joined to it.
 KEPT_ALONE: dict[str, str] = {
+    "excitation/envelope.py": "what a ball feels that rolls, a law of its own",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",

@@ -11,7 +11,8 @@ import numpy as np
 from struck import core as binding
 from struck.ears.delay_lines import READ, between, hear
 from struck.excitation.excitation import Push
-from struck.excitation.friction import Rung, add_reading
+from struck.excitation.friction import Levels, add_reading
+from struck.excitation.texture import Layers, add_heights
 from struck.live import callback, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Single
@@ -98,11 +99,23 @@ def rough(random: Random) -> Iterator[Array]:
     """Yield readings of a random surface."""
     counts = random.integers(4, 60, random.integers(1, 6))
     values = random.standard_normal(counts.sum()).astype(np.float32)
-    table = Rung(values=values, starts=np.cumsum(counts) - counts, counts=counts)
+    table = Levels(values=values, starts=np.cumsum(counts) - counts, counts=counts)
     turns = random.uniform(-3, 3, random.integers(1, 90))
     turns[0] = random.choice([-1e-20, 0, 1, np.nextafter(1, 0)])
     out, levels = np.zeros(len(turns)), random.uniform(0, len(counts) + 1, 2).tolist()
     add_reading(table, turns, levels, random.normal(size=2).tolist(), out)
+    yield out
+
+
+def textured(random: Random) -> Iterator[Array]:
+    """Yield readings of a random texture, at some places that are none."""
+    layers = Layers.of(random.uniform(1e-3, 1, random.integers(1, 6)), np.ones(1), 3)
+    count, first = int(random.integers(1, 200)), int(random.integers(0, 64))
+    places = np.cumsum(random.normal(0, 0.01, (count, 3)), axis=0)
+    places[random.integers(count)] = random.choice([0, np.nan, np.inf, 1e30])
+    weights = random.normal(size=((first + count - 1) // 64 + 2, len(layers.seeds)))
+    out = np.zeros(count)
+    add_heights(layers, weights, first, places, out)
     yield out
 
 
@@ -240,4 +253,4 @@ def _write(random: Random, record: ring.Record, bodies: int, block: int, *, firs
     record.ways[1] = random.standard_normal(record.ways[1].shape)
 
 
-ALL = (bank, ears, rough, summed, limited, queued, fitted)
+ALL = (bank, ears, rough, textured, summed, limited, queued, fitted)

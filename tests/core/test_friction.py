@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.excitation import friction
-from struck.excitation.friction import Rung
+from struck.excitation.friction import Levels
 from tests.core.agreement import EXACT, apart, golden
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ def read(add_reading: Callable[..., None], levels: tuple[float, float]) -> Array
     random = np.random.default_rng(1)
     counts = np.array([45, 32, 18, 8])
     values = random.standard_normal(counts.sum()).astype(np.float32)
-    table = Rung(values=values, starts=np.cumsum(counts) - counts, counts=counts)
+    table = Levels(values=values, starts=np.cumsum(counts) - counts, counts=counts)
     turns = np.concatenate([[-1e-20, 0.0, 1.0], random.uniform(-1, 3, 61)])
     out = random.standard_normal(64)
     add_reading(table, turns, levels, (0.7, -1.2), out)
@@ -43,7 +43,7 @@ def test_as_in_plain_numpy(levels: tuple[float, float]) -> None:
 def test_what_is_not_finite_reads_nothing_beyond_the_table() -> None:
     out = np.zeros(4)
     counts = np.array([8])
-    table = Rung(values=np.ones(8, np.float32), starts=0 * counts, counts=counts)
+    table = Levels(values=np.ones(8, np.float32), starts=0 * counts, counts=counts)
     friction.add_reading(table, np.array([np.nan, np.inf, -np.inf, 0.5]), (0.0, 0.0), (1, 1), out)
     assert np.isnan(out[:3]).all()
     assert out[3] == 1

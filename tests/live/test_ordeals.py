@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import struck
-from struck.excitation.friction import rung
 from struck.excitation.scrape import Roll, Scrape
 from struck.live import limiter
 from struck.live.keys import Robot, busy_thread, repeated
@@ -97,11 +96,7 @@ def resident() -> int:
 
 
 def lasting() -> int:
-    """Return the memory of this process but for the tables of roughness, bytes.
-
-    Of those at most 48 are kept, of up to 4 MB each: which ones depends on what was rubbed last.
-    """
-    rung.cache_clear()
+    """Return the memory of this process, bytes."""
     gc.collect()
     with contextlib.suppress(AttributeError):  # only one C library has it
         ctypes.CDLL(None).malloc_trim(0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from struck.errors import OptionError
-from struck.excitation import friction
+from struck.excitation import texture
 from struck.excitation.excitation import Hold
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.pluck import Pluck
@@ -160,10 +160,11 @@ class Given:
 
 
 def test_without_the_core_it_sounds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for the last bit of single precision here and there."""
     with_core = heard([SCRAPE, Hold(at=TOP, time=0.2)])
-    for module in (resonators, friction):
+    for module in (resonators, texture):
         monkeypatch.setattr(module, "entry", lambda _: None)
-    assert decibels(heard([SCRAPE, Hold(at=TOP, time=0.2)]) - with_core, with_core) <= -180
+    assert decibels(heard([SCRAPE, Hold(at=TOP, time=0.2)]) - with_core, with_core) <= -150
 
 
 def test_a_hand_may_hold_a_body_of_thousands_of_modes() -> None:

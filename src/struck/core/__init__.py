@@ -96,6 +96,7 @@ SIGNATURES: dict[str, str] = {
     "queue_publish": "I -",
     "queue_release": "I -",
     "queue_waiting": "I i",
+    "texture_add_heights": "DDIiDiDiD -",
     "uncertainty_write_statistics": f"{_BLOCKS}iCCDDDCDD -",
 }
 

@@ -8,7 +8,9 @@ from .pluck import Pluck as Pluck
 from .pluck import Release as Release
 from .pluck import impact_amplitudes as impact_amplitudes
 from .pluck import impact_impulse as impact_impulse
+from .roughness import Profile as Profile
 from .roughness import Roughness as Roughness
+from .roughness import profiles as profiles
 from .roughness import roughnesses as roughnesses
 from .scrape import Roll as Roll
 from .scrape import Scrape as Scrape

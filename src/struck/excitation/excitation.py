@@ -240,9 +240,14 @@ def drive_at(
     return weights @ _rank_one(model, point + offsets, direction)
 
 
-def drives_at(model: ModalModel, points: Array, directions: Array) -> Array:
-    """Return how strongly each mode answers at points (K, 3) along directions (K, 3): (K, M)."""
-    return _rank_one(model, points, directions)
+def drives_at(
+    model: ModalModel, points: Array, directions: Array, *, radius: float = 0.0
+) -> Array:
+    """Return drives (K, M) of pushes at points along directions (K, 3): over discs, straight in."""
+    if not radius:
+        return _rank_one(model, points, directions)
+    places = zip(points, directions, strict=True)
+    return np.stack([drive_at(model, at, -way, way, radius=radius) for at, way in places])
 
 
 def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:

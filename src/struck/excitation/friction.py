@@ -1,58 +1,65 @@
 """The force between two bodies that move along each other, by Hertz's law over their roughness.
 
 A round tip of radius R is pressed on a rough surface by a load. Its dent is a spring of stiffness
-k = (6 E*^2 R load)^(1/3) (Hertz's law about the load; Johnson 1985, section 4.2). The height h(s)
-over the distance s, averaged over the circle of contact, compresses that spring:
+k = (6 E*^2 R load)^(1/3) (Hertz's law about the load; Johnson 1985, section 4.2). The heights h
+that the dent feels squeeze that spring by x = k h / load of its load. The force is
 
-    x = k h / load,    F - load = load x / sqrt(1 + (x / 0.8)^2)
+    F = load (1 + y / sqrt(1 + (y / 0.8)^2)),  y = g(v) x / (1 + X^0.6),  X = rms of x
 
-so that the force never turns into a pull: where the surface falls away it fades towards nothing,
-where it rises the tip is pushed off before the force doubles. A constant load is silent and left
-out. Unevenness beyond what the dent can take, x above 1 (rms), the tip follows up and down rather
-than being squeezed: such a profile loses its long waves, each multiplied by q^2 / (q^2 + c^2), with
-the wavenumber c at which the rms of x is 1.
+so that it never turns into a pull: where the surface falls away it fades towards nothing, where it
+rises the tip is pushed off before the force doubles. A constant load is silent and left out.
 
-- Smooth, x well below 1: F - load = k h. Twice the load gives 2^(1/3) times the force.
-- Rough: twice the load gives twice the force, of somewhat longer waves.
+- *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the share of the heights that squeezes the dent: of the
+  rest the tip keeps clear as it moves up and down. A roller, all of whose mass would have to move,
+  has a share of 0.3. The level of rubbing noise is a linear function of the logarithm of speed and
+  of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani, Wear 268, 335 (2010)); the
+  exponent is 3/4, or 4.5 dB a doubling ("Influence of sliding speed on roughness noise", 2019,
+  experiment and simulation).
+- *Roughness.* Smooth surfaces, X below 1, act in proportion to their heights; of rough ones,
+  which the dent cannot take, with the power 0.4. Twice the load is louder by 2^(1/3) when smooth
+  and by 2^0.73 when rough.
+- *Contact.* The circle of contact has the radius a = (3 load R / (4 E*))^(1/3); averaging over its
+  pressure, sqrt(1 - (r/a)^2), multiplies waves of wavenumber q by 3 (sin qa - qa cos qa) / (qa)^3.
+  Waves longer than half a millimetre are followed: they count as the square of 0.5 mm over that.
 
-The circle of contact has the radius a = (3 load R / (4 E*))^(1/3); averaging over its pressure,
-sqrt(1 - (r/a)^2), multiplies waves of wavenumber q by 3 (sin qa - qa cos qa) / (qa)^3. All this
-happens over distance: moving twice as fast shifts the whole spectrum up an octave (a profile read
-at the speed of contact: van den Doel, Kry & Pai, FoleyAutomatic, SIGGRAPH 2001). The limit and the
-following are simple stand-ins for the inertia of the tip, which would not scale like that.
+All this happens over distance: moving twice as fast shifts the whole spectrum up an octave (a
+surface read at the speed of contact: van den Doel, Kry & Pai, FoleyAutomatic, SIGGRAPH 2001). The
+share, the power and the following are simple stand-ins for the inertia of the tip.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
-from scipy.optimize import brentq
 
 from struck.core import entry
 from struck.excitation.excitation import require_at_least_zero, require_positive
 from struck.excitation.hertz import Striker, contact_modulus
-from struck.excitation.roughness import Roughness, profile
+from struck.excitation.roughness import Finish, Profile, finish
+from struck.excitation.texture import CHUNK, add_heights, hump, variance
 from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.model import ModalModel
 
 LEVELS_AN_OCTAVE = 3
-RUNGS_AN_OCTAVE = 2  # loads are tabulated at 2^(rung / 2) N and interpolated between
+FADE = 5e-3  # s, in which a moving contact comes on and lifts off
+LIGHTEST = 1e-6  # N: the force of lighter contacts is in proportion to this one's
 
 _MOST = 0.8  # of the load: what filters overshoot stays a push
-_ROUGHEST = 1.0
+TIP, ROLLER = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
+_EXPONENT = 0.75  # of the speed
+_SPARED = 0.6  # power of X by which a rough surface acts less than in proportion
+FOLLOWED = 5e-4  # m, waves from which on the tip follows
+# Spacings a sample between which layers fade out: their waves are two spacings long and longer.
+_SLOW, _FAST = 0.45, 0.8
+_FAINT = 1e-3  # of the loudest layer's weight: a layer below is left out
 _POINTS_A_WAVE = 6  # of the shortest wave of a level
 _FLAT = 2 / 3  # share of a level's band that passes whole
-FADE = 5e-3  # s, in which a moving contact comes on and lifts off
-CHUNK = 64  # samples between two looks at speed and load
-_STEPS = np.arange(1.0, CHUNK + 1)
-_SQUARES = np.square(_STEPS)
-LIGHTEST = 1e-3  # N: the force of lighter contacts is in proportion to this one's
+_RESOLVED = 2.7  # q a of the shortest wave that a contact feels
 
 
 @checked
@@ -62,14 +69,16 @@ class Tool:
 
     Parameters
     ----------
-    roughness : str or Roughness
-        Of the two surfaces together: a name in ``roughness.toml``, or a profile.
+    roughness : str, Roughness or Profile
+        Of the surface: a name in ``roughness.toml``, a finish, or a profile to be read as it is.
     striker : str
         Of what the tip is, a name in ``strikers.toml``.
     radius : float or None
         Of the tip, m; None takes the striker's.
     patch : float
         Radius of the area over which mode shapes are averaged, m; 0 is a point.
+    seed : int
+        Which surface of this finish it is.
 
     Raises
     ------
@@ -77,104 +86,147 @@ class Tool:
         On unknown names, or numbers outside their bounds.
     """
 
-    roughness: str | Roughness = "wood"
+    roughness: str | Finish = "wood"
     striker: str = "plastic"
     radius: float | None = None
     patch: float = 0.0
+    seed: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "roughness", profile(self.roughness))
+        object.__setattr__(self, "roughness", finish(self.roughness))
         Striker.named(self.striker)
         require_positive(radius=self.radius)
-        require_at_least_zero(patch=self.patch)
+        require_at_least_zero(patch=self.patch, seed=self.seed)
 
     def on(self, model: ModalModel) -> Rubbed:
         """Return its tip in contact with a model."""
         tip = Striker.named(self.striker)
         solids = (tip,) if model.material is None else (tip, model.material)
         return Rubbed(
-            roughness=profile(self.roughness),
+            roughness=finish(self.roughness),
             modulus=contact_modulus(*solids),
             radius=self.radius or tip.radius,
+            seed=int(self.seed),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rubbed:
-    """Two bodies in contact: their roughness together, and the spring of the dent."""
+    """Two bodies in contact: the surface that moves past, and the spring of the dent."""
 
-    roughness: Roughness  # height of both together over distance
+    roughness: Finish
     modulus: float  # E* of the two, Pa
     radius: float  # joint radius of curvature, m
+    seed: int = 0
+    share: float = TIP  # of the heights that is not followed, at 1 m/s
 
-    @property
-    def finest(self) -> float:
-        """Highest wavenumber that is kept, cycles/m."""
-        return 1 / self.roughness.pitch
+    def contact_radius(self, loads: Array) -> Array:
+        """Return the radius of the circle of contact, m, at loads of any shape, N."""
+        return np.cbrt(3 * loads * self.radius / (4 * self.modulus))
 
-    def contact_radius(self, load: float) -> float:
-        """Return the radius of the circle of contact, m."""
-        return (3 * load * self.radius / (4 * self.modulus)) ** (1 / 3)
+    def stiffness(self, loads: Array) -> Array:
+        """Return the stiffness k of the dent under loads of any shape, N/m."""
+        return np.cbrt(6 * self.modulus**2 * self.radius * loads)
 
-    def stiffness(self, load: float) -> float:
-        """Return the stiffness k of the dent under a load, N/m."""
-        return (6 * self.modulus**2 * self.radius * load) ** (1 / 3)
-
-    def force(self, load: float) -> Array:
-        """Return F - load at twice as many places as the roughness has, N."""
-        heights = self.roughness.heights
-        turns: Array = 2 * np.pi * np.arange(len(heights) // 2 + 1.0) / self.roughness.length
-        felt = np.fft.rfft(heights) * pressure_mean(turns * self.contact_radius(load))
-        squeezed = _squeezed(felt * (self.stiffness(load) / load), turns)
-        waves = np.fft.irfft(2 * squeezed, 2 * len(heights))
-        limited = waves / np.sqrt(1 + np.square(waves / _MOST))
-        return load * (limited - limited.mean())
+    def scale(self, felt: Array, speeds: Array, loads: Array) -> Array:
+        """Return y a metre of height, 1/m, of heights whose rms at the dent is `felt`, m."""
+        held = np.maximum(loads, LIGHTEST)
+        squeeze = self.stiffness(held) / held
+        share = np.minimum(self.share * speeds**_EXPONENT, 1.0)
+        return np.where(loads > 0, share * squeeze / (1 + (squeeze * felt) ** _SPARED), 0.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rung:
-    """The force at one load, low-passed to ever longer waves for ever faster motion."""
-
-    values: NDArray[np.float32]  # (T,), N, level after level
-    starts: Index  # (L,), where level j begins, of waves up to `finest` 2^(-j / LEVELS_AN_OCTAVE)
-    counts: Index  # (L,), points of a level over the period
-    places: tuple[int, ...] = field(init=False)  # addresses of the three, for the core
-
-    def __post_init__(self) -> None:
-        arrays = self.values, self.starts, self.counts
-        object.__setattr__(self, "places", tuple(array.ctypes.data for array in arrays))
+def limited(squeezed: Array, loads: Array) -> Array:
+    """Return F - load, N, of squeezes y under loads."""
+    return loads * squeezed / np.sqrt(1 + np.square(squeezed / _MOST))
 
 
-@lru_cache(maxsize=16)  # of some 2 MB
-def rung(rubbed: Rubbed, number: int) -> Rung:
-    """Return the force at a load of 2^(number / RUNGS_AN_OCTAVE) N."""
-    force = rubbed.force(2 ** (number / RUNGS_AN_OCTAVE))
-    spectrum = np.fft.rfft(force) / len(force)
-    levels = []
-    highest = len(force) / 2
-    while highest > 1:
-        levels.append(_low_passed(spectrum, highest))
-        highest /= 2 ** (1 / LEVELS_AN_OCTAVE)
-    counts = np.array([len(level) for level in levels])
-    values = np.concatenate(levels).astype(np.float32)
-    return Rung(values=values, starts=np.cumsum(counts) - counts, counts=counts)
+class Reader:
+    """The force of a surface that moves past a contact, read by place, or by distance.
+
+    Speeds and loads are looked at every 64 samples, counted from when the contact began, and what
+    follows from them is joined by straight lines, so that the force does not depend on how long the
+    blocks are.
+    """
+
+    def __init__(self, rubbed: Rubbed, sample_rate: float) -> None:
+        self._rubbed, self._rate = rubbed, sample_rate
+        self._known: tuple[float, float] | None = None
+        self._weights = np.zeros(0)
+        surface = rubbed.roughness
+        if isinstance(surface, Profile):
+            self._levels = levels_of(surface)
+            self._offset = float(np.random.default_rng(rubbed.seed).random())
+        else:
+            self._layers = surface.layers(rubbed.seed)
+            self._followed = self._layers.heights * followed(self._layers.spacings)
+
+    def squeezes(
+        self, first: int, places: Array, ways: Array, speeds: Array, loads: Array
+    ) -> Array:
+        """Return the squeeze y (n,) of the dent.
+
+        At places (n, 3) and after distances (n,), m; speeds, m/s, and loads, N, are those of the
+        looks (rows,), between the first two of which `first` samples are over.
+        """
+        out = np.zeros(len(ways))
+        if isinstance(self._rubbed.roughness, Profile):
+            self._read_profile(first, ways, speeds, loads, out)
+        else:
+            add_heights(self._layers, self._weighted(speeds, loads), first, places, out)
+        return out
+
+    def _weighted(self, speeds: Array, loads: Array) -> Array:
+        """Return the weight of each layer at each look (rows, O)."""
+        steady = speeds.min() == speeds.max() and loads.min() == loads.max()
+        pair = (float(speeds[0]), float(loads[0]))
+        if not steady:
+            self._known = None
+            return self._weights_at(speeds, loads)
+        if pair != self._known or len(self._weights) < len(speeds):
+            rows = self._weights_at(speeds[:1], loads[:1])
+            self._known, self._weights = pair, np.tile(rows, (max(len(speeds), 4), 1))
+        return self._weights
+
+    def _weights_at(self, speeds: Array, loads: Array) -> Array:
+        layers, rubbed = self._layers, self._rubbed
+        radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
+        heights = self._followed * patch_mean(radii[:, None] / layers.spacings)
+        felt = np.sqrt(variance() * np.square(heights).sum(axis=1))
+        passing = speeds[:, None] / (self._rate * layers.spacings)  # spacings a sample
+        heard = np.clip((_FAST - passing) / (_FAST - _SLOW), 0, 1)
+        weights = heights * heard * rubbed.scale(felt, speeds, loads)[:, None]
+        loudest = weights.max(axis=1, keepdims=True)
+        return np.where(weights >= _FAINT * loudest, weights, 0.0)
+
+    def _read_profile(
+        self, first: int, ways: Array, speeds: Array, loads: Array, out: Array
+    ) -> None:
+        rubbed, table = self._rubbed, self._levels
+        radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
+        felt_levels = table.level_of(_RESOLVED / (2 * np.pi * radii))
+        felt = np.interp(felt_levels, np.arange(len(table.rms)), table.rms)
+        passing = table.level_of(self._rate / 2 / np.maximum(speeds, 1e-30))
+        levels = np.maximum(felt_levels, np.where(passing > 0, passing + 1, 0))
+        weights = rubbed.scale(felt, speeds, loads)
+        turns = self._offset + ways / table.length
+        done = 0
+        while done < len(out):
+            row, begun = divmod(first + done, CHUNK)
+            count = min(CHUNK - begun, len(out) - done)
+            shares = np.array([begun, begun + count]) / CHUNK
+            ends = [
+                tuple((course[row] + shares * (course[row + 1] - course[row])).tolist())
+                for course in (levels, weights)
+            ]
+            piece = slice(done, done + count)
+            add_reading(table, turns[piece], ends[0], ends[1], out[piece])
+            done += count
 
 
-def _squeezed(spectrum: Complex, turns: Array) -> Complex:
-    """Return the spectrum of x (n / 2 + 1,) once the tip follows the long waves."""
-    power = np.square(np.abs(spectrum) / (len(spectrum) - 1)) / 2
-
-    def excess(cut: float) -> float:
-        return float(power @ _followed(turns, np.exp(cut)) ** 2) - _ROUGHEST**2
-
-    lowest, highest = np.log(turns[1]) - 5, np.log(turns[-1]) + 5
-    if excess(lowest) <= 0:
-        return spectrum
-    return spectrum * _followed(turns, np.exp(brentq(excess, lowest, highest, xtol=1e-6)))
-
-
-def _followed(turns: Array, cut: float) -> Array:
-    return 1 / (1 + np.square(cut / np.maximum(turns, turns[1] / 1e3)))
+def followed(lengths: Array) -> Array:
+    """Return the share of waves of these lengths, m, that the tip does not follow."""
+    return 1 / (1 + np.square(lengths / FOLLOWED))
 
 
 def pressure_mean(turns: Array) -> Array:
@@ -185,64 +237,20 @@ def pressure_mean(turns: Array) -> Array:
     return np.where(np.abs(turns) < 0.1, near, closed)
 
 
-def _low_passed(spectrum: Complex, highest: float) -> Array:
-    """Return one period of a profile without waves above `highest` in it."""
-    kept = min(int(highest) + 1, len(spectrum))
-    waves = np.arange(kept)
-    fall = np.clip((highest - waves) / (highest * (1 - _FLAT)), 0, 1)
-    count = next_fast_len(max(8, int(np.ceil(_POINTS_A_WAVE * highest))), real=True)
-    return np.fft.irfft(spectrum[:kept] * np.sin(np.pi / 2 * fall) ** 2, count) * count
+def patch_mean(radii: Array) -> Array:
+    """Return what is left of a layer of a texture over a Hertz contact, radii in spacings."""
+    known, shares = _patch_mean()
+    return np.interp(np.log(np.maximum(radii, 1e-300)), known, shares)
 
 
-class Reader:
-    """The force of a moving contact and the distance it has gone, sample by sample."""
-
-    # Speed and load are looked at every 64 samples, counted from when the contact began, and joined
-    # by straight lines, so that the force does not depend on how long the blocks are.
-
-    def __init__(
-        self, rubbed: Rubbed, sample_rate: float, *, offset: float, speed: float, load: float
-    ) -> None:
-        self._rubbed, self._rate, self._offset = rubbed, sample_rate, offset
-        self._speed, self._load = speed, load
-        self._force = np.zeros(0)  # read, but not taken yet
-        self._ways = np.zeros(0)
-        self._way = 0.0
-        self._chunk = 0
-        # Tables and kernel are made now, not while the first block is waited for.
-        self._read(self._ways, (speed, speed), (load, load))
-
-    def take(self, length: int, look: Callable[[int], tuple[float, float]]) -> tuple[Array, Array]:
-        """Return force, N, and distance, m; `look` gives speed and load after so many chunks."""
-        forces, distances = [self._force], [self._ways]
-        for _ in range(len(self._force), length, CHUNK):
-            self._chunk += 1
-            force, ways = self._next(*look(self._chunk))
-            forces.append(force)
-            distances.append(ways)
-        force, ways = np.concatenate(forces), np.concatenate(distances)
-        self._force, self._ways = force[length:], ways[length:]
-        return force[:length], ways[:length]
-
-    def _next(self, speed: float, load: float) -> tuple[Array, Array]:
-        speeds, loads = (self._speed, speed), (self._load, load)
-        gone = _STEPS * speeds[0] + _SQUARES * ((speeds[1] - speeds[0]) / 2 / CHUNK)
-        ways = self._way + gone / self._rate
-        self._way, self._speed, self._load = float(ways[-1]), speed, load
-        return self._read(ways, speeds, loads), ways
-
-    def _read(self, ways: Array, speeds: tuple[float, float], loads: tuple[float, float]) -> Array:
-        force = np.zeros(len(ways))
-        turns = (self._offset + ways) / self._rubbed.roughness.length
-        levels = self._level(speeds[0]), self._level(speeds[1])
-        for number, weights in _rungs(*loads).items():
-            add_reading(rung(self._rubbed, number), turns, levels, weights, force)
-        return force
-
-    def _level(self, speed: float) -> float:
-        """Return the level whose shortest waves pass in two samples or more, between two levels."""
-        passing = 2 * self._rubbed.finest * speed / self._rate
-        return max(0.0, LEVELS_AN_OCTAVE * math.log2(passing) + 1) if passing > 0 else 0.0
+@cache
+def _patch_mean() -> tuple[Array, Array]:
+    radii = np.geomspace(1e-3, 1e3, 181)
+    waves = np.geomspace(1e-4, 3.0, 1500)
+    spectrum = hump(waves)
+    felt = np.square(pressure_mean(2 * np.pi * waves * radii[:, None])) * spectrum
+    powers = np.trapezoid(felt, waves, axis=1) / np.trapezoid(spectrum, waves)
+    return np.log(radii), np.sqrt(powers)
 
 
 def fading(numbers: Array, fade: int, last: int | None) -> Array:
@@ -254,33 +262,67 @@ def fading(numbers: Array, fade: int, last: int | None) -> Array:
     return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
 
 
-def rung_at(load: float) -> int:
-    """Return the number of the tabulated load at or below a load, N."""
-    return math.floor(RUNGS_AN_OCTAVE * math.log2(max(load, LIGHTEST)))
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Levels:
+    """A profile low-passed to ever longer waves, for ever faster motion and wider contacts."""
+
+    values: NDArray[np.float32]  # (T,), m, level after level
+    starts: Index  # (L,), where level j begins, of waves up to `finest` 2^(-j / LEVELS_AN_OCTAVE)
+    counts: Index  # (L,), points of a level over the period
+    length: float = 1.0  # of the period, m
+    finest: float = 1.0  # highest wavenumber of the first level, cycles/m
+    rms: Array = field(default_factory=lambda: np.ones(1))  # (L,), m
+    places: tuple[int, ...] = field(init=False)  # addresses of the first three, for the core
+
+    def __post_init__(self) -> None:
+        arrays = self.values, self.starts, self.counts
+        object.__setattr__(self, "places", tuple(array.ctypes.data for array in arrays))
+
+    def level_of(self, highest: Array) -> Array:
+        """Return the level, between two, whose shortest waves have wavenumbers, cycles/m."""
+        octaves = np.log2(self.finest / np.maximum(highest, 1e-300))
+        return np.maximum(0.0, LEVELS_AN_OCTAVE * octaves)
 
 
-@lru_cache(maxsize=64)  # as most loads are steady
-def _rungs(begin: float, end: float) -> Mapping[int, Sequence[float]]:
-    """Return the tabulated loads about two loads, and their weights in each."""
-    rungs: dict[int, list[float]] = {}
-    for which, load in enumerate((begin, end)):
-        if load > 0:
-            held, number = max(load, LIGHTEST), rung_at(load)
-            low, high = (2 ** (n / RUNGS_AN_OCTAVE) for n in (number, number + 1))
-            share = (held - low) / (high - low)
-            for rung_number, weight in ((number, 1 - share), (number + 1, share)):
-                rungs.setdefault(rung_number, [0.0, 0.0])[which] += weight * load / held
-    return rungs
+@lru_cache(maxsize=16)  # of some 2 MB
+def levels_of(profile: Profile) -> Levels:
+    """Return the levels of a profile, whose long waves the tip follows."""
+    count = len(profile.heights)
+    waves = np.arange(count // 2 + 1)
+    lengths = profile.length / np.maximum(waves, 1)
+    spectrum = np.fft.rfft(profile.heights) / count * followed(lengths)
+    found, highest = [], count / 2 / _FLAT
+    while highest > 1:
+        found.append(_low_passed(spectrum, highest))
+        highest /= 2 ** (1 / LEVELS_AN_OCTAVE)
+    counts = np.array([len(level) for level in found])
+    return Levels(
+        values=np.concatenate(found).astype(np.float32),
+        starts=np.cumsum(counts) - counts,
+        counts=counts,
+        length=profile.length,
+        finest=count / 2 / _FLAT / profile.length,
+        rms=np.array([level.std() for level in found]),
+    )
+
+
+def _low_passed(spectrum: Complex, highest: float) -> Array:
+    """Return one period of a profile without waves above `highest` in it."""
+    kept = min(int(highest) + 1, len(spectrum))
+    waves = np.arange(kept)
+    fall = np.clip((highest - waves) / (highest * (1 - _FLAT)), 0, 1)
+    count = next_fast_len(max(8, int(np.ceil(_POINTS_A_WAVE * highest))), real=True)
+    return np.fft.irfft(spectrum[:kept] * np.sin(np.pi / 2 * fall) ** 2, count) * count
 
 
 def add_reading(
-    table: Rung,
+    table: Levels,
     turns: Array,
     levels: Sequence[float],
     weights: Sequence[float],
     out: Array,
 ) -> None:
-    """Add to `out` (n,) the values of a rung at `turns` (n,) of its period.
+    """Add to `out` (n,) the values of a table at `turns` (n,) of its period.
 
     Levels and weights go in a straight line from the first to the last of two.
     """
@@ -292,13 +334,13 @@ def add_reading(
 
 
 def add_reading_plainly(
-    table: Rung,
+    table: Levels,
     turns: Array,
     levels: Sequence[float],
     weights: Sequence[float],
     out: Array,
 ) -> None:
-    """Add the values of a rung as `add_reading` does, in plain NumPy."""
+    """Add the values of a table as `add_reading` does, in plain NumPy."""
     share = np.arange(len(out)) / len(out)
     level = (1 - share) * levels[0] + share * levels[1]
     heard = level < len(table.counts)
@@ -311,7 +353,7 @@ def add_reading_plainly(
     out[heard] += ((1 - share) * weights[0] + share * weights[1])[heard] * value
 
 
-def _cubic(table: Rung, levels: Index, turns: Array) -> Array:
+def _cubic(table: Levels, levels: Index, turns: Array) -> Array:
     """Return the cubic through the four points about each place (Lagrange)."""
     starts, counts = table.starts[levels], table.counts[levels]
     place = (turns - np.floor(turns)) * counts

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -70,28 +71,27 @@ class Path:
         """Distance from the first place to the last, m."""
         return float(self.lengths[-1])
 
-    def at(self, travelled: float) -> Array:
-        """Return the point (3,) after a distance of `travelled` m."""
+    def at(self, travelled: ArrayLike) -> Array:
+        """Return the points (..., 3) after distances (...) of `travelled` m."""
         return self._read(self.points, travelled)
 
-    def normal(self, travelled: float) -> Array:
-        """Return the outward unit normal (3,) after a distance of `travelled` m."""
-        normal = self._read(self.normals, travelled)
-        return normal / max(float(np.linalg.norm(normal)), np.finfo(float).tiny)
+    def normal(self, travelled: ArrayLike) -> Array:
+        """Return the outward unit normals (..., 3) after distances (...) of `travelled` m."""
+        normals = self._read(self.normals, travelled)
+        sizes = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return normals / np.maximum(sizes, np.finfo(float).tiny)
 
-    def _read(self, table: Array, travelled: float) -> Array:
-        place = self._folded(travelled)
-        after = int(np.clip(np.searchsorted(self.lengths, place), 1, len(self.lengths) - 1))
-        low, high = self.lengths[after - 1], self.lengths[after]
-        share = (place - low) / (high - low)
-        return (1 - share) * table[after - 1] + share * table[after]
+    def _read(self, table: Array, travelled: ArrayLike) -> Array:
+        folded = self._folded(np.asarray(travelled, np.float64))
+        return np.stack([np.interp(folded, self.lengths, axis) for axis in table.T], axis=-1)
 
-    def _folded(self, travelled: float) -> float:
+    def _folded(self, travelled: Array) -> Array:
+        """Return distances from the first place to the last."""
         if self.repeat == "loop":
             return travelled % self.length
         if self.repeat == "back":
-            return self.length - abs(travelled % (2 * self.length) - self.length)
-        return min(max(travelled, 0.0), self.length)
+            return self.length - np.abs(travelled % (2 * self.length) - self.length)
+        return travelled  # held at its ends
 
 
 def require_waypoints(places: Waypoints, repeat: str) -> None:

@@ -1,4 +1,4 @@
-"""Roughness: how high a surface is along a line, over metres."""
+"""Surfaces: how uneven a finish is, as the law of a random texture or as a measured profile."""
 
 from __future__ import annotations
 
@@ -10,29 +10,140 @@ from typing import Any
 
 import numpy as np
 from safetensors.numpy import load
+from scipy.optimize import least_squares
 
 from struck.errors import OptionError
 from struck.excitation.excitation import (
-    require_at_least_zero,
     require_known,
     require_positive,
     table_of,
 )
-from struck.model.arrays import Array, checked
+from struck.excitation.texture import Layers, fitted, variance
+from struck.model.arrays import Array, checked, require_number
 
 _FEWEST, _MOST = 16, 1 << 18
-# A fractal repeats after so many of its longest waves, and has so many points in its shortest.
-_WAVES, _POINTS_A_WAVE = 64, 2.5
+_STEEPEST, _FLATTEST = -4.0, -1.2  # slopes
+_WIDEST = 1e5  # times that the longest wave may exceed the shortest
+_FINE = 16  # shortest waves unless given: so many to a correlation length
+_OF_WAVES = 1.4  # spacing of a layer whose covariance is as wide as exp(-(s / length)^2)
+# Abrasive paper: heights and correlation lengths in grains.
+_GRAIN_HEIGHT, _GRAIN_LENGTH = 0.43, 1 / 3
 # Longer waves than this are form, which what slides over it follows in silence; the second widest
 # cut-off of ISO 21920.
-_WAVINESS = 2.5e-3
+_FORM = 2.5e-3
 _SEAM = 0.05
+_FAINTEST = 3e-3  # share of the strongest waves' power below which waves count as none
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Roughness:
+    """A finish: the law of random heights on two scales that never repeat.
+
+    Roughness proper has the spectrum along a line
+
+        S(k) = S0 (1 + (2 pi k correlation_length)^2)^(slope / 2),  k below 1 / shortest
+
+    (the K-correlation or ABC model of profilometry: Church & Takacs, Proc. SPIE 1165, 136 (1989)),
+    level for long waves and self-affine for short ones, of Hurst exponent -(1 + slope) / 2.
+    Waviness has heights correlated as exp(-(s / waviness_length)^2). The numbers are those of an
+    acoustic surface in the draft glTF extension ``KHR_audio_rigid_bodies`` (2026), in metres
+    whatever the size of the body.
+
+    Parameters
+    ----------
+    rms : float
+        Root of the mean square height of the roughness, m.
+    correlation_length : float
+        How far apart its heights are related, m.
+    slope : float
+        Exponent of its spectrum towards short waves, -4 to -1.2.
+    shortest : float or None
+        Shortest wave, m; None is a sixteenth of the correlation length.
+    waviness : float
+        Root of the mean square height of the waviness, m.
+    waviness_length : float
+        How far apart its heights are related, m.
+    name : str
+        What people call it.
+    source : str
+        Where the figures come from.
+
+    Raises
+    ------
+    OptionError
+        On numbers outside their bounds.
+    """
+
+    rms: float
+    correlation_length: float
+    slope: float = -2.4
+    shortest: float | None = None
+    waviness: float = 0.0
+    waviness_length: float = 2e-3
+    name: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        require_number("rms", self.rms, 0.0, 1e-2, above=True)
+        require_number("correlation_length", self.correlation_length, 1e-8, 1.0)
+        require_number("slope", self.slope, _STEEPEST, _FLATTEST)
+        require_number("waviness", self.waviness, 0.0, 1e-1)
+        require_number("waviness_length", self.waviness_length, 1e-8, 10.0)
+        longest = self.longest
+        require_number("shortest", self.finest, longest / _WIDEST, longest)
+
+    @classmethod
+    @checked
+    def named(cls, name: str) -> Roughness:
+        """Look a finish up in ``roughness.toml``, in any case.
+
+        Raises
+        ------
+        OptionError
+            When there is none of that name; the nearest are offered.
+        """
+        return _known(require_known(name, roughnesses(), "roughness"))
+
+    @classmethod
+    def of(cls, given: str | Roughness) -> Roughness:
+        """Return a finish given by name or as it is."""
+        return cls.named(given) if isinstance(given, str) else given
+
+    @property
+    def finest(self) -> float:
+        """The shortest wave, m."""
+        return self.correlation_length / _FINE if self.shortest is None else self.shortest
+
+    @property
+    def longest(self) -> float:
+        """The wave about which the spectrum bends, m."""
+        return 2 * np.pi * self.correlation_length
+
+    def spectrum(self, wavenumbers: Array) -> Array:
+        """Return the law of the roughness (n,), m^2 per cycle/m, at wavenumbers (n,), cycles/m.
+
+        One-sided; its integral is the mean square height.
+        """
+        waves = np.concatenate([[0.0], np.geomspace(1e-4 / self.longest, 1 / self.finest, 2000)])
+        total = np.trapezoid(self._shape(waves), waves)
+        known = np.asarray(wavenumbers, np.float64)
+        inside = known <= 1 / self.finest
+        return np.where(inside, self.rms**2 / total * self._shape(known), 0.0)
+
+    def _shape(self, wavenumbers: Array) -> Array:
+        return (1 + np.square(wavenumbers * self.longest)) ** (self.slope / 2)
+
+    def layers(self, seed: int = 0) -> Layers:
+        """Return the texture of this finish that belongs to a seed."""
+        spacings, heights = _fitted(self)
+        return Layers.of(spacings, heights, int(seed))
 
 
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Roughness:
-    """A height profile that repeats.
+class Profile:
+    """Heights along a line, measured or made, that are read as they are and so repeat.
 
     Parameters
     ----------
@@ -73,69 +184,18 @@ class Roughness:
 
     @classmethod
     @checked
-    def fractal(
-        cls,
-        *,
-        rms: float,
-        exponent: float,
-        shortest: float,
-        longest: float,
-        seed: int = 0,
-        name: str = "fractal",
-        source: str = "",
-    ) -> Roughness:
-        """Make a random profile without a scale of its own between two wavelengths.
+    def named(cls, name: str) -> Profile:
+        """Look a measured profile up in ``profiles.toml``, in any case.
 
-        Parameters
-        ----------
-        rms : float
-            Root of the mean square height, m.
-        exponent : float
-            The power spectrum falls as the wavenumber to the power of -`exponent`: 0 is white, 2
-            like a random walk.
-        shortest, longest : float
-            Bounds of its wavelengths, m.
-        seed : int
-            Of the random phases.
-        name, source : str
-            As in the class.
-
-        Raises
-        ------
-        OptionError
-            On numbers outside their bounds, or wavelengths too far apart for a table.
-        """
-        require_positive(rms=rms, shortest=shortest, longest=longest)
-        require_at_least_zero(exponent=exponent, seed=seed)
-        count = 2 * round(_WAVES * _POINTS_A_WAVE * longest / shortest / 2)
-        if not shortest < longest or count > _MOST:
-            raise OptionError(
-                f"shortest is {shortest} m and longest {longest} m: longest must exceed shortest, "
-                f"at most {_MOST / _WAVES / _POINTS_A_WAVE:.0f} times"
-            )
-        waves = np.arange(count // 2 + 1, dtype=np.float64)
-        inside = (waves >= _WAVES) & (waves <= count / _POINTS_A_WAVE)
-        sizes = np.where(inside, np.maximum(waves, 1) ** (-exponent / 2), 0.0)
-        phases = np.random.default_rng(int(seed)).uniform(0, 2 * np.pi, len(waves))
-        heights = np.fft.irfft(sizes * np.exp(1j * phases), count)
-        heights *= rms / heights.std()
-        pitch = shortest / _POINTS_A_WAVE
-        return cls(heights=heights, pitch=pitch, name=name, source=source)
-
-    @classmethod
-    @checked
-    def named(cls, name: str) -> Roughness:
-        """Look a roughness up in ``roughness.toml``, in any case.
-
-        Measured profiles lose waves longer than 2.5 mm, which are form rather than roughness, and
-        are joined to repeat.
+        It loses waves longer than 2.5 mm, which are form rather than roughness, and is joined to
+        repeat.
 
         Raises
         ------
         OptionError
             When there is none of that name; the nearest are offered.
         """
-        return _known(require_known(name, roughnesses(), "roughness"))
+        return _measured(require_known(name, profiles(), "profile"))
 
     @property
     def length(self) -> float:
@@ -147,40 +207,108 @@ class Roughness:
         """Root of the mean square height, m."""
         return float(self.heights.std())
 
-    def over(self, length: float, count: int) -> Array:
-        """Return `count` heights over another `length`, m, joined so that they repeat after it."""
-        places = np.arange(count, dtype=np.float64) * (length / count)
-        seam = np.clip((places / length - 1 + _SEAM) / _SEAM, 0, 1) * (np.pi / 2)
-        return np.cos(seam) * self._at(places) + np.sin(seam) * self._at(places - length)
+    def roughness(self) -> Roughness:
+        """Return the finish whose spectrum is nearest to this profile's, and which never repeats.
 
-    def _at(self, places: Array) -> Array:
-        own = np.arange(len(self.heights)) * self.pitch
-        return np.interp(places, own, self.heights, period=self.length)
+        Raises
+        ------
+        OptionError
+            When the profile is flat.
+        """
+        if not self.rms:
+            raise OptionError(f"the {len(self.heights)} heights are all the same: give a profile")
+        from scipy.signal import welch
+
+        waves, power = welch(self.heights, 1 / self.pitch, nperseg=min(len(self.heights), 8192))
+        edges = np.geomspace(waves[1] / 2, waves[-1], 60)
+        bins = np.digitize(waves, edges)
+        groups = [bins == number for number in np.unique(bins[1:])]
+        means = np.array([(waves[group].mean(), power[group].mean()) for group in groups])
+        centres, powers = means[means[:, 1] > _FAINTEST * means[:, 1].max()].T
+        levels = np.log(powers)
+
+        def apart(guess: Array) -> Array:
+            top, length, slope = guess
+            bend = np.log1p(np.square(2 * np.pi * np.exp(length) * centres))
+            return top + slope / 2 * bend - levels
+
+        shortest, longest = np.log([self.pitch, self.length / 16])
+        found = least_squares(
+            apart,
+            [levels.max(), (shortest + longest) / 2, -2.0],
+            bounds=([-np.inf, shortest, _STEEPEST], [np.inf, longest, _FLATTEST]),
+        )
+        return Roughness(
+            rms=self.rms,
+            correlation_length=float(np.exp(found.x[1])),
+            slope=float(found.x[2]),
+            shortest=float(1 / centres.max()),
+            name=self.name,
+            source=self.source,
+        )
+
+
+Finish = Roughness | Profile
 
 
 def roughnesses() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of roughnesses by name."""
+    """Return the table of finishes by name."""
     return table_of("roughness")
 
 
-def profile(roughness: str | Roughness) -> Roughness:
-    """Return a roughness given by name or as it is."""
-    return Roughness.named(roughness) if isinstance(roughness, str) else roughness
+def profiles() -> Mapping[str, Mapping[str, Any]]:
+    """Return the table of measured profiles by name."""
+    return table_of("profiles")
 
 
 @cache
 def _known(name: str) -> Roughness:
     entry = dict(roughnesses()[name])
-    if "pitch" not in entry:
-        return Roughness.fractal(name=name, **entry)
+    grain = entry.pop("grain", None)
+    if grain is not None:
+        entry["rms"], entry["correlation_length"] = _GRAIN_HEIGHT * grain, _GRAIN_LENGTH * grain
+    return Roughness(name=name, **entry)
+
+
+@cache
+def _fitted(finish: Roughness) -> tuple[Array, Array]:
+    """Return spacings and heights (O,), m, of the layers of a finish."""
+    spacings, heights = fitted(finish.spectrum, finish.finest, finish.longest)
+    heights *= finish.rms / np.sqrt(variance() * np.square(heights).sum())
+    if not finish.waviness:
+        return spacings, heights
+    waves = _OF_WAVES * finish.waviness_length, finish.waviness / np.sqrt(variance())
+    return np.append(spacings, waves[0]), np.append(heights, waves[1])
+
+
+@cache
+def _measured(name: str) -> Profile:
+    entry = dict(profiles()[name])
     data = resources.files("struck.excitation").joinpath("roughness.safetensors").read_bytes()
     heights = load(data)[name] * entry["step"]
-    raw = Roughness(heights=heights, pitch=entry["pitch"])
-    joined = raw.over(raw.length * (1 - _SEAM), round(len(heights) * (1 - _SEAM)))
+    raw = Profile(heights=heights, pitch=entry["pitch"])
+    joined = _joined(raw, raw.length * (1 - _SEAM), round(len(heights) * (1 - _SEAM)))
     waves = np.fft.rfftfreq(len(joined), raw.pitch)
-    return Roughness(
-        heights=np.fft.irfft(np.fft.rfft(joined) * (waves >= 1 / _WAVINESS), len(joined)),
+    return Profile(
+        heights=np.fft.irfft(np.fft.rfft(joined) * (waves >= 1 / _FORM), len(joined)),
         pitch=raw.pitch,
         name=name,
         source=entry["source"],
     )
+
+
+def _joined(profile: Profile, length: float, count: int) -> Array:
+    """Return heights (count,) over another length, m, joined so that they repeat after it."""
+    own = np.arange(len(profile.heights)) * profile.pitch
+    places = np.arange(count, dtype=np.float64) * (length / count)
+    here, before = (
+        np.interp(at, own, profile.heights, period=profile.length)
+        for at in (places, places - length)
+    )
+    seam = np.clip((places / length - 1 + _SEAM) / _SEAM, 0, 1) * (np.pi / 2)
+    return np.cos(seam) * here + np.sin(seam) * before
+
+
+def finish(given: str | Finish) -> Finish:
+    """Return a finish given by name, or what was given as it is."""
+    return Roughness.named(given) if isinstance(given, str) else given

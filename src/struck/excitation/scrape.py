@@ -2,33 +2,36 @@
 
 from __future__ import annotations
 
-import math
+from collections import deque
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
 from struck.errors import OptionError
+from struck.excitation.envelope import Envelope, Roller
 from struck.excitation.excitation import (
     Course,
     Push,
-    drive_at,
+    drives_at,
     follow,
     frozen,
     require_at_least_zero,
     require_positive,
 )
-from struck.excitation.friction import CHUNK, FADE, Reader, Rubbed, Tool, fading
+from struck.excitation.friction import FADE, ROLLER, Reader, Rubbed, Tool, fading, limited
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.path import Path, Waypoints, require_waypoints
-from struck.excitation.roughness import Roughness, profile
+from struck.excitation.roughness import Finish, Roughness, finish
+from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, checked
 from struck.model.material import Material
 from struck.model.model import ModalModel
 
 _GRAVITY = 9.81  # m/s^2
-_FEWEST_TURNS_LENGTH = 0.12  # m of surface before its roughness comes round again
-_MOST_POINTS = 1 << 17
+_APART = 1 << 32  # a roller of the same seed has another texture than the surface
+_AHEAD = 16  # chunks that are computed at once
+_SHARES = np.arange(1, CHUNK + 1) / CHUNK
 
 
 @checked
@@ -37,9 +40,10 @@ class Scrape:
     """A round tip dragged over the surface of a body.
 
     The tip rides over the roughness by Hertz's law (`struck.excitation.friction`): faster is
-    brighter, an octave for twice the speed; heavier is louder, by 2^(1/3) for twice the load on a
-    smooth surface and twice on a rough one. A constant load itself makes no sound and is
-    left out of the force.
+    brighter, an octave for twice the speed, and louder, by some 4.5 dB; heavier is louder, by 2 dB
+    for twice the load on a smooth surface and 4 dB on a rough one. The surface is read by place:
+    the same place sounds the same, and a path that never returns never repeats. A constant load
+    itself makes no sound and is left out of the force.
 
     Parameters
     ----------
@@ -49,8 +53,8 @@ class Scrape:
         m/s; see `struck.excitation.excitation`.
     load : float, (times, values) or function
         How hard the tip is held down, N.
-    roughness : str or Roughness
-        Name in ``roughness.toml``, or a profile.
+    roughness : str, Roughness or Profile
+        Name in ``roughness.toml``, a finish, or a profile to be read as it is, over and over.
     striker : str
         Of what the tip is, a name in ``strikers.toml``.
     radius : float or None
@@ -64,7 +68,7 @@ class Scrape:
     time : float
         When it begins, s. It comes on and lifts off within 5 ms.
     seed : int
-        Where on the profile it begins.
+        Which surface of this finish it is; of a profile, where on it the scrape begins.
 
     Raises
     ------
@@ -75,7 +79,7 @@ class Scrape:
     path: Waypoints
     speed: Course
     load: Course
-    roughness: str | Roughness = "sandpaper"
+    roughness: str | Finish = "sandpaper"
     striker: str = "steel"
     radius: float | None = None
     seconds: float | None = None
@@ -88,7 +92,7 @@ class Scrape:
         require_waypoints(self.path, self.repeat)
         object.__setattr__(self, "speed", frozen("speed", self.speed))
         object.__setattr__(self, "load", frozen("load", self.load))
-        object.__setattr__(self, "roughness", profile(self.roughness))
+        object.__setattr__(self, "roughness", finish(self.roughness))
         Striker.named(self.striker)
         require_positive(radius=self.radius, seconds=self.seconds)
         require_at_least_zero(patch=self.patch, time=self.time, seed=self.seed)
@@ -101,8 +105,16 @@ class Scrape:
         ContactError
             When the path leaves the body.
         """
-        tool = Tool(roughness=self.roughness, striker=self.striker, radius=self.radius)
-        return Rubbing(self, tool.on(model), self.load, model, sample_rate, start=start)
+        rubbing = Rubbing(self, self.load, model, sample_rate)
+        return rubbing.start(round(self.time * sample_rate), start)
+
+    def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Reader:
+        """Return what reads the surface along a path."""
+        del path, load
+        tool = Tool(
+            roughness=self.roughness, striker=self.striker, radius=self.radius, seed=self.seed
+        )
+        return Reader(tool.on(model), sample_rate)
 
 
 @checked
@@ -110,9 +122,11 @@ class Scrape:
 class Roll:
     """A ball or wheel that rolls over the surface of a body without slipping.
 
-    The unevenness of both adds up: the surface's along the way, the roller's own round after round
-    of 2 pi radius. Force follows as for a scrape (`struck.excitation.friction`); the large radius
-    makes a wide contact that feels only the longer waves, so rolling is smoother and duller.
+    The unevenness of both adds up: the surface's by place, the roller's own round after round of
+    2 pi radius, the only period there is. The ball rides on what it touches first
+    (`struck.excitation.envelope`), and force follows as for a scrape
+    (`struck.excitation.friction`); its large radius makes it bridge valleys and average over a wide
+    contact, so rolling is smoother and duller.
 
     Parameters
     ----------
@@ -127,9 +141,13 @@ class Roll:
     load : float, (times, values), function or None
         N, in place of the weight.
     roughness, roller_roughness : str or Roughness
-        Of the surface and of the roller: names in ``roughness.toml``, or profiles.
+        Of the surface and of the roller: names in ``roughness.toml``, or finishes; of a measured
+        profile `profile.roughness()`.
     material : str or Material
         Of the roller.
+    roundness : float
+        How far the roller is from round, rms of 2 to 240 waves around it, m: a ball of a good
+        bearing has a tenth of a micrometre, a marble some.
     flat : float
         Depth of a flat spot worn into the roller, m: it passes every 2 pi radius of the way. Its
         edges are taken as rounded over, so that its profile is a raised cosine of the length
@@ -142,8 +160,8 @@ class Roll:
         Radius of the area over which mode shapes are averaged, m; 0 is a point.
     time : float
         When it begins, s. It comes on and lifts off within 5 ms.
-    seed : int
-        Where on the profiles it begins.
+    seed, roller_seed : int
+        Which surface of its finish it is, and which roller.
 
     Raises
     ------
@@ -159,19 +177,26 @@ class Roll:
     roughness: str | Roughness = "wood"
     roller_roughness: str | Roughness = "steel"
     material: str | Material = "steel"
+    roundness: float = 1e-6
     flat: float = 0.0
     seconds: float | None = None
     repeat: str = "once"
     patch: float = 0.0
     time: float = 0.0
     seed: int = 0
+    roller_seed: int = 0
 
     def __post_init__(self) -> None:
         require_waypoints(self.path, self.repeat)
         require_positive(radius=self.radius, mass=self.mass, seconds=self.seconds)
-        require_at_least_zero(flat=self.flat, patch=self.patch, time=self.time, seed=self.seed)
-        if self.flat >= self.radius:
-            raise OptionError(f"flat is {self.flat} m: it must lie below the radius, {self.radius}")
+        require_at_least_zero(flat=self.flat, roundness=self.roundness, patch=self.patch)
+        require_at_least_zero(time=self.time, seed=self.seed, roller_seed=self.roller_seed)
+        for name in ("flat", "roundness"):
+            depth = getattr(self, name)
+            if depth >= self.radius:
+                raise OptionError(
+                    f"{name} is {depth} m: it must lie below the radius, {self.radius}"
+                )
         if (self.mass is None) == (self.load is None):
             raise OptionError(
                 f"mass is {self.mass} kg and load is {self.load} N: the load is the weight of the "
@@ -181,7 +206,7 @@ class Roll:
         if self.load is not None:
             object.__setattr__(self, "load", frozen("load", self.load))
         for name in ("roughness", "roller_roughness"):
-            object.__setattr__(self, name, profile(getattr(self, name)))
+            object.__setattr__(self, name, Roughness.of(getattr(self, name)))
         if isinstance(self.material, str):
             object.__setattr__(self, "material", Material.named(self.material))
 
@@ -193,59 +218,73 @@ class Roll:
         ContactError
             When the path leaves the body.
         """
-        load = _GRAVITY * self.mass if self.mass is not None else self.load or 0.0
-        return Rubbing(self, self._rubbed(model), load, model, sample_rate, start=start)
+        rubbing = Rubbing(self, self._weight(), model, sample_rate)
+        return rubbing.start(round(self.time * sample_rate), start)
 
-    def _rubbed(self, model: ModalModel) -> Rubbed:
-        roller = self.material
-        if isinstance(roller, str):
-            roller = Material.named(roller)
-        solids = (roller,) if model.material is None else (roller, model.material)
-        return Rubbed(
-            roughness=self.unevenness(),
+    def _weight(self) -> Course:
+        return _GRAVITY * self.mass if self.mass is not None else self.load or 0.0
+
+    def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Envelope:
+        """Return what reads surface and roller together along a path."""
+        surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
+        material = self.material
+        if isinstance(material, str):
+            material = Material.named(material)
+        solids = (material,) if model.material is None else (material, model.material)
+        rubbed = Rubbed(
+            roughness=surface,
             modulus=contact_modulus(*solids),
             radius=self.radius,
+            share=ROLLER,
         )
-
-    def unevenness(self) -> Roughness:
-        """Return the height of surface and roller together, over whole turns of the roller."""
-        return _together(
-            profile(self.roughness), profile(self.roller_roughness), self.radius, self.flat
+        below = surface.layers(self.seed)
+        ball = Roller(
+            radius=self.radius,
+            layers=roller.layers(self.roller_seed + _APART),
+            roundness=self.roundness,
+            flat=self.flat,
+            seed=self.roller_seed,
+        )
+        return Envelope(
+            rubbed, sample_rate, lambda ways: below.at(path.at(ways)) + ball.heights(ways), load
         )
 
 
 class Rubbing:
     """A `Pushing` that moves over a body: a scrape or a roll at work."""
 
+    # Force and distance are computed some chunks of 64 samples ahead, counted from the begin, and
+    # drives for as many blocks, as many places at once take little longer than one. A function that
+    # says speed or load is asked no earlier than it must.
+
     def __init__(
         self,
         contact: Scrape | Roll,
-        rubbed: Rubbed,
         load: Course,
         model: ModalModel,
         sample_rate: float,
-        *,
-        start: int,
     ) -> None:
         require_positive(sample_rate=sample_rate)
-        random = np.random.default_rng(int(contact.seed))
         self._path = Path.over(model, contact.path, repeat=contact.repeat)
         self._speed, self._load = follow("speed", contact.speed), follow("load", load)
+        self._ahead = 1 if callable(contact.speed) or callable(load) else _AHEAD
         self._model, self._rate, self._patch = model, sample_rate, contact.patch
         self._fade = max(1, round(FADE * sample_rate))
         self._last = None if contact.seconds is None else round(contact.seconds * sample_rate)
-        self._reader = Reader(
-            rubbed,
-            sample_rate,
-            offset=random.uniform(0, rubbed.roughness.length),
-            speed=self._speed(0.0),
-            load=self._load(0.0),
-        )
-        self._now, self._way = 0, 0.0  # samples and m since it began
-        first = round(contact.time * sample_rate)
+        self._reader = contact.reader(model, sample_rate, self._path, self._load(0.0))
+        self._chunk, self._looked = 0, (self._speed(0.0), self._load(0.0))
+        self._force, self._ways = np.zeros(0), np.zeros(0)  # computed, but not taken yet
+        self._drives: deque[Array] = deque()
+        self._drives_every = 0  # samples
+        self._now, self._way, self._wait = 0, 0.0, 0  # samples and m since it began
+        self._begun = 0.0  # m, where the next chunk begins
+
+    def start(self, first: int, start: int) -> Self:
+        """Begin at sample number `start` with what was to begin at `first`."""
         self._wait = max(0, first - start)
         for begin in range(0, start - first, CHUNK):
             self._take(min(CHUNK, start - first - begin))
+        return self
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -255,14 +294,12 @@ class Rubbing:
             return None
         force = np.zeros(length)
         force[waiting:] = self._take(length - waiting)
-        normal = self._path.normal(self._way)
-        point = self._path.at(self._way)
-        drive = drive_at(self._model, point, normal, -normal, radius=self._patch)
-        return Push(force=force, drive=drive)
+        return Push(force=force, drive=self._drive(length))
 
     def change(self, model: ModalModel) -> None:
-        """Go on along the same path over a body that has changed; the roughness stays."""
+        """Go on along the same path over a body that has changed; the surface stays."""
         self._model = model
+        self._drives.clear()
 
     @property
     def finished(self) -> bool:
@@ -271,7 +308,12 @@ class Rubbing:
 
     def _take(self, length: int) -> Array:
         """Return the next `length` samples of force, faded in and out."""
-        force, ways = self._reader.take(length, self._look)
+        while len(self._force) < length:
+            force, ways = self._more()
+            self._force = np.concatenate([self._force, force])
+            self._ways = np.concatenate([self._ways, ways])
+        force, ways = self._force[:length], self._ways[:length]
+        self._force, self._ways = self._force[length:], self._ways[length:]
         if self._path.repeat == "once" and ways[-1] >= self._path.length:
             end = self._now + int(np.searchsorted(ways, self._path.length))
             self._last = end if self._last is None else min(self._last, end)
@@ -280,22 +322,27 @@ class Rubbing:
         self._now += length
         return force * fading(numbers, self._fade, self._last)
 
-    def _look(self, chunks: int) -> tuple[float, float]:
-        time = chunks * CHUNK / self._rate
-        return self._speed(time), self._load(time)
+    def _more(self) -> tuple[Array, Array]:
+        """Return force, N, and distance, m, of the next chunks."""
+        times = (self._chunk + np.arange(1, self._ahead + 1)) * (CHUNK / self._rate)
+        looks = [self._looked, *((self._speed(t), self._load(t)) for t in times.tolist())]
+        speeds, loads = np.array(looks).T
+        gone = (speeds[:-1] + speeds[1:]) * (CHUNK / 2 / self._rate)
+        before = np.cumsum(np.concatenate([[self._begun], gone]))
+        rising = np.diff(speeds)[:, None] / 2
+        within = (speeds[:-1, None] + rising * _SHARES) * (_SHARES * (CHUNK / self._rate))
+        ways = (before[:-1, None] + within).reshape(-1)
+        held = (loads[:-1, None] + np.diff(loads)[:, None] * _SHARES).reshape(-1)
+        squeezes = self._reader.squeezes(0, self._path.at(ways), ways, speeds, loads)
+        self._chunk += self._ahead
+        self._looked, self._begun = looks[-1], float(before[-1])
+        return limited(squeezes, held), ways
 
-
-@lru_cache(maxsize=16)
-def _together(surface: Roughness, roller: Roughness, radius: float, flat: float) -> Roughness:
-    around = 2 * math.pi * radius
-    finest = min(surface.pitch, roller.pitch, around / 64)
-    turns = math.ceil(_FEWEST_TURNS_LENGTH / around)
-    points = min(math.ceil(around / finest), _MOST_POINTS // turns)
-    heights = surface.over(turns * around, turns * points)
-    worn = roller.over(around, points)
-    chord = math.sqrt(8 * radius * flat)
-    if chord:
-        from_middle = (np.arange(points) / points - 0.5) * (around / chord)
-        inside = np.abs(from_middle) < 0.5
-        worn -= np.where(inside, flat * np.cos(np.pi * from_middle) ** 2, 0.0)
-    return Roughness(heights=heights + np.tile(worn, turns), pitch=around / points)
+    def _drive(self, length: int) -> Array:
+        """Return the drive where the block ends, and find those of the next such blocks."""
+        if length != self._drives_every or not self._drives:
+            ends = np.concatenate([[self._way], self._ways[length - 1 :: length]])
+            normals = self._path.normal(ends)
+            found = drives_at(self._model, self._path.at(ends), -normals, radius=self._patch)
+            self._drives, self._drives_every = deque(found), length
+        return self._drives.popleft()

@@ -4,8 +4,8 @@ Whoever moves it says 60 to 1000 times a second where it is, how hard it presses
 moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
 the load then passes a window of 2 ms: no step, no corner, nothing of the rate of the updates above
 about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same way). A moving contact
-adds the force of roughness, as a scrape does (`struck.excitation.friction`). A steady load itself
-is silent; what is heard is how it changes.
+adds the force of the surface at its place, as a scrape does (`struck.excitation.friction`). A
+steady load itself is silent; what is heard is how it changes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
 from struck.excitation.excitation import HEAVIEST, Push, drive
-from struck.excitation.friction import CHUNK, FADE, Reader, Tool, fading, rung, rung_at
+from struck.excitation.friction import FADE, Reader, Tool, fading, limited
+from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
@@ -29,6 +30,7 @@ USUAL = 100.0  # Hz, expected before there were two updates
 _WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+_MOVES = 0.5  # share of the speed by which a place must move to be where the surface is felt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,20 +53,20 @@ class Touching:
         self._model, self._rate = model, sample_rate
         self.now = start
         self._tool = tool or Tool()
-        self._rubbed = self._tool.on(model)
         self._updates: deque[Update] = deque()
         self._heard: Update | None = None
         self._said: tuple[ModalModel, Update] | None = None
         self._interval = sample_rate / USUAL
         self._load, self._speed, self._pressed, self._moving = Ramp(), Ramp(), Ramp(), Ramp()
-        self._drive = Blend()
+        self._drive, self._place = Blend(), Places()
         hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
         self._window: Array = hann / hann.sum()
         self._before: Array = np.zeros(len(self._window) - 1)
         self._fade = max(1, round(FADE * sample_rate))
-        self._reader = Reader(self._rubbed, sample_rate, offset=0.0, speed=0.0, load=0.0)
+        self._reader = Reader(self._tool.on(model), sample_rate)
+        self._looks = np.zeros((2, 2))  # speed, load where the last chunk began and this one
+        self._way = 0.0  # m
         self._rubbed_for, self._skipped, self._still = 0, 0, 0  # samples
-        self._prepared = 0.0
         self.ended = False
 
     @property
@@ -118,7 +120,6 @@ class Touching:
             drives = said[1].drive
         else:
             drives = drive(model, contact, radius=self._tool.patch)
-        self._prepare(load)
         number = self.now if sample is None else sample
         word = Update(sample=number, contact=contact, drive=drives, force=load, speed=speed)
         self._said = model, word
@@ -143,27 +144,30 @@ class Touching:
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
         loads, speeds, pressed, moving = courses = np.empty((4, length))
+        places = np.empty((length, 3))
         first, done = 0 if self._heard else length, 0
         while self._updates and self._updates[0].sample < self.now + length:
             word = self._updates.popleft()
             begin = max(done, word.sample - self.now)
-            self._fill(courses[:, done:begin])
+            self._fill(courses[:, done:begin], places[done:begin])
             first, done = min(first, begin), begin
             self._take(word)
-        self._fill(courses[:, done:])
+        self._fill(courses[:, done:], places[done:])
         self.now += length
         if self._heard is None or self._rests(length, pressed):
             return None
         longer = np.concatenate([self._before, loads * pressed])
         self._before = longer[length:]
         force = np.convolve(longer, self._window, "valid")
-        force[first:] += self._noise(loads[first:], speeds[first:]) * moving[first:]
+        rubbing = self._rub(places[first:], loads[first:], speeds[first:])
+        force[first:] += rubbing * moving[first:]
         return Push(force=force, drive=self._drive.now)
 
-    def _fill(self, courses: Array) -> None:
+    def _fill(self, courses: Array, places: Array) -> None:
         ramps = (self._load, self._speed, self._pressed, self._moving)
         for course, ramp in zip(courses, ramps, strict=True):
             course[:] = ramp.take(courses.shape[1])
+        places[:] = self._place.take(len(places))
         self._drive.go(courses.shape[1])
 
     def _take(self, word: Update) -> None:
@@ -177,6 +181,8 @@ class Touching:
         self._speed.toward(speed, 0 if jump else gap)
         self._moving.toward(1.0 if speed else 0.0, gap)  # at rest the force is the load
         self._drive.toward(word.drive, 0 if jump else gap)
+        between = 0 if self._heard is None else word.sample - self._heard.sample
+        self._place.toward(word.contact.point, speed * between / self._rate, 0 if jump else gap)
         self._heard = word
 
     def _gap(self, sample: int) -> int:
@@ -201,36 +207,25 @@ class Touching:
         self._skipped += length
         return True
 
-    def _noise(self, loads: Array, speeds: Array) -> Array:
-        """Return the force of the roughness under these loads, N."""
-        missed = self._skipped % CHUNK
-        self._skipped = 0
-        if missed:  # so that looks go on every 64 samples, counted from the first update
-            self._rub(np.full(missed, loads[0]), np.zeros(missed))
-        return self._rub(loads, speeds)
-
-    def _rub(self, loads: Array, speeds: Array) -> Array:
-        first, count = self._rubbed_for, len(loads)
+    def _rub(self, places: Array, loads: Array, speeds: Array) -> Array:
+        """Return the force of the surface at places (n, 3) under loads and speeds (n,), N."""
+        count = len(loads)
         if not count:
             return np.zeros(0)
-
-        def look(chunks: int) -> tuple[float, float]:
-            # For the end of a chunk as at its begin, which is known by then.
-            number = min(max((chunks - 1) * CHUNK - first, 0), count - 1)
-            return float(speeds[number]), float(loads[number])
-
-        force, _ = self._reader.take(count, look)
+        if self._skipped:  # at rest it was not asked
+            self._rubbed_for += self._skipped
+            self._skipped, self._looks = 0, np.array([(0.0, loads[0])] * 2)
+        first = self._rubbed_for
+        looked = np.arange(-first % CHUNK, count, CHUNK)
+        looks = np.concatenate([self._looks, np.stack([speeds[looked], loads[looked]], axis=1)])
+        begun = first % CHUNK
+        row = 0 if begun else 1  # of the look at the begin of the chunk before the first sample's
+        ways = self._way + np.cumsum(speeds) / self._rate
+        squeezes = self._reader.squeezes(begun, places, ways, *looks[row:].T.copy())
+        self._looks, self._way = looks[-2:], float(ways[-1])
         self._rubbed_for += count
-        return force * fading(np.arange(first, first + count, dtype=np.float64), self._fade, None)
-
-    def _prepare(self, load: float) -> None:
-        """Make the tables that this load and those on the way to it need, here and not later."""
-        if load <= 0:
-            return
-        ends = sorted(rung_at(each) for each in (self._prepared or load, load))
-        for number in range(ends[0], ends[1] + 2):
-            rung(self._rubbed, number)
-        self._prepared = load
+        numbers = np.arange(first, first + count, dtype=np.float64)
+        return limited(squeezes, loads) * fading(numbers, self._fade, None)
 
 
 @checked
@@ -385,6 +380,41 @@ class Blend:
         share = min(count / self._left, 1.0)
         self._left = max(0, self._left - count)
         self.now = self.now + share * (self._target - self.now) if self._left else self._target
+
+
+class Places:
+    """Where on its surface a touch is felt: the point that was said, where that moves as it should.
+
+    Where a speed is said and the point stands still, the surface moves past under it: it goes on by
+    the distance, along a line of its own.
+    """
+
+    def __init__(self) -> None:
+        self._now, self._target = np.zeros(3), np.zeros(3)
+        self._said: Array | None = None
+        self._left = 0
+
+    def toward(self, point: Array, way: float, samples: int) -> None:
+        """Set the next point (D,), after `way` m, to be reached after some samples."""
+        said = np.zeros(3)
+        said[: len(point)] = point
+        step = said if self._said is None else said - self._said
+        if self._said is not None and np.linalg.norm(step) < _MOVES * way:
+            step = np.array([way, 0.0, 0.0])
+        self._target = self._target + step
+        self._said, self._left = said, samples
+        if samples == 0:
+            self._now = self._target
+
+    def take(self, count: int) -> Array:
+        """Return the next places (count, 3), m."""
+        if self._left == 0 or count == 0:
+            return np.broadcast_to(self._now, (count, 3))
+        shares = np.minimum(np.arange(1, count + 1) / self._left, 1.0)
+        found = self._now + shares[:, None] * (self._target - self._now)
+        self._left = max(0, self._left - count)
+        self._now = found[-1] if self._left else self._target
+        return found
 
 
 def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:

@@ -266,9 +266,9 @@ SOLIDS = (
     Piece(
         name="plate",
         title="A steel plate, touched in many ways",
-        text="One body, 300 x 200 x 3 mm: struck, scraped over three kinds of roughness (measured "
-        "profiles of sandpaper and wood from ThreeDWorld, and a fractal one of concrete), rolled "
-        "on, and struck twice, with a hand that takes hold at the second blow.",
+        text="One body, 300 x 200 x 3 mm: struck, scraped over three finishes that never repeat "
+        "(sandpaper P120, planed wood, concrete), rolled on, and struck twice, with a hand that "
+        "takes hold at the second blow.",
         body=lambda: Block(size=(0.3, 0.2, 0.003)),
         material="steel",
         damping="heard",
