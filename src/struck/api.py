@@ -50,6 +50,7 @@ def analyze(
     band: tuple[float, float] | None = None,
     damping: str = "own",
     radiation: str = "power",
+    recoil: bool = True,
     method: str | None = None,
     backend: str = "auto",
     cache: bool | str | os.PathLike[str] = True,
@@ -60,21 +61,20 @@ def analyze(
     Parameters
     ----------
     body : path, Mesh, trimesh object, VolumeMesh or a body of struck.solids or struck.shapes
-        A surface (OBJ, STL, PLY, OFF, GLB, glTF; also packed as gz, bz2, xz or zip), or elements
-        of another program (VTK, VTU, MSH, INP). A trimesh object has its own `.units`.
+        A surface (OBJ, STL, PLY, OFF, GLB, glTF; gz, bz2, xz or zip too), or elements of another
+        program (VTK, VTU, MSH, INP). A trimesh object has its own `.units`.
     material : Material or str
     units, size : str or float, optional
         Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given. Or
         the longest edge of the body's bounding box, m.
     part, up : str, optional
-        Which of several bodies in a file (see `struck info`), and which axis points up in it.
+        Which of several bodies in a file (see `struck info`), and which axis points up.
     wall : float, optional
         Thickness of a hollow body's wall or of an open sheet, half on either side, m.
     holes : str, optional
         Of a surface with a wall: "keep" or "fill"; round and straight-edged ones stay otherwise.
     repair : bool
-        Make of holes, crossings, flipped faces and the like a surface that encloses a body, and
-        say so (RepairWarning, provenance); otherwise such a surface is refused.
+        Mend holes, crossings, flipped faces and the like, and say so; otherwise they are refused.
     fixed : box (2, 3) or callable, optional
         Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
     accuracy : str
@@ -85,15 +85,15 @@ def analyze(
     damping, radiation : str
         "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa),
         "obrien2002" or "heuristic1998" (relative).
-    method : str
+    recoil : bool
+        The click of a free body as a whole; never by the papers' own ways, named by a year.
+    method, backend : str
         For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
         For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
         tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
-    backend : str
-        Sparse factorisation: "auto", "rslab" or "superlu".
+        And the sparse factorisation: "auto", "rslab" or "superlu".
     cache : bool or path
-        Where finished stages are kept and taken up again: True for the user's cache (or what the
-        environment variable STRUCK_CACHE names), False for none, or a folder.
+        Where finished stages are kept: the user's cache (or $STRUCK_CACHE), not at all, a folder.
     progress : callable
         Told the stage and the fraction of it that is done.
 
@@ -124,6 +124,7 @@ def analyze(
         band=band,
         damping=damping,
         radiation=radiation,
+        recoil=recoil,
         method=method,
         backend=backend,
         cache=cache,
@@ -185,8 +186,7 @@ def fit(
         Reverberation time T60 of the room, s, or a recording of a clap in it: modes that die away
         nearly as fast, or faster, are told in the report and in `provenance` as perhaps its own.
     residual : bool
-        Keep what the modes do not explain of the loudest hit, its attack and noise: `render` then
-        plays it with each strike.
+        Keep the loudest hit's attack and noise, less its modes: `render` adds it to each strike.
     force : bool
         Make a model even of what is not the ringing of a struck object.
     report : path, optional

@@ -2,6 +2,7 @@
 
 StruckError
 ├── OptionError               an argument outside its bound
+│   └── NoModeError           a band in which a body has no mode
 ├── MeshError                 a body whose geometry cannot ring as it stands
 ├── MaterialError             an unknown or impossible material or damping
 ├── ContactError              a contact off the body, or a listener inside it
@@ -25,6 +26,10 @@ class OptionError(StruckError, ValueError):
 
 class ArgumentError(OptionError, TypeError):
     """An argument of a wrong type."""
+
+
+class NoModeError(OptionError):
+    """A band in which a body has no mode."""
 
 
 class MeshError(StruckError, ValueError):

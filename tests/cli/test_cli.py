@@ -163,7 +163,11 @@ def _nan_file(name: str) -> None:
         (_two, ["--no-repair"], ["part="]),
         (lambda: CUBE, ["--wall", "0.2"], ["wall of 0.2 m", "thinner wall"]),
         (lambda: CUBE, ["--wall", "-1"], ["wall is -1"]),
-        (lambda: CUBE, ["--band", "20,200"], ["no mode lies below 200 Hz", "lowest is at"]),
+        (
+            lambda: CUBE,
+            ["--band", "20,200", "--no-recoil"],
+            ["no mode lies below 200 Hz", "lowest is at"],
+        ),
         (lambda: CUBE, ["--band", "200,20"], ["band", "lower first"]),
         (lambda: CUBE, ["--units", "parsec"], ["parsec", "mm"]),
         (lambda: CUBE, ["--size", "-2"], ["size", "-2"]),

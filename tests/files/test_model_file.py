@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,8 @@ from struck.model.material import Air, Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
+from struck.model.recoil import DAMPINGS as DAMPINGS_OF_RECOIL
+from struck.model.recoil import Recoil
 from struck.radiation import RadiatedPower, by_name
 
 DAMPINGS: dict[str, Damping] = {
@@ -34,6 +36,10 @@ DAMPINGS: dict[str, Damping] = {
     "rayleigh": Rayleigh(mass=0.1, stiffness=1e-7, external=0.0),
     "measured": Measured(frequencies=(100.0, 1000.1), rates=(1.0, 2 / 3)),
 }
+
+
+# SHA-256 of the file of `model()` as struck wrote it before it knew recoil.
+BEFORE_RECOIL = "b99b0bb4e0e7ddcff2d86adf2d4b3416d6a825706e31d5323395ffcff029501a"
 
 
 def model(seed: int = 0, modes: int = 7) -> ModalModel:
@@ -135,6 +141,55 @@ def refused(path: Path) -> str:
 def test_round_trip_is_exact(tmp_path: Path, seed: int) -> None:
     made = model(seed)
     assert_same(made, through(made, tmp_path / "a.struck"))
+
+
+def recoiling(seed: int = 0, modes: int = 7) -> ModalModel:
+    rng = np.random.default_rng(seed)
+    recoil = Recoil(
+        axes=np.linalg.qr(rng.standard_normal((3, 3)))[0],
+        levels=rng.random(3) * 1e-8,
+        corners=1 + 1e4 * rng.random(3),
+        dampings=rng.uniform(*DAMPINGS_OF_RECOIL, 3),
+    )
+    return replace(model(seed, modes), recoil=recoil)
+
+
+@pytest.mark.parametrize("modes", [0, 7])
+def test_recoil_returns_exactly_in_files_of_the_same_version(tmp_path: Path, modes: int) -> None:
+    made = recoiling(modes=modes)
+    loaded = through(made, tmp_path / "a.struck")
+    assert_same(made, loaded)
+    assert loaded.recoil is not None
+    for each in fields(Recoil):
+        assert bits(getattr(loaded.recoil, each.name)) == bits(getattr(made.recoil, each.name))
+    assert complaints(metadata(tmp_path / "a.struck"), SCHEMA, SCHEMA) == []
+    header = safetensors.safe_open(tmp_path / "a.struck", "np").metadata()
+    assert header["version"] == "1"
+
+
+def test_files_without_recoil_are_those_before_it(tmp_path: Path) -> None:
+    model_file.save(model(), tmp_path / "a.struck")
+    assert hashlib.sha256((tmp_path / "a.struck").read_bytes()).hexdigest() == BEFORE_RECOIL
+    assert "recoil" not in metadata(tmp_path / "a.struck")
+    assert model_file.load(tmp_path / "a.struck").recoil is None
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"axes": [[1, 0, 0]]}, "numbers where"),
+        ({"dampings": [0.5, 0.5, 7.0]}, "dampings from 0.4"),
+        ({"levels": [1e400, 0, 0]}, "no number of JSON|finite"),
+        ({"levels": None}, "numbers where|finite"),
+    ],
+)
+def test_damaged_recoil_is_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
+    text, tensors = model_file._kept(recoiling())
+    text["recoil"] |= change
+    written = json.dumps(text, default=model_file._plain)
+    data = pack(tensors, {"format": "struck", "version": "1", "json": written})
+    (tmp_path / "a.struck").write_bytes(data)
+    assert re.search(words, refused(tmp_path / "a.struck"))
 
 
 @pytest.mark.parametrize("name", DAMPINGS)
@@ -308,7 +363,7 @@ def test_metadata_follow_the_schema(tmp_path: Path, name: str) -> None:
     model_file.save(replace(made, material=made.material.damped(DAMPINGS[name])), tmp_path / "a")
     written = metadata(tmp_path / "a")
     assert complaints(written, SCHEMA, SCHEMA) == []
-    assert set(written) == set(SCHEMA["properties"])
+    assert set(written) == set(SCHEMA["properties"]) - {"recoil"}
     written["material"]["damping"]["more"] = 1
     assert complaints(written, SCHEMA, SCHEMA)
 

@@ -68,7 +68,7 @@ def test_modes_of_another_program_sound_the_same() -> None:
     wrong = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
     elements[wrong] = elements[wrong][:, [0, 2, 1, 3]]
     volume = VolumeMesh(nodes=mesh.p.T.copy(), elements=elements, kind="tet4")
-    ours = struck.analyze(volume, steel, band=BAND)
+    ours = struck.analyze(volume, steel, band=BAND, recoil=False)
     surface = ours.geometry
     frequencies, shapes = _external_modes(mesh, steel, surface.points)
     theirs = model_of_modes(
@@ -100,7 +100,7 @@ def test_our_own_modes_given_from_outside_render_the_same_samples(block: ModalMo
     )
     sounds = [
         struck.render(m, Strike(at=(0.055, 0.01, 0.01), striker="wood"), seconds=0.1).samples
-        for m in (block, copy)
+        for m in (replace(block, recoil=None), copy)
     ]
     assert np.abs(sounds[0] - sounds[1]).max() <= 1e-6 * np.abs(sounds[0]).max()
 

@@ -27,7 +27,7 @@ from struck.shapes import (
     String,
 )
 
-BAR = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+BAR = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel", recoil=False)
 COUNT = len(BAR.frequencies)
 ALL = f"{COUNT} of {COUNT} numbers are"
 # Each by the beginning of its message; values of a model that are no model's.

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
-from struck.errors import OptionError, ScaleWarning, StruckError
+from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
 from struck.model.gains import Radiation
@@ -28,7 +28,8 @@ from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
 from struck.model.modes import Modes
 from struck.model.provenance import FORECAST, Progress, Provenance, silent
-from struck.radiation import by_name
+from struck.radiation import added_mass, by_name
+from struck.radiation.added_mass import recoil_of
 from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
@@ -42,7 +43,7 @@ from struck.solids.fem.error_estimates import (
     with_shape,
 )
 from struck.solids.fem.spectrum import Solver
-from struck.solids.fem.vibration import vibration_modes
+from struck.solids.fem.vibration import vibration_modes, without_modes
 from struck.solids.resolution import Cost, Forecast
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
@@ -98,6 +99,7 @@ def analyze(
     band: tuple[float, float] | None = None,
     damping: str = "own",
     radiation: str = "power",
+    recoil: bool = True,
     method: str | None = None,
     backend: str = "auto",
     cache: bool | str | os.PathLike[str] = True,
@@ -107,33 +109,51 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    (lowest, highest), _ = (
-        _require_band(BAND if band is None else band),
-        by_name(radiation),
-    )  # before the long work
+    lowest, highest = _require_band(BAND if band is None else band)  # before the long work
+    heard = by_name(radiation)
+    recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
     if _is_shape(body):
         file.refuse("a body of struck.shapes has its own")
         if method in {None, "formula"}:
-            return _by_formula(body, chosen, radiation, (lowest, highest), wall=wall, fixed=fixed)
+            band = lowest, highest
+            recoil = recoil and not body.supported
+            return _by_formula(body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
     solver = _solver(method, backend)
+    recoil = recoil and method == "quadratic" and fixed is None
     progress("mesh", 0.0)
     source = discretise(
         body, file, stages, wall=wall, accuracy=accuracy, repair=repair, holes=holes
     )
-    _require_scale(
-        source, chosen, highest, progress, held=fixed is not None, asked=band is not None
-    )
     work = _Work(
-        stages=stages, material=chosen, highest=highest, fixed=fixed, method=method, solver=solver
+        stages=stages,
+        material=chosen,
+        highest=highest,
+        fixed=fixed,
+        method=method,
+        solver=solver,
+        recoils=recoil,
     )
+    work.require_scale(source, asked=band is not None)
     elements, modes = work.resolved(source)
     merged = _merged(elements.provenance, modes, body, method)
-    return work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
+    model = work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
+    return _recoiling(model) if recoil else model
+
+
+def _recoiling(model: ModalModel) -> ModalModel:
+    """Return a free body's model with its recoil."""
+    if model.geometry is None or model.mass is None:
+        return model
+    return replace(
+        model,
+        recoil=recoil_of(model.geometry, model.mass),
+        provenance=model.provenance.extended(references=added_mass.REFERENCES),
+    )
 
 
 def _is_shape(body: Source) -> TypeIs[Shape]:
@@ -143,7 +163,13 @@ def _is_shape(body: Source) -> TypeIs[Shape]:
 
 
 def _by_formula(
-    shape: Shape, material: Material, radiation: str, band: tuple[float, float], **given: object
+    shape: Shape,
+    material: Material,
+    radiation: Radiation,
+    band: tuple[float, float],
+    *,
+    recoil: bool,
+    **given: object,
 ) -> ModalModel:
     """Return the model of a shape, which takes none of the options `given`."""
     for name, value in given.items():
@@ -152,16 +178,17 @@ def _by_formula(
                 f"{name}= does not apply to {type(shape).__name__}, which tells it itself: leave "
                 "it out, or take method='fem'"
             )
-    modes = shape.modes(material, band)
+    modes = shape.modes(material, band, none=recoil)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
     provenance = modes.provenance.extended(body=repr(shape), versions=versions)
-    return ModalModel.of(
+    model = ModalModel.of(
         replace(modes, provenance=provenance),
         material,
-        radiation=by_name(radiation),
+        radiation=radiation,
         lowest=band[0],
         places={**places_of(modes.surface), **shape.places},
     )
+    return _recoiling(model) if recoil else model
 
 
 def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
@@ -180,6 +207,19 @@ class _Work:
     fixed: Fixed | None
     method: str
     solver: Solver
+    recoils: bool
+
+    def require_scale(self, source: Discretisation, *, asked: bool) -> None:
+        """Forecast modes, time and memory; warn or refuse where they are too many."""
+        forecast, nodes = Forecast.of(source.outline, self.material, source.wall), source.nodes
+        told = forecast.require_reasonable(
+            self.highest, nodes, held=self.fixed is not None, asked=asked, recoils=self.recoils
+        )
+        cost = Cost.of(forecast.modes(self.highest), nodes)
+        if told:
+            warnings.warn(told, ScaleWarning, stacklevel=4)
+        factorisation.require(int(cost.memory / _CERTAIN))
+        self.stages.progress(f"{FORECAST}{cost}", 0.0)
 
     def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
         """Return elements and their modes, with errors estimated by a coarser resolution too."""
@@ -189,7 +229,19 @@ class _Work:
             few, least = coarse.mesh.functions, _MORE if coarse.mesh.cubic else 0.0
             nodes = max(nodes_needed(first, few, source.error), round(least * few))
         elements = source.fine(self.stages, nodes)
-        modes = self._modes(elements.mesh, MODES, self.highest)
+        try:
+            modes = self._modes(elements.mesh, MODES, self.highest)
+        except NoModeError as error:
+            if not self.recoils:
+                raise
+            none = without_modes(
+                self._promoted(elements.mesh),
+                self.material,
+                self.highest,
+                solver=self.solver,
+                why=str(error),
+            )
+            return elements, none
         found = self._judged(elements, modes, coarse, first)
         helped = True
         while helped and (finer := self._finer(source, elements, found)):
@@ -254,8 +306,11 @@ class _Work:
         except StruckError:  # the finer elements raise what is wrong with the body itself
             return None, None
 
+    def _promoted(self, given: VolumeMesh) -> VolumeMesh:
+        return given.promoted() if self.method == "quadratic" else linear_tetrahedra(given)
+
     def _modes(self, given: VolumeMesh, stage: Stage[Modes], highest: float) -> Modes:
-        mesh = given.promoted() if self.method == "quadratic" else linear_tetrahedra(given)
+        mesh = self._promoted(given)
         held = _held(self.fixed, mesh)
         material = self.material
 
@@ -281,25 +336,6 @@ class _Work:
             fixed=held,
             solver=self.solver,
         )
-
-
-def _require_scale(
-    source: Discretisation,
-    material: Material,
-    highest: float,
-    progress: Progress,
-    *,
-    held: bool,
-    asked: bool,
-) -> None:
-    """Forecast modes, time and memory of an analysis; warn or refuse where they are too many."""
-    forecast, nodes = Forecast.of(source.outline, material, source.wall), source.nodes
-    told = forecast.require_reasonable(highest, nodes, held=held, asked=asked)
-    cost = Cost.of(forecast.modes(highest), nodes)
-    if told:
-        warnings.warn(told, ScaleWarning, stacklevel=4)
-    factorisation.require(int(cost.memory / _CERTAIN))
-    progress(f"{FORECAST}{cost}", 0.0)
 
 
 def _require_band(band: tuple[float, float]) -> tuple[float, float]:
@@ -346,7 +382,8 @@ def _merged(start: Provenance, modes: Modes, body: Source, method: str) -> Prove
         method=f"{start.method}, {modes.provenance.method}",
         details={**start.details, **modes.provenance.details, **_input(body), "versions": versions},
     )
-    return joined.extended(references=(*paper, *modes.provenance.references))
+    told = modes.provenance
+    return joined.extended(references=(*paper, *told.references), dropped=told.dropped)
 
 
 def _input(body: Source) -> dict[str, object]:

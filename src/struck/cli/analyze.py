@@ -152,6 +152,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--radiation", default="power", help="power (default), obrien2002 or heuristic1998"
     )
+    parser.add_argument(
+        "--no-recoil", dest="recoil", action="store_false", help="modes alone, no click of the body"
+    )
     parser.add_argument("--method", help="formula (of shapes), fem (of all others) or obrien2002")
     parser.add_argument(
         "--no-cache",
@@ -179,6 +182,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         "accuracy",
         "cache",
         "radiation",
+        "recoil",
         "method",
     )
     model = struck.analyze(

@@ -51,8 +51,9 @@ class Push:
     force : array (block,)
         N, at each sample; band-limited to half the sample rate.
     drive : array (M,)
-        How strongly each mode answers at the place where the block ends, kg^-1/2. Within the
-        block it is ramped to from the last one of the same body and voice. The very same array
+        How strongly each mode answers at the place where the block ends, kg^-1/2, and after them
+        the three axes of recoil, where the body has it and it is to be heard. Within the block
+        the drive is ramped to from the last one of the same body and voice. The very same array
         means that nothing moved: do not write to it afterwards.
     body : int
         Its number in the scene.
@@ -212,11 +213,15 @@ class Hold:
             drive_at(model, contact.point, contact.normal, axis, radius=self.patch)
             for axis in np.eye(3)
         ]
-        return self.grip / 2 * np.square(moved).sum(axis=0)
+        modes = len(model.decays)  # no hand is quick enough for a recoil
+        return self.grip / 2 * np.square(moved)[:, :modes].sum(axis=0)
 
 
 def drive(model: ModalModel, contact: Contact, *, radius: float = 0.0) -> Array:
-    """Return the mean of each mode shape over a disc of contact, along its push, kg^-1/2 (M,)."""
+    """Return the mean of each mode shape over a disc of contact, along its push, kg^-1/2 (M,).
+
+    A body with recoil has three entries more, its `drives`.
+    """
     return drive_at(model, contact.point, contact.normal, contact.direction, radius=radius)
 
 
@@ -263,7 +268,10 @@ def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
             f"{wrong} of {drives.shape[2]} modes have gains that are not finite: analyze the body "
             "again, or look at its model file"
         )
-    return drives[:, 0]
+    if model.recoil is None:
+        return drives[:, 0]
+    recoiling = np.broadcast_to(model.recoil.drives(direction), (len(points), 3))
+    return np.concatenate([drives[:, 0], recoiling], axis=1)
 
 
 @cache

@@ -174,17 +174,21 @@ class Strike:
         require_positive(sample_rate=sample_rate)
         contact = model.contact(self.at, self.direction)
         blow = self.resolved(model, contact)
-        pulse = sampled(
+        pulse = self.pulse(blow, sample_rate)
+        if self.transient:
+            noise = self._noise(blow, sample_rate)
+            pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
+        return Burst.at(contact, pulse, model, patch=self.patch, start=start)
+
+    def pulse(self, blow: Blow, sample_rate: float) -> Samples:
+        """Return the band-limited samples of its force, the burst of noise apart."""
+        return sampled(
             self.shape,
             impulse=blow.impulse,
             onset=self.time,
             duration=blow.duration,
             sample_rate=sample_rate,
         )
-        if self.transient:
-            noise = self._noise(blow, sample_rate)
-            pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
-        return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def _noise(self, blow: Blow, sample_rate: float) -> np.ndarray:
         length = max(blow.duration, _SHORTEST_TRANSIENT) * sample_rate

@@ -27,6 +27,7 @@ from struck.files.container import (
     kept_tensors,
     near,
     number,
+    numbers,
     one_of,
     pack,
     refuse_constant,
@@ -43,6 +44,7 @@ from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
+from struck.model.recoil import Recoil
 from struck.model.residual import Residual
 from struck.radiation import by_name
 
@@ -418,7 +420,15 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "residual": None
         if residual is None
         else {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)},
+        **_recoil_to_json(model.recoil),
     }
+
+
+def _recoil_to_json(recoil: Recoil | None) -> dict[str, Any]:
+    """Return recoil as a JSON object under its key; nothing without it, as files always were."""
+    if recoil is None:
+        return {}
+    return {"recoil": {each.name: _list(getattr(recoil, each.name)) for each in fields(Recoil)}}
 
 
 def _list(array: Array | None) -> list[Any] | None:
@@ -468,6 +478,7 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         places={name: _array(place) for name, place in text["places"].items()},
         coordinates=texts(text["coordinates"], "coordinates"),
         residual=_make_residual(text, tensors),
+        recoil=_recoil(text.get("recoil")),
         provenance=Provenance(
             method=provenance["method"],
             references=tuple(provenance["references"]),
@@ -505,12 +516,20 @@ def _material(text: Text | None) -> Material | None:
 def _damping(text: Text) -> Damping:
     if text["kind"] not in _DAMPINGS:
         raise FileFormatError(f"its damping is {text['kind']!r}, none of {', '.join(_DAMPINGS)}")
-    numbers = {
+    given = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in text.items()
         if name != "kind"
     }
-    return _DAMPINGS[text["kind"]](**numbers)
+    return _DAMPINGS[text["kind"]](**given)
+
+
+def _recoil(text: Text | None) -> Recoil | None:
+    """Return the recoil that a file describes; None where it has none."""
+    if text is None:
+        return None
+    shapes = {"axes": (3, 3), "levels": (3,), "corners": (3,), "dampings": (3,)}
+    return Recoil(**{name: numbers(text[name], shape) for name, shape in shapes.items()})
 
 
 def _make_residual(text: Text, tensors: Tensors) -> Residual | None:

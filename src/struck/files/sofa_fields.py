@@ -495,6 +495,7 @@ def left_out(model: ModalModel) -> tuple[str, ...]:
     """Return the parts of a model that SOFA files cannot hold."""
     parts = {
         "its residual (attack and noise)": model.residual,
+        "its recoil": model.recoil,
         "its shape": model.geometry,
         "its material": model.material,
     }

@@ -29,9 +29,9 @@ from struck.live.voices import Blows, LastError, Started, Voices
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
-from struck.scene.body import centre_of, place_beside, radius_of
+from struck.scene.body import away_from, centre_of, place_beside, radius_of
 from struck.synth.memory import BodyColumn
-from struck.synth.poles import Poles, require_session
+from struck.synth.poles import Poles, require_session, with_recoil
 from struck.synth.resonators import Resonators, Stepped
 
 Kept = TypeVar("Kept")
@@ -347,7 +347,7 @@ class PlayedBody:
     def changed(self, model: ModalModel) -> PlayedBody:
         """Return another body in the same hands; OptionError where the number of modes differs."""
         other = PlayedBody(model, self._rate)
-        self.free.require_size(other.free.values, "the changed model")
+        self.free.require_same(other.free)
         for hold, _ in self._holds.values():
             other.hold(hold.at, hold.grip)
         return other
@@ -355,10 +355,10 @@ class PlayedBody:
     @property
     def logarithms(self) -> Complex:
         """Logarithm of each mode's factor per sample (M,), decays raised by the hands."""
-        values = self.free.values
+        held = np.zeros(self.free.modes)
         for _, raised in self._holds.values():
-            values = values - (values != 0) * raised
-        return values / self._rate
+            held = held + raised
+        return self.free.raised(held) / self._rate
 
     def outputs(self, listener: Array) -> Complex:
         """Return the output gain of each mode at a position (M,)."""
@@ -368,7 +368,8 @@ class PlayedBody:
                 f"the gains are a sum of {len(gains)} products of contact and listener, or not "
                 "finite: playing needs one product; use the model's expanded() gains"
             )
-        return gains[0]
+        away = away_from(self.model, listener[None])
+        return with_recoil(gains, self.model.recoil, away, self._rate)[0]
 
     def outputs_aside(self) -> Complex:
         """Return the output gain of each mode (M,) at 1 m, the body taken as a point source."""

@@ -22,7 +22,7 @@ from struck.ears.listeners import Listener
 from struck.errors import DeviceError, OptionError
 from struck.excitation.excitation import Excitation
 from struck.excitation.friction import Tool
-from struck.excitation.pulses import LEAD, Samples, sampled
+from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
@@ -138,7 +138,7 @@ class Player:
             self.start(blow, body=body)
             return
         contact = struck.contact(blow.at, blow.direction)
-        pulse = self._pulse(blow, struck.model, contact)
+        pulse = blow.pulse(blow.resolved(struck.model, contact), self.sample_rate)
         self._host.strike(body, struck.drive(contact, blow.patch), pulse)
 
     def start(self, excitation: Excitation, *, body: int = 0) -> Started:
@@ -351,16 +351,6 @@ class Player:
         if not self.active:
             raise _gone(self._outlet.name, self._feeder.failure)
         self._host.error.raise_again()
-
-    def _pulse(self, blow: Strike, model: ModalModel, contact: Contact) -> Samples:
-        resolved = blow.resolved(model, contact)
-        return sampled(
-            blow.shape,
-            impulse=resolved.impulse,
-            onset=blow.time,
-            duration=resolved.duration,
-            sample_rate=self.sample_rate,
-        )
 
 
 def _require_volume(decibels: float) -> None:

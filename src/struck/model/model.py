@@ -14,9 +14,10 @@ from struck.model.contact import Contact, Place, located
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
 from struck.model.material import Material
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, places_of
 from struck.model.modes import Modes, Stiffness, changed
 from struck.model.provenance import Provenance
+from struck.model.recoil import Recoil
 
 if TYPE_CHECKING:
     from struck.model.residual import Residual
@@ -28,6 +29,7 @@ _KINDS = {
     "geometry": Mesh | None,
     "places": Mapping,
     "coordinates": tuple,
+    "recoil": Recoil | None,
     "provenance": Provenance,
 }
 _RINGING = ("frequencies", "natural_frequencies", "decays")
@@ -59,8 +61,9 @@ class ModalModel:
         Contacts by name, m, each (3,).
     coordinates : tuple of str
         Names and units of a contact's axes.
-    residual, provenance
-        What recordings have beside their modes; method, versions, what was dropped, references.
+    residual, recoil, provenance
+        What recordings, and free computed bodies, have beside their modes; method, versions, what
+        was dropped, references.
     """
 
     frequencies: Array
@@ -80,6 +83,7 @@ class ModalModel:
     places: Mapping[str, Array] = field(default_factory=dict)
     coordinates: tuple[str, ...] = XYZ
     residual: Residual | None = None
+    recoil: Recoil | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
@@ -157,7 +161,9 @@ class ModalModel:
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
             return Contact.recorded(at, self.places, self.coordinates)
-        if at is None:  # what a mode gives off until it has died away goes with 1 / decay
+        if at is None and not len(self.decays):
+            point = places_of(self.geometry)["top"]
+        elif at is None:  # what a mode gives off until it has died away goes with 1 / decay
             lasting = 1 / np.maximum(self.decays, 1e-3 * self.natural_frequencies)
             point = self.gains.loudest(lasting)
         else:
@@ -269,6 +275,7 @@ class ModalModel:
             geometry=None if self.geometry is None else self.geometry.scaled(size),
             places={name: point * step for name, point in self.places.items()},
             residual=None,
+            recoil=None if self.recoil is None else self.recoil.changed(size, density),
         )
         return model.damped(Each(rates=model.decays) if material is None else material.damping)
 

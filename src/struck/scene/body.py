@@ -166,6 +166,8 @@ class Body:
         """Its model; OptionError where it has none."""
         if not isinstance(self.model, ModalModel):
             raise OptionError("the body has no model of its sound: give it a ModalModel")
+        if self.fixed and self.model.recoil is not None:
+            return replace(self.model, recoil=None)  # it does not give way
         return self.model
 
     def carried(self, point: Array) -> Carried:
@@ -244,6 +246,13 @@ def radius_of(model: ModalModel | RigidBody) -> float:
     if model.geometry is None:
         return 0.0
     return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
+
+
+def away_from(model: ModalModel, places: Array) -> Array:
+    """Return how far places (K, 3) are from a model's centre, as `ShapeGains.toward` has it, m."""
+    distances = np.linalg.norm(places - centre_of(model), axis=1)
+    nearest = 0.0 if model.geometry is None else min(model.geometry.reach, radius_of(model))
+    return np.maximum(distances, nearest)
 
 
 def place_beside(model: ModalModel) -> Array:

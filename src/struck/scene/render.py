@@ -14,13 +14,13 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, TypeGuard, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError
 from struck.excitation.excitation import Burst, Excitation, Hold, Pushing
-from struck.excitation.pulses import LEAD, sampled
+from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
@@ -28,7 +28,8 @@ from struck.model.contact import Contact
 from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
-from struck.scene.body import Action, Body, Scene, centre_of, place_beside
+from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside
+from struck.synth.poles import with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ def _arriving(
     natural, cut = _length(frequencies, decays, heard)
     driven = np.zeros(0)
     if others:
-        outputs = _finite(model.gains.toward(listener[None]))[:, 0]
+        outputs = _outputs(model, listener[None], sample_rate)
         pushed = DrivenBody(model=model, outputs=outputs, actions=others, sample_rate=sample_rate)
         driven = pushed.samples(seconds, at_least=natural)[0]
         length = len(driven)
@@ -161,9 +162,10 @@ def _arriving(
         length = max(1, round((natural if seconds is None else seconds) * sample_rate))
     samples = ring_down(frequencies, decays, heard, sample_rate=sample_rate, length=length)
     samples[: len(driven)] += driven
+    _add_recoil(samples, model, strikes, listener, sample_rate)
     away = np.array([np.linalg.norm(listener - centre_of(model))], np.float64)
     samples += _residual_sound(body, lambda _time: away, sample_rate=sample_rate, length=length)[0]
-    return samples, _left_out(kept, sample_rate) + notes + (cut if seconds is None else ())
+    return samples, _left_out(model, sample_rate) + notes + (cut if seconds is None else ())
 
 
 # Plain strikes: closed form.
@@ -209,6 +211,12 @@ def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> C
     return _finite((drives * model.gains.toward(listener[None])).sum(axis=1))
 
 
+def _outputs(model: ModalModel, listeners: Array, sample_rate: int) -> Complex:
+    """Return what resonators need to be heard at places (K, 3): of modes and of recoil (K, N)."""
+    outputs = _finite(model.gains.toward(listeners))[:, 0]
+    return with_recoil(outputs, model.recoil, away_from(model, listeners), sample_rate)
+
+
 def _finite(gains: Complex) -> Complex:
     """Return gains, or raise an OptionError unless all are finite."""
     wrong = np.count_nonzero(~np.isfinite(gains).all(axis=tuple(range(gains.ndim - 1))))
@@ -218,6 +226,22 @@ def _finite(gains: Complex) -> Complex:
             "again, or look at its model file"
         )
     return gains
+
+
+def _add_recoil(
+    samples: Array, model: ModalModel, strikes: Sequence[Strike], listener: Array, sample_rate: int
+) -> None:
+    """Add the recoil of strikes, heard at a place (3,), as resonators make it of their pulses."""
+    if model.recoil is None:
+        return
+    answers = model.recoil.answers(sample_rate) / away_from(model, listener[None])
+    for strike in strikes:
+        contact = model.contact(strike.at, strike.direction)
+        pulse = strike.pulse(strike.resolved(model, contact), sample_rate)
+        part = np.convolve(pulse.force, model.recoil.drives(contact.direction)[0] @ answers)
+        begin, end = max(pulse.first, 0), min(pulse.first + len(part), len(samples))
+        if begin < end:
+            samples[begin:end] += part[begin - pulse.first : end - pulse.first]
 
 
 def _length(
@@ -246,9 +270,12 @@ def _ringing_time(decays: Array, strengths: Array) -> float:
     return max(_SILENT / slowest, SHORTEST_RING)
 
 
-def _left_out(kept: NDArray[np.bool_], sample_rate: int) -> tuple[str, ...]:
+def _left_out(model: ModalModel, sample_rate: int) -> tuple[str, ...]:
     """Return a note of how many modes are not heard, where any is not or none is there."""
+    kept = below_nyquist(model.frequencies, sample_rate)
     if not len(kept):
+        if model.recoil is not None:
+            return ("the body has no modes, so that its recoil alone is heard",)
         return (
             "the body has no modes, so that it is silent: lower its damping, or widen its band",
         )
@@ -268,7 +295,7 @@ class DrivenBody:
     """A body that is pushed, and perhaps held, block after block."""
 
     model: ModalModel
-    outputs: Complex  # (points, M): what is heard
+    outputs: Complex  # (points, M), recoil after the modes: what is heard
     actions: Sequence[Action]
     sample_rate: int  # Hz
     moving: Callable[[float], Complex] | None = None  # outputs at a time, s, where they change
@@ -278,7 +305,7 @@ class DrivenBody:
     _pushings: dict[int, Pushing] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not len(self.model.frequencies):
+        if self._silent:
             return
         self._holds = [each for each in self.actions if isinstance(each, Hold)]
         excitations: list[Excitation] = [e for e in self.actions if not isinstance(e, Hold)]
@@ -303,11 +330,15 @@ class DrivenBody:
         self._held: tuple[bool, ...] = (False,) * len(self._holds)
         self._decays = self.model.decays
 
+    @property
+    def _silent(self) -> bool:
+        return not (len(self.model.frequencies) or self.model.recoil)
+
     def samples(self, seconds: float | None, *, at_least: float) -> Array:
         """Return what is heard (points, n); of unsaid length, until all has died away."""
         blocks: list[Array] = []
         length = None if seconds is None else max(1, round(seconds * self.sample_rate))
-        if not len(self.model.frequencies):
+        if self._silent:
             return np.zeros((len(self.outputs), length or 1))
         while length is None or self._now < length:
             blocks.append(self._next(first=not blocks))
@@ -346,7 +377,8 @@ class DrivenBody:
         """Return how many samples the sound has, None as long as something still pushes."""
         now = self._now / self.sample_rate
         if not (self._waiting or self._pushings):
-            strengths = np.abs(self._resonators.states(0) * self.outputs).max(axis=0)
+            heard = np.abs(self._resonators.states(0) * self.outputs)
+            strengths = heard[:, : len(self._decays)].max(axis=0)
             passing = any(hold.seconds is not None for hold in self._holds)
             more = _ringing_time(self.model.decays if passing else self._decays, strengths)
             return round(max(at_least, now + more) * self.sample_rate)
@@ -402,13 +434,7 @@ def _residual_of(
     if not blow.duration:
         return round(strike.time * sample_rate), blow.impulse * samples
     # A longer push than the recorded one takes its treble off, as it does with the modes.
-    pulse = sampled(
-        strike.shape,
-        impulse=blow.impulse,
-        onset=strike.time,
-        duration=blow.duration,
-        sample_rate=sample_rate,
-    )
+    pulse = strike.pulse(blow, sample_rate)
     from scipy.signal import oaconvolve
 
     return pulse.first, np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
@@ -463,7 +489,7 @@ def _sent_to_ears(
     body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
     """Return what a timbre field sends to each ear but for the travel time (ears, n)."""
-    model, outputs = body.sounding.expanded(), _toward_ears(body, pose)
+    model, outputs = body.sounding.expanded(), _toward_ears(body, pose, sample_rate)
     driven = DrivenBody(
         model=model,
         outputs=outputs(0.0),
@@ -478,7 +504,7 @@ def _sent_to_ears(
         sample_rate=sample_rate,
         length=samples.shape[1],
     )
-    return samples, _left_out(below_nyquist(model.frequencies, sample_rate), sample_rate)
+    return samples, _left_out(model, sample_rate)
 
 
 def _ears_from(body: Body, pose: Pose, time: float) -> Array:
@@ -488,14 +514,14 @@ def _ears_from(body: Body, pose: Pose, time: float) -> Array:
     return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
 
 
-def _toward_ears(body: Body, pose: Pose) -> Callable[[float], Complex]:
+def _toward_ears(body: Body, pose: Pose, sample_rate: int) -> Callable[[float], Complex]:
     """Return a function of the time of sending: gains toward the ears when that arrives."""
-    gains, turned = body.sounding.gains.expanded(), body.orientation
+    model, turned = body.sounding.expanded(), body.orientation
 
     def outputs(time: float) -> Complex:
         turn = turned.at(np.array([time]))[0]
-        ears = _ears_from(body, pose, time) @ turn + centre_of(body.model)
-        return _finite(gains.toward(ears)[:, 0])
+        ears = _ears_from(body, pose, time) @ turn + centre_of(model)
+        return _outputs(model, ears, sample_rate)
 
     return outputs
 

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
+from struck.errors import NoModeError, OptionError
 from struck.model.arrays import Array, require_number
 from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
@@ -103,17 +103,22 @@ class Shape(ABC):
             "take method='formula'"
         )
 
-    def modes(self, material: Material, band: tuple[float, float] = BAND) -> Modes:
-        """Return the modes within the band with the surface.
+    def modes(
+        self, material: Material, band: tuple[float, float] = BAND, *, none: bool = False
+    ) -> Modes:
+        """Return the modes within the band with the surface; `none` may be there, or must not.
 
         Raises
         ------
-        OptionError
+        NoModeError
             When no mode lies within the band.
         """
-        vibration = self.vibration(material, band[1])
+        vibration, dropped = self.vibration(material, band[1]), ()
         if not np.any(vibration.frequencies >= band[0]):
-            raise OptionError(_silent(self, material, vibration, band))
+            told = _silent(self, material, vibration, band)
+            if not none:
+                raise NoModeError(told)
+            dropped = (told,)
         _require_few(vibration.frequencies, band[1])
         # As far apart as the mode shapes need, within what a file should hold.
         wanted = vibration.half_wave / _ACROSS_A_HALF_WAVE
@@ -138,6 +143,7 @@ class Shape(ABC):
                 method=vibration.method,
                 references=("doel1998", *vibration.references),
                 details=vibration.details,
+                dropped=dropped,
             ),
         )
 

@@ -24,7 +24,7 @@ from typing import Self
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import NoModeError, OptionError
 from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -234,6 +234,7 @@ MANY_BYTES = 6 * 2**30
 _RIGID = 6  # motions without bending, which the waves of a free body count too
 _LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
 _HELD = 7.0  # clamped at one end it is so many times lower than free
+_GRAIN = 1.5e-3  # m: what is smaller is no ball or die that is heard, but was given in mm
 _CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 _SMALL, _LARGE = 5e-3, 3.0  # m: lengths of things that are struck
@@ -343,15 +344,19 @@ class Forecast:
         *,
         held: bool = False,
         asked: bool = True,
+        recoils: bool = False,
     ) -> str:
         """Return a warning about the scale, or nothing; raise OptionError where it must be wrong.
 
         `highest`, Hz, is the end of the band, which a person has `asked` for or not; a body that is
-        held has lower modes. The `nodes` are those of each set of its elements.
+        held has lower modes, one that `recoils` is heard without any. The `nodes` are those of
+        each set of its elements.
         """
         count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
         if least > highest:
-            raise OptionError(
+            if recoils and self.sides[0] >= _GRAIN:
+                return ""
+            raise NoModeError(
                 f"no mode lies below {highest:g} Hz: the lowest is at about {self.lowest:.2g} Hz "
                 f"in {self._size} so check its units (lengths are in m), or widen band="
             )

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
-from struck.model.arrays import Array, Complex, numbers, require_number
+from struck.model.arrays import AnyArray, Array, Complex, numbers, require_number
+from struck.model.recoil import Recoil
 
 LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000  # Hz
 LONGEST_BLOCK = 4096
@@ -33,17 +34,29 @@ class Ringing(Protocol):
         ...
 
 
+def with_recoil(
+    outputs: Complex, recoil: Recoil | None, distances: Array, sample_rate: float
+) -> Complex:
+    """Return outputs (K, M) at some distances (K,), m, with those of recoil, where there is any."""
+    if recoil is None:
+        return outputs
+    more = recoil.outputs(sample_rate) / distances[:, None]
+    return np.concatenate([outputs, more], axis=1)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poles:
-    """The poles of one body at a sample rate."""
+    """The poles of one body at a sample rate: those of its modes, then of its recoil, if any."""
 
     values: Complex  # (M,), -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate
+    modes: int  # how many of them are modes
 
     @classmethod
     def of(cls, model: Ringing, sample_rate: float) -> Poles:
         """Check frequencies and decays; OptionError on what cannot ring."""
         frequencies, decays = np.asarray(model.frequencies), np.asarray(model.decays)
-        if not len(frequencies):
+        recoil: Recoil | None = getattr(model, "recoil", None)
+        if not (len(frequencies) or recoil):
             raise OptionError("the model has 0 modes: it needs at least one to sound")
         if len(decays) != len(frequencies):
             raise OptionError(
@@ -53,7 +66,16 @@ class Poles:
         _require("frequencies", frequencies, above=True)
         _require("decays", decays, above=False)
         kept = frequencies < sample_rate / 2
-        return cls(values=np.where(kept, -decays + 2j * np.pi * frequencies, 0))
+        values = np.where(kept, -decays + 2j * np.pi * frequencies, 0)
+        if recoil is not None:
+            values = np.concatenate([values, recoil.poles(sample_rate)])
+        return cls(values=values, modes=len(frequencies))
+
+    def raised(self, more: Array) -> Complex:
+        """Return the poles when decays are higher by `more`, 1/s (M,), those of modes alone."""
+        values = self.values.copy()
+        values[: self.modes] -= (values[: self.modes] != 0) * more
+        return values
 
     @property
     def dropped(self) -> int:
@@ -61,12 +83,28 @@ class Poles:
         return int(np.count_nonzero(self.values == 0))
 
     def require_size(self, values: NDArray[np.generic], what: str) -> None:
-        """Check that there is an entry for each mode (..., M)."""
-        if values.shape[-1] != len(self.values):
+        """Check that there is an entry for each mode (..., M), or for each pole."""
+        if values.shape[-1] not in {self.modes, len(self.values)}:
             raise OptionError(
-                f"{what} has {values.shape[-1]} modes, the body {len(self.values)}: give one "
-                "entry for each"
+                f"{what} has {values.shape[-1]} modes, the body {self.modes}: give one entry for "
+                "each"
             )
+
+    def require_same(self, other: Poles) -> None:
+        """Check that a body can go on with other poles: as many modes, and recoil as before."""
+        self.require_size(other.values[: other.modes], "the changed model")
+        if len(other.values) != len(self.values):
+            raise OptionError(
+                "of the body and the changed model one has recoil, the other none: analyze both "
+                "with recoil=True or False"
+            )
+
+    def filled(self, values: AnyArray) -> AnyArray:
+        """Return entries for each pole, 0 for recoil where they are of modes alone."""
+        missing = len(self.values) - values.shape[-1]
+        if not missing:
+            return values
+        return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)
 
 
 def _require(name: str, values: Array, *, above: bool) -> None:
@@ -142,7 +180,7 @@ def _drive(push: Push, poles: Poles) -> Array:
     poles.require_size(drive, "a drive")
     if not np.isfinite(drive).all():
         raise OptionError("a drive is not finite: look at the model's gains")
-    return drive
+    return poles.filled(drive)
 
 
 def require_outputs(
@@ -167,7 +205,7 @@ def _output(output: NDArray[np.generic], poles: Poles, points: int) -> Complex:
     poles.require_size(gains, "an output")
     if not np.isfinite(gains).all():
         raise OptionError("an output is not finite: look at the model's gains")
-    return gains
+    return poles.filled(gains)
 
 
 def voices_for(bodies: int, voices: int | None) -> int:

@@ -268,7 +268,7 @@ class Resonators:
             When the model is not fit to ring, or has another number of modes.
         """
         poles, body = Poles.of(model, self.sample_rate), self._number(body)
-        self._poles[body].require_size(poles.values, "the changed model")
+        self._poles[body].require_same(poles)
         self._engine.take_poles(body, poles)
         self._poles[body] = poles
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from struck.errors import MeshError, OptionError, SolverError
+from struck.errors import MeshError, NoModeError, SolverError
 from struck.model.arrays import Array
 from struck.model.provenance import Progress, silent
 from struck.solids.fem import factorisation
@@ -323,7 +323,7 @@ class Search:
         if not self.counted:
             lowest = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
             highest = np.sqrt(self.bound) / (2 * np.pi)
-            raise OptionError(
+            raise NoModeError(
                 f"no mode lies below {highest:g} Hz: the lowest is at {lowest:.4g} Hz; widen "
                 "band=, or make the body larger, thinner or softer"
             )

@@ -72,6 +72,35 @@ def vibration_modes(
     return _as_modes(sight, whole, seen, highest, _provenance(mesh, search, seen))
 
 
+def without_modes(
+    mesh: VolumeMesh, material: Material, highest: float, *, solver: Solver, why: str
+) -> Modes:
+    """Return a free body that has no mode up to `highest`, Hz: its surface, mass and inertia."""
+    basis = Displacements.of(mesh)
+    surface = _surface(basis)[0]
+    mass, centre, inertia = mass_properties(
+        assemble(mesh, material, lumped=solver.lumped), mesh.nodes
+    )
+    none = np.zeros(0)
+    return Modes(
+        frequencies=none,
+        surface=surface,
+        shapes=np.zeros((len(surface.points), 3, 0)),
+        mass=mass,
+        centre=centre,
+        inertia=inertia,
+        complete_to=highest,
+        poisson_slopes=none,
+        errors=none,
+        provenance=Provenance(
+            method=f"finite elements ({_named(mesh)})",
+            references=("zienkiewicz2013", "parlett1998"),
+            dropped=(why,),
+            details={"nodes": len(mesh.nodes), "sturm_count": 0},
+        ),
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
     """What is kept of some eigenpairs: values, shapes on the surface, errors and Poisson slopes."""
