@@ -245,9 +245,7 @@ def drive_at(
     return weights @ _rank_one(model, point + offsets, direction)
 
 
-def drives_at(
-    model: ModalModel, points: Array, directions: Array, *, radius: float = 0.0
-) -> Array:
+def drives_at(model: ModalModel, points: Array, directions: Array, *, radius: float = 0.0) -> Array:
     """Return drives (K, M) of pushes at points along directions (K, 3): over discs, straight in."""
     if not radius:
         return _rank_one(model, points, directions)
