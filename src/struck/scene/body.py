@@ -118,9 +118,9 @@ class Body:
         Trajectory.of("position", self.position)
         Orientation.of("rotation", self.rotation)
         if self.roughness is not None:
-            from struck.excitation.roughness import profile
+            from struck.excitation.roughness import finish
 
-            profile(self.roughness)
+            finish(self.roughness)
 
     @property
     def actions(self) -> Sequence[Action]:

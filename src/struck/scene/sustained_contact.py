@@ -21,9 +21,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from struck.excitation.excitation import Push, drives_at
-from struck.excitation.friction import CHUNK, FADE, Reader, Rubbed, fading
+from struck.excitation.friction import FADE, Reader, Rubbed, fading, limited
 from struck.excitation.hertz import contact_modulus
-from struck.excitation.roughness import Roughness, profile
+from struck.excitation.roughness import Finish, finish
+from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index
 from struck.model.material import Material, materials
 from struck.model.model import ModalModel
@@ -36,6 +37,7 @@ _CONTROL = 5e-3  # s, from one value of these to the next
 _STILL, _MOVING = 1e-3, 3e-3  # m/s: slower is at rest, faster sounds in full
 _LEAP = 3.0  # times the speed of the bodies there: faster points are others than before
 _SLACK = 0.02  # m/s, that a point may move beyond that
+_APART = 1e3  # m, between the places of a texture that contacts are read at
 _TIP = 5e-3  # m, radius of the bumps on which flat things touch
 _NEAR = 1e-6  # of a body's extent: points as near as that are the same
 _GROUPS = {
@@ -113,27 +115,24 @@ class SustainedContact:
 
     def _read(self, sample_rate: float, seed: int) -> Array:
         count = max(1, round((self.times[-1] - self.times[0]) * sample_rate))
-        force, chance = np.zeros(count), np.random.default_rng(seed)
-        moments = self.times[0] + np.arange(0, count + 2 * CHUNK, CHUNK) / sample_rate
+        samples, looks = np.arange(count), np.arange(0, count + 2 * CHUNK, CHUNK)
+        moments = self.times[0] + looks / sample_rate
         loads = np.interp(moments, self.times, self.load)
+        squeezes, chance = np.zeros(count), np.random.default_rng(seed)
         for rubbed, sweep in zip(self.rubbed, self.sweeps, strict=True):
-            offset = chance.uniform(0, rubbed.roughness.length)
+            begin = chance.uniform(0, _APART, 3)
             if not sweep.any():
                 continue
             speeds = np.interp(moments, self.times, sweep)
-            felt = loads * np.clip((speeds - _STILL) / (_MOVING - _STILL), 0, 1)
-            force += _passing(rubbed, sample_rate, offset, speeds, felt, count)
+            ways = np.cumsum(np.interp(samples, looks, speeds)) / sample_rate
+            # Each contact has a line of the texture to itself, as its own place is only a mean.
+            places = begin + ways[:, None] * np.array([1.0, 0.0, 0.0])
+            moving = np.clip((speeds - _STILL) / (_MOVING - _STILL), 0, 1)
+            read = Reader(rubbed, sample_rate).squeezes(0, places, ways, speeds, loads)
+            squeezes += read * np.interp(samples, looks, moving)
+        force = limited(squeezes, np.interp(samples, looks, loads))
         fade = max(1, round(FADE * sample_rate))
-        return force * fading(np.arange(count, dtype=np.float64), fade, max(0, count - fade))
-
-
-def _passing(
-    rubbed: Rubbed, sample_rate: float, offset: float, speeds: Array, loads: Array, count: int
-) -> Array:
-    """Return the force of roughness that passes at speeds, chunk by chunk, under loads (count,)."""
-    begin = {"speed": float(speeds[0]), "load": float(loads[0])}
-    reader = Reader(rubbed, sample_rate, offset=offset, **begin)
-    return reader.take(count, lambda chunk: (float(speeds[chunk]), float(loads[chunk])))[0]
+        return force * fading(samples.astype(np.float64), fade, max(0, count - fade))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -362,11 +361,11 @@ def _rubbed(bodies: Sequence[Body]) -> Sequence[Rubbed]:
     return [Rubbed(roughness=roughness_of(each), modulus=modulus, radius=_TIP) for each in bodies]
 
 
-def roughness_of(body: Body) -> Roughness:
+def roughness_of(body: Body) -> Finish:
     """Return the roughness of a body's surface: its own, or as its material has."""
     if body.roughness is not None:
-        return profile(body.roughness)
-    return profile(_usual(body.model.material))
+        return finish(body.roughness)
+    return finish(_usual(body.model.material))
 
 
 def _usual(material: Material | None) -> str:
