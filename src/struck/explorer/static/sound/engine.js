@@ -188,8 +188,13 @@ export class Engine {
     this.#bodies.set(number, { model, place, holds: new Map() });
   }
 
-  /** Let a body go on with another model of as many modes, from the states that it has. */
-  changeModel(number, model) {
+  /**
+   * Let a body go on with another model of as many modes, from the states that it has.
+   * @param {number} number of the body
+   * @param {Model} model
+   * @param {number} [time] of the context, s; left out: now
+   */
+  changeModel(number, model, time) {
     const body = this.#body(number);
     if (model.count !== body.model.count)
       throw new RangeError(
@@ -198,7 +203,7 @@ export class Engine {
     const { re, im } = model.aside;
     body.model = model;
     const poles = logarithms(model, this.#raised(body), this.sampleRate);
-    this.#send(command(KINDS.MODEL, number, undefined, model.count, poles, re, im), false);
+    this.#tell(time, KINDS.MODEL, number, model.count, poles, re, im);
   }
 
   /** Put another model in the place of a body, which fades. */
@@ -210,7 +215,7 @@ export class Engine {
   removeModel(number) {
     this.#body(number);
     this.#bodies.delete(number);
-    this.#send(command(KINDS.FADE, number, undefined), false);
+    this.#tell(undefined, KINDS.FADE, number);
   }
 
   /**
@@ -268,9 +273,13 @@ export class Engine {
 
   #damp(number, body, time) {
     const poles = logarithms(body.model, this.#raised(body), this.sampleRate);
+    this.#tell(time, KINDS.POLES, number, body.model.count, poles);
+  }
+
+  /** Send a command that takes effect at a time of the context, s, or now. */
+  #tell(time, kind, number, ...brought) {
     const sample = time === undefined ? undefined : Math.round(time * this.sampleRate);
-    const words = command(KINDS.POLES, number, sample, body.model.count, poles);
-    this.#send(words, sample !== undefined);
+    this.#send(command(kind, number, sample, ...brought), sample !== undefined);
   }
 
   /**
@@ -278,10 +287,8 @@ export class Engine {
    * @param {Pose} pose
    * @param {number} [time]
    */
-  moveListener({ position, forward, up = [0, 0, 1] }, time = NaN) {
-    const sample = Number.isNaN(time) ? undefined : Math.round(time * this.sampleRate);
-    const words = command(KINDS.POSE, 0, sample, time, position, forward, up);
-    this.#send(words, sample !== undefined);
+  moveListener({ position, forward, up = [0, 0, 1] }, time) {
+    this.#tell(time, KINDS.POSE, 0, time ?? NaN, position, forward, up);
   }
 
   /** Set the volume, dB; 0 is as calibrated. */
@@ -298,7 +305,7 @@ export class Engine {
 
   #level() {
     const gain = this.#fullScale * 10 ** (this.#volume / 20);
-    this.#send(command(KINDS.LEVEL, 0, undefined, gain), false);
+    this.#tell(undefined, KINDS.LEVEL, 0, gain);
   }
 
   /**
