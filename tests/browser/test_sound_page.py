@@ -25,6 +25,7 @@ from struck.model.model import ModalModel
 from struck.scene.body import centre_of, radius_of
 from struck.shapes import String
 from struck.solids import Block
+from struck.synth.poles import with_recoil
 from struck.synth.resonators import Resonators
 from tests.browser.site import Site, Visit, visiting
 from tests.core.agreement import apart
@@ -177,7 +178,7 @@ def sent_by(it: Script, number: int) -> Array:
     begun = [strike.begin(model, RATE) for strike in strikes]
     bank = Resonators([model], sample_rate=RATE, block=BLOCK, voices=len(strikes))
     far = centre_of(model) + np.array([5.0, 0.0, 0.0])
-    outputs, heard, held = 5.0 * model.gains.toward(far[None])[0], [], None
+    outputs, heard, held = outputs_at(model, far), [], None
     last = round(it.seconds * 2 / 3 * RATE)
     for block in range(it.blocks):
         time = round(block * BLOCK)
@@ -185,7 +186,7 @@ def sent_by(it: Script, number: int) -> Array:
         if changes and it.changed is not None:
             model = it.changed
             bank.change(0, model)
-            outputs = 5.0 * model.gains.toward(far[None])[0]
+            outputs = outputs_at(model, far)
         now = [round(e["begin"] * RATE) <= time < round(e["end"] * RATE) for e in holds]
         if now != held and (any(now) or held is not None):
             more = sum((part for part, on in zip(raised, now, strict=True) if on), model.decays * 0)
@@ -199,6 +200,12 @@ def sent_by(it: Script, number: int) -> Array:
         given = [outputs] if block == 0 or changes else ()
         heard.append(bank.process(pushes, given)[0, 0].copy())
     return np.concatenate(heard)
+
+
+def outputs_at(model: ModalModel, place: Array) -> Array:
+    """Return the gains at 1 m, by those at a place 5 m away: of modes, then of recoil (1, N)."""
+    away = np.array([np.linalg.norm(place - centre_of(model))])
+    return away * with_recoil(model.gains.toward(place[None])[0], model.recoil, away, RATE)
 
 
 def heard_of(it: Script, rows: Array, full_scale: float) -> Array:
