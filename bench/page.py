@@ -43,7 +43,8 @@ MODEL = """
     const some = (low, high) =>
       Float64Array.from({ length: count }, () => low + (high - low) * random());
     const aside = { re: some(-1, 1), im: some(-1, 1) };
-    return { count, frequencies: some(40, 20000), decays: some(slowest, 4 * slowest), aside,
+    return { count, frequencies: some(40, 20000), decays: some(slowest, 4 * slowest),
+      aside: () => aside,
       centre: [0, 0, 0], radius: 0.1, drive: () => some(-1, 1) };
   };
 """

@@ -27,7 +27,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 BROUGHT = {
     "touch: textures and envelopes": (500, 2),
     "scene: bodies that turn, contact logs, impulses of trajectories, events": (2_500, 8),
-    "explorer: what the page is sent": (200, 2),
+    "explorer: what the page is sent": (250, 2),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
 }

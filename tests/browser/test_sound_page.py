@@ -14,7 +14,7 @@ from playwright.sync_api import Browser
 import struck
 from struck import Strike
 from struck.ears.hearing import Hearing
-from struck.ears.listeners import Binaural, Trajectory
+from struck.ears.listeners import Binaural, Mono, Trajectory
 from struck.ears.propagation import Emitter
 from struck.excitation.excitation import Hold
 from struck.excitation.hertz import strikers
@@ -25,6 +25,7 @@ from struck.model.model import ModalModel
 from struck.scene.body import centre_of, radius_of
 from struck.shapes import String
 from struck.solids import Block
+from struck.synth.poles import with_recoil
 from struck.synth.resonators import Resonators
 from tests.browser.site import Site, Visit, visiting
 from tests.core.agreement import apart
@@ -60,6 +61,8 @@ PLAY = """
     const hold = engine.hold({ body: bodies[body], contact, grip: given.grip, time: begin });
     engine.release(hold, end);
   }
+  for (const { body, model, time } of given.changes)
+    engine.changeModel(bodies[body], await read(model), time);
   engine.node.connect(context.destination);
   await engine.settled();
   const sound = await context.startRendering();
@@ -78,6 +81,7 @@ class Script:
     models: Sequence[ModalModel]
     strikes: list[dict[str, Any]]
     holds: list[dict[str, Any]]
+    changed: ModalModel | None  # what the second body becomes, at the last third
     times: Array
     positions: Array
     ahead: Array
@@ -120,6 +124,7 @@ def script(models: Sequence[ModalModel], seconds: float, strikes: int) -> Script
         models=models,
         strikes=said,
         holds=[hold],
+        changed=models[1].made_of("brass"),
         times=moments,
         positions=walk,
         ahead=ahead,
@@ -132,6 +137,10 @@ def in_the_page(
 ) -> dict[str, Any]:
     for number, model in enumerate(it.models):
         visit.site.given[f"/model{number}"] = to_bytes(model)
+    changes = []
+    if it.changed is not None:
+        visit.site.given["/changed"] = to_bytes(it.changed)
+        changes = [{"body": 1, "model": "/changed", "time": it.seconds * 2 / 3}]
     poses = [
         {"time": time, "position": position, "forward": forward}
         for time, position, forward in zip(
@@ -143,6 +152,7 @@ def in_the_page(
         models=[f"/model{number}" for number in range(len(it.models))],
         strikes=it.strikes,
         holds=it.holds,
+        changes=changes,
         poses=poses,
         places=PLACES,
         ears=ears,
@@ -168,9 +178,15 @@ def sent_by(it: Script, number: int) -> Array:
     begun = [strike.begin(model, RATE) for strike in strikes]
     bank = Resonators([model], sample_rate=RATE, block=BLOCK, voices=len(strikes))
     far = centre_of(model) + np.array([5.0, 0.0, 0.0])
-    outputs, heard, held = 5.0 * model.gains.toward(far[None])[0], [], None
+    outputs, heard, held = outputs_at(model, far), [], None
+    last = round(it.seconds * 2 / 3 * RATE)
     for block in range(it.blocks):
         time = round(block * BLOCK)
+        changes = it.changed is not None and number == 1 and 0 <= time - last < BLOCK
+        if changes and it.changed is not None:
+            model = it.changed
+            bank.change(0, model)
+            outputs = outputs_at(model, far)
         now = [round(e["begin"] * RATE) <= time < round(e["end"] * RATE) for e in holds]
         if now != held and (any(now) or held is not None):
             more = sum((part for part, on in zip(raised, now, strict=True) if on), model.decays * 0)
@@ -181,8 +197,15 @@ def sent_by(it: Script, number: int) -> Array:
             for voice, each in enumerate(begun)
             if (push := each.advance(BLOCK)) is not None
         ]
-        heard.append(bank.process(pushes, [outputs] if block == 0 else ())[0, 0].copy())
+        given = [outputs] if block == 0 or changes else ()
+        heard.append(bank.process(pushes, given)[0, 0].copy())
     return np.concatenate(heard)
+
+
+def outputs_at(model: ModalModel, place: Array) -> Array:
+    """Return the gains at 1 m, by those at a place 5 m away: of modes, then of recoil (1, N)."""
+    away = np.array([np.linalg.norm(place - centre_of(model))])
+    return away * with_recoil(model.gains.toward(place[None])[0], model.recoil, away, RATE)
 
 
 def heard_of(it: Script, rows: Array, full_scale: float) -> Array:
@@ -228,7 +251,7 @@ def test_a_minute_of_strikes_and_steps_is_the_offline_render(
     visit: Visit, models: list[ModalModel]
 ) -> None:
     visit.site.given[f"/static/heads/kemar-{RATE}.bin"] = head_bytes("kemar", RATE)
-    it = replace(script(models, 60.0, 240), holds=[])
+    it = replace(script(models, 60.0, 240), holds=[], changed=None)
     rows = np.stack([rendered(it, number) for number in range(2)])
     full_scale = 0.5 / np.abs(heard_of(it, rows, 1.0)).max()
     expected = heard_of(it, rows, full_scale)
@@ -252,6 +275,81 @@ def rendered(it: Script, number: int) -> Array:
     place = centre_of(model) + far
     sound = struck.render(model, [*strikes, grip], seconds=length, listener=place)
     return 5.0 * sound.samples[0].astype(np.float64)
+
+
+RECORDER = b"""
+  registerProcessor('recorder', class extends AudioWorkletProcessor {
+    process([[samples]]) {
+      if (samples) this.port.postMessage({ frame: currentFrame, samples: samples.slice() });
+      return true;
+    }
+  });
+"""
+RECORD = """
+  const { createEngine } = await import('/static/sound/engine.js');
+  const { readModel } = await import('/static/model/model.js');
+  const model = await readModel(await (await fetch('/model0')).arrayBuffer());
+  const context = new AudioContext({ sampleRate: given.rate });
+  await context.resume();
+  await context.audioWorklet.addModule('/recorder.js');
+  const engine = await createEngine(context, {});
+  const body = engine.addModel(model, {});
+  engine.setFullScale(given.fullScale);
+  engine.moveListener({ position: given.position, forward: [-1, 0, 0] });
+  const recorder = new AudioWorkletNode(context, 'recorder');
+  engine.node.connect(recorder).connect(context.destination);
+  const all = new Float32Array(given.samples);
+  const wait = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
+  await wait(0.5);
+  const first = 128 * Math.ceil((context.currentTime + 0.5) * given.rate / 128);
+  let frames = 0;
+  recorder.port.onmessage = ({ data: { frame, samples } }) => {
+    if (frame < first || frame - first >= all.length) return;
+    all.set(samples, frame - first);
+    frames += samples.length;
+  };
+  for (const { point, striker, speed, time } of given.strikes)
+    engine.strike({
+      body,
+      contact: model.contact({ point }),
+      striker: given.strikers[striker],
+      speed,
+      time: first / given.rate + time,
+    });
+  while (context.currentTime < first / given.rate + all.length / given.rate + 0.3) await wait(0.1);
+  await fetch('/sound', { method: 'POST', body: all });
+  const { dropped, late } = engine.counts();
+  await context.close();
+  return { frames, dropped, late };
+"""
+
+
+@pytest.mark.prove
+def test_ten_seconds_on_the_clock_are_what_python_plays(
+    visit: Visit, models: list[ModalModel]
+) -> None:
+    visit.site.given["/model0"] = to_bytes(models[0])
+    visit.site.given["/recorder.js"] = RECORDER
+    whole = script(models, 9.6, 60)
+    strikes = [each for each in whole.strikes if each["body"] == 0]
+    it = replace(whole, strikes=strikes, holds=[], changed=None)
+    row, place = sent_by(it, 0), centre_of(models[0]) + np.array([1.2, 0.0, 0.0])
+    emitter = Emitter(centre=Trajectory.of("position", centre_of(models[0])))
+    heard = Hearing([emitter], Mono(position=place), sample_rate=RATE).next_block(row[None])
+    full_scale = 0.3 / np.abs(heard).max()
+    told = visit.run(
+        RECORD,
+        rate=RATE,
+        samples=it.blocks * BLOCK,
+        strikes=it.strikes,
+        position=place.tolist(),
+        fullScale=full_scale,
+        strikers={name: dict(each) for name, each in strikers().items()},
+    )
+    assert told == {"frames": it.blocks * BLOCK, "dropped": 0, "late": 0}
+    delay = round(0.0015 * RATE)  # of the limiter, which is open by then
+    found = visit.samples("/sound", 1)[:, delay:]
+    assert apart(found, full_scale * heard[:, : found.shape[1]]) < -80
 
 
 CLICKS = """

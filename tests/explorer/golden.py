@@ -21,6 +21,7 @@ from struck.excitation.hertz import strikers
 from struck.excitation.pulses import sampled
 from struck.explorer.page_files import head_bytes, refined
 from struck.files.container import pack
+from struck.live.commands import PlayedBody
 from struck.live.limiter import limit, limiter
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
@@ -36,6 +37,7 @@ from struck.shapes import (
     String,
 )
 from struck.solids import Block, Tube
+from struck.synth.poles import Poles
 from struck.synth.resonators import Resonators
 
 Array = NDArray[Any]
@@ -83,6 +85,8 @@ def bodies() -> Iterator[tuple[str, ModalModel]]:
     yield "block", struck.analyze(block, "oak", accuracy="preview", band=(20, 8000))
     tube = Tube(length=0.3, radius=0.0125, wall=0.002)
     yield "tube", struck.analyze(tube, "aluminium", accuracy="preview", band=(20, 6000))
+    die = struck.analyze(Block(size=(0.016, 0.016, 0.02)), "acrylic", accuracy="preview")
+    yield "die", die  # without modes: its recoil alone is heard
     yield "recorded", recorded()
 
 
@@ -107,7 +111,9 @@ def gains_of(model: ModalModel) -> Case:
     far = 2.0 + 5 * rng.random((3, 3))
     case.arrays["listeners"] = far
     outputs = model.gains.toward(far)[:, 0]
-    case.arrays["toward"] = np.stack([outputs.real, outputs.imag], axis=-1)
+    case.arrays["toward"] = in_pairs(outputs)
+    case.arrays["logarithms"] = in_pairs(Poles.of(model, RATE).values / RATE)
+    case.arrays["aside"] = in_pairs(PlayedBody(model, RATE).outputs_aside())
     if model.geometry is None:
         return case
     mesh = model.geometry
@@ -123,6 +129,10 @@ def gains_of(model: ModalModel) -> Case:
     case.text["extent"], case.text["radius"] = float(mesh.extent), float(model.gains.radius)
     case.text["blows"] = list(blows_of(model, contacts[0]))
     return case
+
+
+def in_pairs(values: Array) -> Array:
+    return np.stack([values.real, values.imag], axis=-1)
 
 
 def blows_of(model: ModalModel, contact: Contact) -> Iterator[dict[str, Any]]:

@@ -10,24 +10,29 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from struck.ears import heads, measured_head
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
 from struck.files.container import Arrays, pack
 from struck.files.model_file import to_bytes
+from struck.model.arrays import Index
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
+from struck.perception.audibility import audible
 from struck.shapes.particular_solutions import PolygonForms
 
 MOST_BYTES = 32 * 2**20  # of the shapes at the vertices of a body that the page knows by them alone
+MOST_SENT = 256 * 2**20  # bytes of shapes that a page takes at all
+_AT_ONCE = 4096  # places looked up together
 FINE = 0.28  # spacing times wave number up to which straight lines miss a wave by 1 %
 
 
 def model_bytes(model: ModalModel) -> bytes:
-    """Return a model as the page reads it: a file whose mesh is fine enough to be clicked on."""
-    return to_bytes(refined(model))
+    """Return a model as the page reads it: fine enough to be clicked on, and at most 256 MB."""
+    return to_bytes(thinned(refined(model)))
 
 
 def refined(model: ModalModel) -> ModalModel:
@@ -55,6 +60,44 @@ def refined(model: ModalModel) -> ModalModel:
         gains=replace(gains, surface=surface, shapes=shapes),
         geometry=None if model.geometry is None else surface,
     )
+
+
+def thinned(model: ModalModel, most: int = MOST_SENT) -> ModalModel:
+    """Return a body of at most some bytes of shapes: audible modes, then fewer vertices.
+
+    What was left out stands in its provenance. Smaller bodies are returned as they are.
+    """
+    if not isinstance(model.gains, ShapeGains) or model.gains.shapes.nbytes <= most:
+        return model
+    model = audible(model)
+    gains = model.gains
+    if not isinstance(gains, ShapeGains) or gains.shapes.nbytes <= most:
+        return model
+    import igl
+
+    before = gains.surface
+    # A closed surface has twice as many faces as vertices.
+    wanted = 2 * most // (12 * len(model.frequencies))
+    points, faces = igl.qslim(np.asfortranarray(before.points), _whole(before.faces), wanted)[:2]
+    surface = Mesh(points=np.ascontiguousarray(points), faces=np.array(faces), up=before.up)
+    parts = [
+        gains.shapes_at(surface.points[first : first + _AT_ONCE]).astype(np.float32)
+        for first in range(0, len(surface.points), _AT_ONCE)
+    ]
+    note = (
+        f"{len(before.points) - len(surface.points)} of {len(before.points)} vertices were left "
+        f"out, so that {len(model.frequencies)} modes take {most / 2**20:g} MB"
+    )
+    return replace(
+        model,
+        gains=replace(gains, surface=surface, shapes=np.concatenate(parts)),
+        geometry=None if model.geometry is None else surface,
+        provenance=model.provenance.extended(dropped=(note,)),
+    )
+
+
+def _whole(faces: Index) -> NDArray[np.int32]:
+    return np.asfortranarray(faces.astype(np.int32))
 
 
 def _longest_edge(surface: Mesh) -> float:

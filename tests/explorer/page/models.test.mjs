@@ -4,6 +4,7 @@ import test from 'node:test';
 import { effectiveMass, resolved } from '../../../src/struck/explorer/static/excitation/hertz.js';
 import { sampledPulse } from '../../../src/struck/explorer/static/excitation/pulse.js';
 import { FormatError, readModel } from '../../../src/struck/explorer/static/model/model.js';
+import { logarithms } from '../../../src/struck/explorer/static/sound/commands.js';
 import { apart, contentOf, goldenOf, jsonOf } from './reading.mjs';
 
 const SAME = 1e-6;
@@ -32,6 +33,18 @@ for (const name of jsonOf('names.json')) {
       );
       assert.ok(apart(both, row(golden.toward, k, both.length)) < 1e-14);
     }
+  });
+
+  test(`${name}: poles, and outputs at 1 m, of modes and of recoil`, () => {
+    const pairs = (re, im) =>
+      Float64Array.from({ length: 2 * re.length }, (_, n) => (n % 2 ? im : re)[n >> 1]);
+    const words = logarithms(model, null, pulses.sampleRate);
+    const count = words.length / 2;
+    const poles = pairs(words.subarray(0, count), words.subarray(count));
+    assert.ok(apart(poles, golden.logarithms.data) < 1e-14);
+    const { re, im } = model.aside(pulses.sampleRate);
+    assert.ok(apart(pairs(re, im), golden.aside.data) < 1e-12);
+    assert.equal(count, model.count + (model.recoil ? 3 : 0));
   });
 
   if (model.recorded) continue;
@@ -107,6 +120,14 @@ test('pulses are band-limited as in Python', () => {
     assert.equal(found.first, first);
     assert.ok(apart(found.force, pulses[`force${number}`].data) < 1e-12, `${said.duration}`);
   });
+});
+
+test('a body without modes is heard by its recoil', async () => {
+  const model = await readModel(contentOf('die.struck'));
+  assert.equal(model.count, 0);
+  const drive = model.drive(model.loudest());
+  assert.equal(drive.length, 3);
+  assert.ok(drive.some((each) => each > 0));
 });
 
 test('a free body struck beside its centre gives way: a thin rod at its end, as a quarter', () => {

@@ -4,6 +4,7 @@
  */
 import { FormatError, readContainer } from './container.js';
 import { formsOf } from './forms.js';
+import { Recoil } from './recoil.js';
 import { Surface, dot, length, subtract } from './surface.js';
 
 export { FormatError } from './container.js';
@@ -57,6 +58,7 @@ export class Model {
     this.naturalFrequencies = numbers(tensors, 'natural_frequencies');
     this.decays = numbers(tensors, 'decays');
     this.count = this.frequencies.length;
+    this.recoil = text.recoil ? new Recoil(text.recoil) : null;
     this.vertices = tensors.vertices ? numbers(tensors, 'vertices') : null;
     this.faces = tensors.faces?.data ?? null;
     this.centre = text.gains?.centre ?? text.centre ?? [0, 0, 0];
@@ -172,11 +174,18 @@ export class Model {
   }
 
   /**
-   * Return how strongly each mode answers a push, kg^-1/2 (M,).
+   * Return how strongly each mode answers a push, kg^-1/2 (M,), then each axis of recoil, where the
+   * body has it (3,).
    * @param {Contact} contact
-   * @param {number[]} [direction] in place of the contact's
    */
-  drive(contact, direction = contact.direction) {
+  drive(contact) {
+    const { recoil } = this;
+    const modes = this.#moved(contact, contact.direction);
+    return recoil ? Float64Array.of(...modes, ...recoil.drives(contact.direction)) : modes;
+  }
+
+  /** Return the mode shapes at a contact along a direction, kg^-1/2 (M,). */
+  #moved(contact, direction) {
     if (this.kind === 'SinglePoint') return new Float64Array(this.count).fill(1);
     if (!this.shapes)
       throw new FormatError(
@@ -215,9 +224,15 @@ export class Model {
     return this.#outputs(1 / distance);
   }
 
-  /** The gains at 1 m from the body as a point source. */
-  get aside() {
-    return this.#outputs(1);
+  /**
+   * Return the gains at 1 m from the body as a point source, those of recoil last.
+   * @returns {{re: Float64Array, im: Float64Array}}
+   */
+  aside(sampleRate) {
+    const { re, im } = this.#outputs(1);
+    const more = this.recoil ? this.recoil.outputs(sampleRate) : [];
+    const filled = (values, part) => Float64Array.of(...values, ...more.map((each) => each[part]));
+    return { re: filled(re, 0), im: filled(im, 1) };
   }
 
   #outputs(scale) {
@@ -236,7 +251,7 @@ export class Model {
   raised(contact, grip) {
     const raised = new Float64Array(this.count);
     for (const axis of HELD_AXES) {
-      const moved = this.drive(contact, axis);
+      const moved = this.#moved(contact, axis);
       for (let n = 0; n < this.count; n++) raised[n] += (grip / 2) * moved[n] * moved[n];
     }
     return raised;

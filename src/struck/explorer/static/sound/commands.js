@@ -32,15 +32,28 @@ export function command(kind, body, sample, ...brought) {
   return words;
 }
 
-/** Return logarithms of the factors of a sample, real parts, then imaginary ones (2 M,). */
-export function logarithms({ frequencies, decays }, raised, sampleRate) {
-  const count = frequencies.length;
+/**
+ * Return logarithms of the factors of a sample of all modes, then of recoil, where the body has it:
+ * real parts, then imaginary ones. Those of modes at or above half the sample rate are 0.
+ * @param {{frequencies: ArrayLike<number>, decays: ArrayLike<number>,
+ *   recoil?: import('../model/recoil.js').Recoil | null}} model
+ * @param {ArrayLike<number> | null} raised by which decays of modes are higher, 1/s
+ * @param {number} sampleRate Hz
+ */
+export function logarithms({ frequencies, decays, recoil }, raised, sampleRate) {
+  const modes = frequencies.length;
+  const more = recoil ? recoil.poles(sampleRate) : [];
+  const count = modes + more.length;
   const words = new Float64Array(2 * count);
-  for (let n = 0; n < count; n++) {
+  for (let n = 0; n < modes; n++) {
     if (frequencies[n] >= sampleRate / 2) continue;
     words[n] = -(decays[n] + (raised ? raised[n] : 0)) / sampleRate;
     words[count + n] = (2 * Math.PI * frequencies[n]) / sampleRate;
   }
+  more.forEach(([re, im], n) => {
+    words[modes + n] = re / sampleRate;
+    words[count + modes + n] = im / sampleRate;
+  });
   return words;
 }
 

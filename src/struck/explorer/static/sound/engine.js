@@ -174,7 +174,7 @@ export class Engine {
 
   #add(number, model, place) {
     const { position = [0, 0, 0], rotation } = place;
-    const { re, im } = model.aside;
+    const { re, im } = model.aside(this.sampleRate);
     const centre = model.centre.map(
       (each, axis) =>
         position[axis] +
@@ -182,23 +182,28 @@ export class Engine {
     );
     const poles = logarithms(model, null, this.sampleRate);
     const outputs = Float64Array.from([...re, ...im]);
-    const add = { count: model.count, poles, outputs, centre, radius: model.radius };
+    const add = { count: re.length, poles, outputs, centre, radius: model.radius };
     this.#adding++;
     this.node.port.postMessage({ number, add });
     this.#bodies.set(number, { model, place, holds: new Map() });
   }
 
-  /** Let a body go on with another model of as many modes, from the states that it has. */
-  changeModel(number, model) {
+  /**
+   * Let a body go on with another model of as many modes, from the states that it has.
+   * @param {number} number of the body
+   * @param {Model} model
+   * @param {number} [time] of the context, s; left out: now
+   */
+  changeModel(number, model, time) {
     const body = this.#body(number);
-    if (model.count !== body.model.count)
+    if (model.count !== body.model.count || !model.recoil !== !body.model.recoil)
       throw new RangeError(
-        `the changed model has ${model.count} modes, the body ${body.model.count}: replace it`,
+        `the changed model has ${told(model)}, the body ${told(body.model)}: replace it`,
       );
-    const { re, im } = model.aside;
+    const { re, im } = model.aside(this.sampleRate);
     body.model = model;
     const poles = logarithms(model, this.#raised(body), this.sampleRate);
-    this.#send(command(KINDS.MODEL, number, undefined, model.count, poles, re, im), false);
+    this.#tell(time, KINDS.MODEL, number, re.length, poles, re, im);
   }
 
   /** Put another model in the place of a body, which fades. */
@@ -210,7 +215,7 @@ export class Engine {
   removeModel(number) {
     this.#body(number);
     this.#bodies.delete(number);
-    this.#send(command(KINDS.FADE, number, undefined), false);
+    this.#tell(undefined, KINDS.FADE, number);
   }
 
   /**
@@ -224,7 +229,7 @@ export class Engine {
     const { model } = this.#body(number);
     const blow = resolved(model, contact, said);
     const pulse = sampledPulse({ ...blow, onset: time ?? 0, sampleRate: this.sampleRate });
-    const pushed = drive ?? model.drive(contact);
+    const pushed = drive ? filled(drive, model, contact) : model.drive(contact);
     const first = time === undefined ? undefined : pulse.first;
     const { force } = pulse;
     const words = command(
@@ -268,9 +273,13 @@ export class Engine {
 
   #damp(number, body, time) {
     const poles = logarithms(body.model, this.#raised(body), this.sampleRate);
+    this.#tell(time, KINDS.POLES, number, poles.length / 2, poles);
+  }
+
+  /** Send a command that takes effect at a time of the context, s, or now. */
+  #tell(time, kind, number, ...brought) {
     const sample = time === undefined ? undefined : Math.round(time * this.sampleRate);
-    const words = command(KINDS.POLES, number, sample, body.model.count, poles);
-    this.#send(words, sample !== undefined);
+    this.#send(command(kind, number, sample, ...brought), sample !== undefined);
   }
 
   /**
@@ -278,10 +287,8 @@ export class Engine {
    * @param {Pose} pose
    * @param {number} [time]
    */
-  moveListener({ position, forward, up = [0, 0, 1] }, time = NaN) {
-    const sample = Number.isNaN(time) ? undefined : Math.round(time * this.sampleRate);
-    const words = command(KINDS.POSE, 0, sample, time, position, forward, up);
-    this.#send(words, sample !== undefined);
+  moveListener({ position, forward, up = [0, 0, 1] }, time) {
+    this.#tell(time, KINDS.POSE, 0, time ?? NaN, position, forward, up);
   }
 
   /** Set the volume, dB; 0 is as calibrated. */
@@ -298,7 +305,7 @@ export class Engine {
 
   #level() {
     const gain = this.#fullScale * 10 ** (this.#volume / 20);
-    this.#send(command(KINDS.LEVEL, 0, undefined, gain), false);
+    this.#tell(undefined, KINDS.LEVEL, 0, gain);
   }
 
   /**
@@ -336,6 +343,15 @@ export class Engine {
   }
 }
 
+/** Return the drive of a server, of modes alone, with that of recoil. */
+function filled(drive, model, { direction }) {
+  const { recoil, count } = model;
+  const missing = recoil && drive.length === count;
+  return missing ? Float64Array.of(...drive, ...recoil.drives(direction)) : drive;
+}
+
+const told = ({ count, recoil }) => `${count} modes${recoil ? ' and recoil' : ''}`;
+
 /**
  * What the worklet tells.
  * @typedef {{time: number, peak: number, reduction: number, ringing: number, modes: number,
@@ -368,8 +384,8 @@ export function peakOf(model, striker, sampleRate) {
   const blow = resolved(model, contact, { striker });
   const pulse = sampledPulse({ ...blow, onset: 0, sampleRate });
   const drive = model.drive(contact);
-  const bank = new PlainKit({ sampleRate, channels: 1 }).bank(model.count, 1);
-  const { re, im } = model.aside;
+  const bank = new PlainKit({ sampleRate, channels: 1 }).bank(drive.length, 1);
+  const { re, im } = model.aside(sampleRate);
   bank.setPoles(logarithms(model, null, sampleRate), 0);
   bank.setOutputs(Float64Array.from([...re, ...im]), 0);
   bank.start(0, drive, 0);
