@@ -30,6 +30,7 @@ BROUGHT = {
     "explorer: what the page is sent": (250, 2),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
+    "explorer: its server, its objects and its command": (1_500, 6),
 }
 LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
 MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
@@ -53,6 +54,7 @@ SHORT: dict[str, str] = {
                 "calibrate",
                 "command",
                 "demo",
+                "explore",
                 "export",
                 "info",
                 "materials",
