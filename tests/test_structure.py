@@ -69,6 +69,8 @@ SHORT: dict[str, str] = {
 # Modules with one importer in their own room, and why they are not joined to it.
 KEPT_ALONE: dict[str, str] = {
     "excitation/envelope.py": "what a ball feels that rolls, a law of its own",
+    "explorer/admission.py": "who is let in, for whoever judges how safe the server is",
+    "explorer/jobs.py": "runs as processes of its own as well",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",

@@ -181,6 +181,28 @@ def test_page_gets_what_a_change_does(client: Client, bar: struck.ModalModel) ->
     assert told["mass"] == pytest.approx(truth.mass)
 
 
+@pytest.mark.parametrize("wanted", [{"size": 0.7}, {"damping": 3.0}])
+def test_size_and_damping_need_no_second_answer(
+    client: Client, bar: struck.ModalModel, wanted: dict[str, float]
+) -> None:
+    told = client.ask("POST", "/api/models/given_1/change", {**wanted, "quick": True}).json
+    truth = bar.scaled(wanted.get("size", 1.0))
+    assert told["settled"]
+    pairs = np.array(told["outputs"])
+    np.testing.assert_allclose(pairs[:, 0] + 1j * pairs[:, 1], truth.gains.outputs, rtol=1e-6)
+
+
+def test_another_material_is_answered_at_once_and_then_in_full(client: Client) -> None:
+    path = "/api/models/given_1/change"
+    quick = client.ask("POST", path, {"material": "glass", "quick": True}).json
+    whole = client.ask("POST", path, {"material": "glass"}).json
+    assert (quick["settled"], whole["settled"]) == (False, True)
+    assert quick["frequencies"] == whole["frequencies"]
+    assert quick["decays"] == whole["decays"]
+    levels = np.abs(np.array(quick["outputs"])[:, 0] / np.array(whole["outputs"])[:, 0])
+    assert 0.3 < levels.min() <= levels.max() < 3.0
+
+
 def test_page_gets_the_drive_of_a_contact(client: Client, bar: struck.ModalModel) -> None:
     contact = bar.contact("end")
     told = client.ask("POST", "/api/models/given_1/drive", {"point": contact.point.tolist()}).json

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import MaterialError, OptionError, StruckError
+from struck.errors import ContactError, MaterialError, OptionError, StruckError
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Index
 from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
@@ -50,8 +50,12 @@ def _material(material: Material | None) -> dict[str, Any] | None:
 
 
 def peak(model: ModalModel) -> float:
-    """Return the peak of the usual blow, wood at 1 m/s, at the loudest contact: Pa at 1 m."""
+    """Return the peak of the usual blow, wood at 1 m/s, at the loudest contact, Pa at 1 m, or 0."""
     if not len(model.frequencies):
+        return 0.0
+    try:
+        model.contact()
+    except ContactError:  # a field of recordings has places by number, none of them the usual one
         return 0.0
     blow = Strike(striker="wood", speed=1.0) if model.gains.of_surface else Strike(impulse=1.0)
     where = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
@@ -133,6 +137,8 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
 
     Mode shapes are not among it: they are those of the model times "factor", and its vertices times
     "size". "modes" lists which mode of the model each mode was; null where all stay in order.
+    Outputs follow size and damping exactly; of another material they are computed anew, which
+    takes up to a second, or with "quick" kept as they are per velocity: then "settled" is false.
 
     Parameters
     ----------
@@ -140,7 +146,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
         As it was computed or loaded.
     wanted : mapping
         "material": a name of `struck materials`; "size": how many times as large; "damping": how
-        many times as much is lost.
+        many times as much is lost; "quick": whether to answer at once.
 
     Raises
     ------
@@ -149,7 +155,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
     MaterialError
         When the material is unknown, or the model has none to start from.
     """
-    unknown = set(wanted) - {"material", "size", "damping"}
+    unknown = set(wanted) - {"material", "size", "damping", "quick"}
     if unknown:
         names = ", ".join(sorted(unknown))
         raise OptionError(f"{names} cannot be changed: give material, size or damping")
@@ -164,7 +170,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
         after = after.scaled(size)
     if losses != 1:
         after = after.damped(_law(after, losses))
-    return _told(model, after, size)
+    return _told(model, after, size, quick=wanted.get("quick") is True)
 
 
 def _named(model: ModalModel, name: object) -> Material:
@@ -195,19 +201,36 @@ def _number(name: str, value: object, least: float, most: float) -> float:
     return float(value)
 
 
-def _told(model: ModalModel, after: ModalModel, size: float) -> dict[str, Any]:
+def _outputs(
+    model: ModalModel, after: ModalModel, origins: _Origins, size: float, *, quick: bool
+) -> tuple[Complex, bool]:
+    """Return the outputs of a changed model (M,), and whether they are what they stay."""
+    own = getattr(model.gains, "outputs", None)
+    if own is None:
+        raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
+    density = 1.0
+    if after.material is not None and model.material is not None:
+        density = after.material.density / model.material.density
+    if not isinstance(model.gains, ShapeGains):
+        gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
+        return getattr(gains, "outputs", own), True
+    # A body of another size has the same waves around it, all lengths and periods in proportion:
+    # for the same velocity of its skin the pressure at 1 m goes with its size.
+    before = model.natural_frequencies[origins.modes]
+    same = np.allclose(after.natural_frequencies * size, before, rtol=1e-9)
+    if same or quick:
+        return own[origins.modes] * (origins.factor * size), same
+    gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
+    return gains.outputs, True
+
+
+def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> dict[str, Any]:
     """Return a changed model without its shapes, as JSON values."""
     origins = after.gains
     if not isinstance(origins, _Origins):
         raise TypeError(f"its gains are {type(origins).__name__}")
     kept, material = origins.modes, after.material
-    density = 1.0
-    if material is not None and model.material is not None:
-        density = material.density / model.material.density
-    gains = model.gains.changed(after.natural_frequencies, kept, size, density)
-    outputs = getattr(gains, "outputs", None)
-    if outputs is None:
-        raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
+    outputs, settled = _outputs(model, after, origins, size, quick=quick)
     whole = len(kept) == len(model.frequencies) and bool((np.diff(kept) > 0).all())
     return {
         "modes": None if whole else kept.tolist(),
@@ -215,6 +238,7 @@ def _told(model: ModalModel, after: ModalModel, size: float) -> dict[str, Any]:
         "natural_frequencies": after.natural_frequencies.tolist(),
         "decays": after.decays.tolist(),
         "outputs": np.stack([outputs.real, outputs.imag], axis=-1).tolist(),
+        "settled": settled,
         "factor": origins.factor,
         "size": size,
         "mass": after.mass,

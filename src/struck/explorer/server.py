@@ -74,8 +74,13 @@ class Explorer:
         self._token = secrets.token_urlsafe(24)
         self._scratch = tempfile.TemporaryDirectory(prefix="struck-", ignore_cleanup_errors=True)
         self._jobs = Jobs(wanted, Path(self._scratch.name))
-        for number, (model, name) in enumerate(zip(given, names, strict=True)):
-            self._jobs.give(_standing(model, name, number, len(given)), model)
+        try:
+            for number, (model, name) in enumerate(zip(given, names, strict=True)):
+                self._jobs.give(_standing(model, name, number, len(given)), model)
+        except BaseException:
+            self._socket.close()
+            self._scratch.cleanup()
+            raise
         self._stopping = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._running = threading.Event()
@@ -121,7 +126,7 @@ class Explorer:
         self._running.set()
         app = application(self._jobs, port=self.port, token=self._token, ending=self._stopping)
         config = uvicorn.Config(
-            app, log_level="error", access_log=False, timeout_graceful_shutdown=1, ws="none"
+            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, ws="none"
         )
         self._server = uvicorn.Server(config)
         work = asyncio.create_task(self._jobs.run())

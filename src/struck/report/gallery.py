@@ -419,6 +419,7 @@ SHAPES = (
 # The pages.
 
 _TITLE = "struck: a gallery"
+LIST = "list.txt"  # of the files that were made
 
 
 def gallery(folder: Path, progress: Progress = silent) -> Path:
@@ -431,7 +432,10 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
     _written(folder / f"{NAME}.html", recording(folder, progress))
     links = {**links, f"{NAME}.html": TITLE}
     exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS]
-    return _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
+    first = _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
+    made = sorted(path.name for path in folder.iterdir() if path.name != LIST)
+    _written(folder / LIST, "\n".join(made) + "\n")
+    return first
 
 
 def _pages_of_shapes(folder: Path, progress: Progress) -> Mapping[str, str]:

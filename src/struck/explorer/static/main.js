@@ -149,6 +149,7 @@ function dampLast(on) {
 
 // Changes
 
+/** Carry a change out, null for none; return whether that is all of it. */
 async function change(id, wanted) {
   try {
     const answer = wanted ? await fetchChange(id, wanted) : null;
@@ -168,8 +169,10 @@ async function change(id, wanted) {
       if (modes.selected !== null) showMode(modes.selected);
     }
     wake();
+    return answer?.settled ?? true;
   } catch (error) {
     say(error.message, { bad: true, id: 'change' });
+    return true;
   }
 }
 
@@ -247,6 +250,9 @@ slide('speed', (value) => `${(10 ** value).toPrecision(2)} m/s`, (value) => { pa
 slide('volume', (value) => `${value} dB`.replace('-', '−'), (value) => instrument.setVolume(value));
 get('ears').onchange = (event) => instrument.setEars(event.target.value).catch((error) => complain(error));
 get('even').onchange = (event) => instrument.setEven(event.target.checked);
+get('simple').checked = room.stage?.simple ?? true;
+get('simple').disabled = !room.stage;
+get('simple').onchange = (event) => room.stage.simplify(event.target.checked);
 get('whole').onclick = () => { room.home(); get('whole').hidden = true; };
 get('hit').onclick = () => page.chosen && strikeAt(page.chosen, loudestOf(page.chosen));
 const damp = get('damp');

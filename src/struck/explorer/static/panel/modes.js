@@ -127,10 +127,18 @@ export class ModeList {
     this.selected = next;
     const row = this.rows[next];
     row?.setAttribute('aria-selected', 'true');
-    row?.scrollIntoView({ block: 'nearest' });
+    if (row) this.#reveal(row);
     if (row) this.place.setAttribute('aria-activedescendant', row.id);
     else this.place.removeAttribute('aria-activedescendant');
     this.chosen(next);
+  }
+
+  /** Scroll the list, and it alone, until a row is seen. */
+  #reveal(row) {
+    const [top, height] = [row.offsetTop, row.offsetHeight];
+    const { scrollTop, clientHeight } = this.place;
+    if (top < scrollTop + height) this.place.scrollTop = top - height;
+    else if (top + height > scrollTop + clientHeight) this.place.scrollTop = top + height - clientHeight;
   }
 
   /** Choose the next mode. */

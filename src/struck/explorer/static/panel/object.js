@@ -22,7 +22,8 @@ function length(metres) {
 export class ObjectPanel {
   /**
    * @param {Record<string, string>} materials groups by name
-   * @param {(id: string, wanted: object) => Promise<void>} change asks for a change and carries it out
+   * @param {(id: string, wanted: object | null) => Promise<boolean>} change carries a change
+   *   out; returns whether more of it is to be asked for, without "quick": false
    */
   constructor(materials, change) {
     this.change = change;
@@ -111,11 +112,16 @@ export class ObjectPanel {
       return;
     }
     this.asking = true;
+    let quick = true;
+    let settled = false;
     do {
       this.again = false;
-      await this.change(this.asked, this.wishes.get(this.asked) ?? null);
-      if (this.again) await new Promise((done) => setTimeout(done, PAUSE));
-    } while (this.again);
+      // At once as far as may be, and the rest when nothing else is wished meanwhile.
+      const wish = this.wishes.get(this.asked) ?? null;
+      settled = await this.change(this.asked, wish && { ...wish, quick });
+      quick = this.again;
+      if (quick) await new Promise((done) => setTimeout(done, PAUSE));
+    } while (quick || !settled);
     this.asking = false;
   }
 }

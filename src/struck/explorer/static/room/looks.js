@@ -37,6 +37,21 @@ const GROUPS = {
   other: { metalness: 0, roughness: 0.6, color: 0xd8c8ac },
 };
 
+let simple = false;
+
+/** Draw surfaces made from now on without reflections, or with them. */
+export function plain(wanted) {
+  simple = wanted;
+}
+
+/** Adjust a surface to whether there are reflections: a metal without them would be black. */
+export function adjust(surface) {
+  const { metalness } = surface.userData;
+  if (metalness === undefined) return;
+  surface.metalness = simple ? 0.25 * metalness : metalness;
+  surface.needsUpdate = true;
+}
+
 /**
  * Return the surface of a material.
  * @param {{name: string, group: string} | null} material
@@ -44,8 +59,10 @@ const GROUPS = {
  */
 export function surfaceOf(material) {
   const look = LOOKS[material?.name] ?? GROUPS[material?.group] ?? GROUPS.other;
-  const userData = { glow: look.emissive ?? 0 };
-  return new THREE.MeshStandardMaterial({ ...look, side: THREE.DoubleSide, envMapIntensity: 0.9, userData });
+  const userData = { glow: look.emissive ?? 0, metalness: look.metalness };
+  const surface = new THREE.MeshStandardMaterial({ ...look, side: THREE.DoubleSide, envMapIntensity: 0.9, userData });
+  adjust(surface);
+  return surface;
 }
 
 /** The surface of a body that shows a mode, coloured at its vertices. */

@@ -5,6 +5,7 @@ import { displacementColour, modeSurface, surfaceOf } from './looks.js';
 
 const CREASE = Math.cos((38 * Math.PI) / 180); // sharper edges stay edges
 const MANY_FACES = 300_000; // beyond them, corners share their normals
+const WITHIN = 0.35; // share of the motion that is outward, below which a surface moves within itself
 const SWING = 0.07; // largest displacement shown, of the body's longest edge
 
 /**
@@ -163,9 +164,29 @@ export class Solid {
     this.swing(1);
   }
 
+  /** Return the axis along which a body moves whose surface moves within itself; else null. */
+  #mainAxis(shape) {
+    const energy = [0, 0, 0];
+    let outward = 0;
+    for (let i = 0; i < this.faces.length; i += 1) {
+      let along = 0;
+      for (let k = 0; k < 3; k += 1) {
+        const displaced = shape[3 * this.faces[i] + k];
+        energy[k] += displaced ** 2;
+        along += displaced * this.normals[3 * i + k];
+      }
+      outward += along ** 2;
+    }
+    const whole = energy[0] + energy[1] + energy[2];
+    if (outward > WITHIN * whole) return null;
+    const most = energy.indexOf(Math.max(...energy));
+    return [0, 1, 2].map((k) => Number(k === most));
+  }
+
   #displace(shape) {
     let largest = 0;
     for (let i = 0; i < shape.length; i += 3) largest = Math.max(largest, Math.hypot(shape[i], shape[i + 1], shape[i + 2]));
+    const axis = this.#mainAxis(shape);
     this.swingScale = largest ? (SWING * this.extent) / largest : 0;
     const { swelling } = this.told;
     this.moved = new Float32Array(this.rest.length);
@@ -179,7 +200,7 @@ export class Solid {
         const displaced = (shape[vertex + k] * this.swingScale) / swelling[k];
         this.moved[3 * i + k] = displaced;
         points[vertex + k] = this.rest[3 * i + k] + displaced;
-        outward += this.normals[3 * i + k] * shape[vertex + k];
+        outward += (axis?.[k] ?? this.normals[3 * i + k]) * shape[vertex + k];
       }
       displacementColour(outward / largest, colour).toArray(colours, 3 * i);
     }

@@ -4,13 +4,25 @@ import * as THREE from 'three';
 import { OrbitControls } from 'three/addons/OrbitControls.js';
 import { RoomEnvironment } from 'three/addons/RoomEnvironment.js';
 import { emptyRoom } from './furniture.js';
+import { adjust, plain } from './looks.js';
 
 const HOME = { from: [0.12, -4.25, 2.1], to: [0.14, 0.4, 0.7] };
 const FIELD = 30; // degrees, from bottom to top of a wide picture
 const FLIGHT = 0.5; // s of a move of the camera
 const LARGEST_RATIO = 2; // of pixels of the picture to those of the page
+const SIMPLE_RATIO = 0.7;
 
 export const still = matchMedia('(prefers-reduced-motion: reduce)');
+
+/** Return whether the browser draws without a graphics processor. */
+function isSoftware() {
+  const context = document.createElement('canvas').getContext('webgl2');
+  if (!context) return false;
+  const names = context.getExtension('WEBGL_debug_renderer_info');
+  const name = names ? context.getParameter(names.UNMASKED_RENDERER_WEBGL) : '';
+  context.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(name);
+}
 
 export class Stage {
   /**
@@ -20,10 +32,11 @@ export class Stage {
   constructor(canvas) {
     THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+    this.simple = isSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.simple });
     this.renderer.toneMapping = THREE.NeutralToneMapping;
     this.renderer.toneMappingExposure = 1.05;
-    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.enabled = !this.simple;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.shadowMap.autoUpdate = false;
     this.scene = new THREE.Scene();
@@ -45,11 +58,32 @@ export class Stage {
     canvas.addEventListener('webglcontextrestored', () => this.refresh());
   }
 
+  /** Draw simply, for slow machines: fewer pixels, and neither shadows nor reflections. */
+  simplify(simple) {
+    this.simple = simple;
+    this.renderer.shadowMap.enabled = !simple;
+    this.#reflections();
+    plain(simple);
+    this.scene.traverse(({ material }) => {
+      for (const surface of [material ?? []].flat()) adjust(surface);
+    });
+    this.#resize();
+    this.refresh();
+  }
+
+  #reflections() {
+    if (!this.simple && !this.scene.environment) {
+      const generator = new THREE.PMREMGenerator(this.renderer);
+      this.reflected = generator.fromScene(new RoomEnvironment(), 0.03).texture;
+      generator.dispose();
+    }
+    this.scene.environment = this.simple ? null : this.reflected;
+    this.sky.intensity = this.simple ? 1.5 : 0.35;
+    this.sun.intensity = this.simple ? 2.3 : 2.1;
+  }
+
   #light() {
-    const generator = new THREE.PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.03).texture;
     this.scene.environmentIntensity = 0.62;
-    generator.dispose();
     const sun = new THREE.DirectionalLight(0xfff3e0, 2.1);
     sun.position.set(-2.2, -2.6, 4.2);
     sun.target.position.set(0.1, 0.5, 0.5);
@@ -59,13 +93,17 @@ export class Stage {
     sun.shadow.radius = 5;
     sun.shadow.bias = -0.0004;
     sun.shadow.normalBias = 0.01;
-    this.scene.add(sun, sun.target, new THREE.HemisphereLight(0xffffff, 0xcfc4b2, 0.35));
+    this.sun = sun;
+    this.sky = new THREE.HemisphereLight(0xffffff, 0xcfc4b2, 0.35);
+    this.scene.add(sun, sun.target, this.sky);
+    plain(this.simple);
+    this.#reflections();
   }
 
   #resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement;
     if (!clientWidth || !clientHeight) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, LARGEST_RATIO));
+    this.renderer.setPixelRatio(this.simple ? SIMPLE_RATIO : Math.min(devicePixelRatio, LARGEST_RATIO));
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.camera.aspect = clientWidth / clientHeight;
     // The whole width of the room stays in view on narrow screens.
