@@ -1,6 +1,7 @@
 # Each target sets up what it needs in .venv: make and Python 3.11 or newer are enough.
 #   make prove ONLY=name      the proofs whose name holds it
 #   make test PYTHON=python3.12
+#   make demo OPEN=0          a gallery of files, and no browser
 
 ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
@@ -9,6 +10,7 @@ PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
 	$$python -c '$(RECENT)' 2>/dev/null && echo $$python && break; done)
 INSTALL = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 ONLY ?=
+OPEN ?=
 # With ONLY, one of the two runs may hold no test: pytest then says 5.
 FEW = $(if $(ONLY),|| test $$? -eq 5)
 # Dozens of tests start struck anew: what Python has once compiled, none of them compiles again.
@@ -22,8 +24,8 @@ export PYTHONDONTWRITEBYTECODE :=
 help:  ## List the targets
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 14
 
-demo: $(ENVIRONMENT)/all.stamp  ## Compute the gallery: sounds, pictures and a page that plays them
-	$(BIN)/struck demo --out gallery
+demo: $(ENVIRONMENT)/all.stamp  ## Open the room of objects; without a display, or OPEN=0, the gallery
+	$(BIN)/struck demo --out gallery $(if $(filter 0,$(OPEN)),,--open)
 
 test: $(ENVIRONMENT)/test.stamp  ## A sample of every promise
 	$(BIN)/python -m pytest --numprocesses 2

@@ -30,6 +30,7 @@ BROUGHT = {
     "explorer: what the page is sent": (250, 2),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
+    "explorer: its server, its objects and its command": (1_500, 6),
 }
 LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
 MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
@@ -53,6 +54,7 @@ SHORT: dict[str, str] = {
                 "calibrate",
                 "command",
                 "demo",
+                "explore",
                 "export",
                 "info",
                 "materials",
@@ -67,6 +69,8 @@ SHORT: dict[str, str] = {
 # Modules with one importer in their own room, and why they are not joined to it.
 KEPT_ALONE: dict[str, str] = {
     "excitation/envelope.py": "what a ball feels that rolls, a law of its own",
+    "explorer/admission.py": "who is let in, for whoever judges how safe the server is",
+    "explorer/jobs.py": "runs as processes of its own as well",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",

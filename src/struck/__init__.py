@@ -22,6 +22,7 @@ _ROOMS = {
     "analysis",
     "ears",
     "excitation",
+    "explorer",
     "files",
     "live",
     "model",

@@ -2,6 +2,7 @@ from . import analysis as analysis
 from . import ears as ears
 from . import errors as errors
 from . import excitation as excitation
+from . import explorer as explorer
 from . import files as files
 from . import live as live
 from . import model as model
@@ -16,6 +17,7 @@ from . import synth as synth
 from .api import analyze as analyze
 from .api import audible as audible
 from .api import compare as compare
+from .api import explore as explore
 from .api import fit as fit
 from .api import load as load
 from .api import materials as materials

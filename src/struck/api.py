@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from struck.ears.listeners import Listener
     from struck.ears.room import Room
     from struck.excitation.strike import Strike
+    from struck.explorer.server import Explorer
     from struck.files.sofa_fields import Places
     from struck.files.sound import Sound
     from struck.live.player import Player
@@ -203,17 +204,8 @@ def fit(
 
     Raises
     ------
-    RecordingError
-        When recordings are silent, too short, unlike, hold no hit or nothing that rings.
-    FileFormatError
-        When a file cannot be read or written, or the report is a recording.
-    OptionError
-        On places that do not fit the recordings, or arguments outside their bounds.
-
-    Notes
-    -----
-    `struck.recordings.fit.fit_recordings` returns errors of decays and gains, verdict and
-    residual too.
+    RecordingError, FileFormatError, OptionError
+        With the value, the bound and the way out.
     """
     from struck.files.atomic import writable
     from struck.recordings.fit import files_read, fit_recordings
@@ -392,14 +384,8 @@ def play(
 
     Raises
     ------
-    MissingDependencyError
-        Where PortAudio is not installed.
-    DeviceError
-        Where there is no such device, or it refuses.
-    OptionError
-        On numbers outside their bounds, or a model that is not fit to ring.
-    ContactError
-        Where the listener is inside a body.
+    MissingDependencyError, DeviceError, OptionError, ContactError
+        With the value, the bound and the way out.
     """
     from struck.live.player import play as play_live
     from struck.model.model import ModalModel
@@ -414,6 +400,39 @@ def play(
         voices=voices,
         ahead=ahead,
     )
+
+
+def explore(
+    model: ModalModel | Sequence[ModalModel] | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    port: int = 0,
+    browser: bool = True,
+    wait: bool = True,
+) -> Explorer:
+    """Open bodies in the browser, where a click strikes them.
+
+    Parameters
+    ----------
+    model : ModalModel or sequence of them, optional
+        Called `names`; unless given, eighteen objects that are computed while one looks on.
+    port, browser, wait : int, bool, bool
+        Where on 127.0.0.1, a free port unless given; whether to open a browser, where there is a
+        display; whether to serve until Ctrl-C, else until `stop` is called.
+
+    Returns
+    -------
+    Explorer
+        With its `url` and `stop()`; it may be used in a `with`.
+
+    Raises
+    ------
+    MissingDependencyError, OptionError, FileFormatError
+        Without starlette or uvicorn, on a taken port, and on gains that no file keeps.
+    """
+    from struck.explorer import server
+
+    return server.explore(model, names=names, port=port, browser=browser, wait=wait)
 
 
 def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -481,14 +500,8 @@ def compare(
 
     Raises
     ------
-    OptionError
-        On `against` or `recording` without what they belong to.
-    ContactError
-        When a contact is none of the body's.
-    RecordingError
-        When either has no modes, or nothing is struck in a recording.
-    FileFormatError, MissingDependencyError
-        When a file cannot be read.
+    OptionError, ContactError, RecordingError, FileFormatError, MissingDependencyError
+        With the value, the bound and the way out.
     """
     from struck.report import comparison
 
@@ -533,13 +546,6 @@ def tune(
     ------
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
-
-    Examples
-    --------
-    >>> from struck.solids import Tube
-    >>> tube = Tube(length=0.5, radius=0.0125, wall=0.001)
-    >>> round(tune(tube, "aluminium", vary="length", lowest=587.33, accuracy="preview").length, 3)
-    0.511
     """
     from struck.analysis.discretisation import Solid
     from struck.analysis.tuning import tuned
@@ -584,11 +590,8 @@ def audible(
 
     Raises
     ------
-    ContactError
-        On a place off the body, or a listener inside it.
-    OptionError
-        On a level that is not finite or at which no mode is heard, no contacts, or gains without
-        mode shapes.
+    ContactError, OptionError
+        With the value, the bound and the way out.
     """
     from struck.perception import audibility
 
@@ -639,12 +642,6 @@ def sonic_distance(
         On an unknown method, or by those of 1998 for models without a common set of modes.
     ContactError
         On a place off the body.
-
-    Notes
-    -----
-    The paper leaves S(f), E_0 and the logarithm open. S is `auditory_scale.sensitivity`, from the
-    contour of 40 phon; 10 log10 gives dB; E_0 is the energy, E = (a f)^2, of the softest audible
-    partial of the same frequency and decay, so that f cancels from E / E_0.
     """
     from struck.perception.sonic_distance import sonic_distance as distance
 
@@ -675,18 +672,12 @@ def sound_map(
     Returns
     -------
     SoundMap
-        Its `bound` holds at all contacts, not at samples: see `docs/explanation/perception.md`. For
-        modes given at vertices it follows from their being straight in between; for modes in
-        closed form, what they bend between the corners and middles of edges is taken as twice the
-        most that the middles show.
+        Its `bound` holds at all contacts, not at samples: see `docs/explanation/perception.md`.
 
     Raises
     ------
-    OptionError
-        When the threshold does not exceed 0 or is too fine, the model is silent, or several
-        listeners are given.
-    ContactError
-        When the model has no surface, or the listener is inside it.
+    OptionError, ContactError
+        With the value, the bound and the way out.
     """
     from struck.perception.sound_map import sound_map as map_sounds
 

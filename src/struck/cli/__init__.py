@@ -21,6 +21,7 @@ COMMANDS = {
     "render": "strike, scrape, roll on, pluck or hold a model and save the sound",
     "sound-map": "tell how few contacts of a body are enough, and where its timbre changes",
     "play": "play models with the keyboard, live",
+    "explore": "open objects in the browser, where a click strikes them",
     "record": "record the takes that a plan asks for, and go on where it stopped",
     "fit": "make a model of recordings of one object",
     "compare": "tell how a model differs from a recording of the body, or from another model",

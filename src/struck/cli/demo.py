@@ -1,10 +1,12 @@
-"""`struck demo`: a gallery of sounds and pictures."""
+"""`struck demo`: the room of objects in a browser, or a gallery of sounds and pictures."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
+import struck
 from struck.cli.command import Result
 from struck.model.provenance import TerminalProgress
 
@@ -14,11 +16,25 @@ EXAMPLES = ("--out gallery",)
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck demo`."""
     parser.add_argument("--out", default="gallery", help="folder to make")
+    parser.add_argument(
+        "--open",
+        action="store_true",
+        help="open the room of objects instead, where there are a terminal and a display",
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck demo`."""
-    from struck.report.gallery import gallery
+    from struck.explorer.server import has_display
+    from struck.report.gallery import LIST, gallery
 
+    if options.open and sys.stdin is not None and sys.stdin.isatty() and has_display():
+        explorer = struck.explore()
+        return Result("the room is closed", page=explorer.url)
     page = gallery(Path(options.out), progress)
-    return Result(f"open {page.resolve()} in a browser to see and hear it", page=str(page))
+    return Result(
+        f"open {page.resolve()} in a browser to see and hear it; {page.with_name(LIST)} lists all "
+        "that was made\nto strike objects in a browser: struck explore",
+        page=str(page),
+        made=str(page.with_name(LIST)),
+    )

@@ -296,14 +296,14 @@ SHAPES_INTRODUCTION = (
 )
 # Bodies in closed form: the six of 1998, section 6, and their kin. The film of drums has air that
 # takes its share.
-_SKIN = Material(
+SKIN = Material(
     name="polyester film",
     density=1390.0,
     youngs_modulus=4.5e9,
     poisson_ratio=0.38,
     damping=InternalFriction(loss_tangent=0.006, external=4.0),
 )
-_WIRE = Material(
+WIRE = Material(
     name="music wire",
     density=7850.0,
     youngs_modulus=2.1e11,
@@ -331,7 +331,7 @@ SHAPES = (
         text="A steel string of 650 mm at 110 Hz, stiff as it is. Struck, its n-th mode is weaker "
         "by 1/n, plucked by 1/n^2: a piano, a guitar.",
         body=lambda: String(length=0.65, radius=4e-4, tension=80.7, stiff=True),
-        material=_WIRE,
+        material=WIRE,
         sounds=(
             ("struck near the end", Strike(at=(0.06,), impulse=0.005, duration=4e-4)),
             ("struck at the middle", Strike(at=(0.325,), impulse=0.005, duration=4e-4)),
@@ -353,7 +353,7 @@ SHAPES = (
         title="A rectangular membrane",
         text="A drum of 500 by 400 mm.",
         body=lambda: RectangularMembrane(length=0.5, width=0.4, thickness=2.5e-4, tension=3000.0),
-        material=_SKIN,
+        material=SKIN,
         band=_DRUM,
         sounds=_blows(
             near_the_corner=(0.05, 0.04), near_an_edge=(0.05, 0.16), near_the_middle=(0.25, 0.16)
@@ -364,7 +364,7 @@ SHAPES = (
         title="A circular membrane",
         text="A drum head of 330 mm, without the air's load.",
         body=lambda: CircularMembrane(radius=0.165, thickness=2.5e-4, tension=3000.0),
-        material=_SKIN,
+        material=SKIN,
         band=_DRUM,
         sounds=_blows(near_the_rim=(0.15, 0.0), halfway=(0.08, 0.0), at_the_middle=(0.0, 0.0)),
     ),
@@ -373,7 +373,7 @@ SHAPES = (
         title="An annular membrane",
         text="A drum head held at its rim and around a hub.",
         body=lambda: AnnularMembrane(radius=0.165, hole=0.05, thickness=2.5e-4, tension=3000.0),
-        material=_SKIN,
+        material=SKIN,
         band=_DRUM,
         sounds=_blows(near_the_rim=(0.155, 0.0), halfway=(0.107, 0.0)),
     ),
@@ -405,7 +405,7 @@ SHAPES = (
         text="Three squares, the classic without a formula: its corner that points inward makes "
         "the modes singular. Found by the method of particular solutions.",
         body=lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
-        material=_SKIN,
+        material=SKIN,
         band=_DRUM,
         sounds=_blows(
             near_the_inward_corner=(0.21, 0.19),
@@ -419,6 +419,7 @@ SHAPES = (
 # The pages.
 
 _TITLE = "struck: a gallery"
+LIST = "list.txt"  # of the files that were made
 
 
 def gallery(folder: Path, progress: Progress = silent) -> Path:
@@ -431,7 +432,10 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
     _written(folder / f"{NAME}.html", recording(folder, progress))
     links = {**links, f"{NAME}.html": TITLE}
     exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS]
-    return _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
+    first = _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
+    made = sorted(path.name for path in folder.iterdir() if path.name != LIST)
+    _written(folder / LIST, "\n".join(made) + "\n")
+    return first
 
 
 def _pages_of_shapes(folder: Path, progress: Progress) -> Mapping[str, str]:

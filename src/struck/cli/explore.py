@@ -1,0 +1,46 @@
+"""`struck explore`: a room of objects in the browser."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import struck
+from struck.cli.command import Result
+from struck.errors import OptionError
+from struck.model.provenance import TerminalProgress
+
+EXAMPLES = ("--help",)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck explore`."""
+    parser.add_argument(
+        "models",
+        nargs="*",
+        metavar="MODEL",
+        help="model files; a room of eighteen objects unless given",
+    )
+    parser.add_argument("--port", type=int, default=0, help="of this machine; a free one")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address alone, open nothing"
+    )
+    parser.add_argument("--seconds", type=float, help="end by itself")
+
+
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck explore`."""
+    if options.seconds is not None and not 0 <= options.seconds < float("inf"):
+        raise OptionError(f"--seconds is {options.seconds}: it must be finite and at least 0")
+    progress("reading", 0.0)
+    models = [struck.load(path) for path in options.models]
+    progress.close()
+    explorer = struck.explore(
+        models,
+        names=[Path(path).stem for path in options.models],
+        port=options.port,
+        browser=not options.no_browser,
+        wait=False,
+    )
+    explorer.wait(options.seconds)
+    return Result("the room is closed", url=explorer.url)

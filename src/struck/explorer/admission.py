@@ -1,0 +1,178 @@
+"""Who may talk to the server: one browser of this machine, which was given the address.
+
+Any page that a browser shows can send requests to this machine. So each must name this server as
+its host, come from its own page, and bring a cookie that only the address with the token sets.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import secrets
+from collections.abc import Mapping
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from urllib.parse import parse_qs
+
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+LARGEST_BODY = 2**16  # bytes of a request: the page sends numbers alone
+_SAFE = {"GET", "HEAD"}
+_IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+
+
+class TooLarge(Exception):  # noqa: N818 - it ends a request, and nobody else sees it
+    """A request's body exceeds `LARGEST_BODY`."""
+
+
+def policy(page: Path) -> str:
+    """Return the content security policy of a page: its own files, and the import map in it.
+
+    Scripts of the page itself are refused but for the import map, which is allowed by its hash.
+    """
+    inline = _IMPORT_MAP.search(page.read_text(encoding="utf-8"))
+    digest = hashlib.sha256((inline[1] if inline else "").encode()).digest()
+    allowed = f"'sha256-{base64.b64encode(digest).decode()}'"
+    return "; ".join(
+        (
+            "default-src 'none'",
+            f"script-src 'self' 'wasm-unsafe-eval' {allowed}",
+            "style-src 'self'",
+            "img-src 'self' data: blob:",
+            "connect-src 'self'",
+            "worker-src 'self'",
+            "base-uri 'none'",
+            "form-action 'none'",
+            "frame-ancestors 'none'",
+        )
+    )
+
+
+def headers(page: Path) -> Mapping[str, str]:
+    """Return what is sent with every answer: the policy, and what isolates the page."""
+    return {
+        "content-security-policy": policy(page),
+        "cross-origin-opener-policy": "same-origin",
+        "cross-origin-embedder-policy": "require-corp",
+        "cross-origin-resource-policy": "same-origin",
+        "x-content-type-options": "nosniff",
+        "referrer-policy": "no-referrer",
+        "cache-control": "no-cache",
+    }
+
+
+class Admission:
+    """ASGI middleware that refuses foreign hosts, origins and tokens, and large bodies.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What answers those who are let in.
+    port : int
+        Where the server listens on this machine.
+    token : str
+        What the address holds that struck printed.
+    sent : mapping
+        Headers of every answer.
+    """
+
+    def __init__(self, app: ASGIApp, *, port: int, token: str, sent: Mapping[str, str]) -> None:
+        self._app = app
+        self._token = token
+        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        self._origins = {f"http://{host}" for host in self._hosts}
+        self._cookie = f"struck_{port}"  # cookies are shared by all ports of a machine
+        self._sent = [(name.encode(), value.encode()) for name, value in sent.items()]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = _headers(scope)
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *self._sent]
+            await send(message)
+
+        answer = self._refused(scope, given) or self._welcomed(scope, given)
+        try:
+            await (answer or self._app)(scope, _bounded(receive), sent)
+        except TooLarge:
+            await _too_large()(scope, receive, sent)
+
+    def _refused(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
+        """Return the refusal of a request from elsewhere, or of too many bytes."""
+        host, origin = given.get("host", ""), given.get("origin")
+        if host not in self._hosts:
+            return PlainTextResponse(
+                f"The host {host!r} is not this server: open the address that struck printed.\n",
+                400,
+            )
+        if origin not in self._origins and not (origin is None and scope["method"] in _SAFE):
+            return PlainTextResponse(
+                f"The origin {origin!r} is not this server: open the address that struck "
+                "printed.\n",
+                403,
+            )
+        length = given.get("content-length", "0")
+        if not length.isdecimal() or int(length) > LARGEST_BODY:
+            return _too_large()
+        return None
+
+    def _welcomed(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
+        """Return the answer to one who brings the token, or neither token nor cookie."""
+        query = parse_qs(scope["query_string"].decode("ascii", "replace"))
+        tokens = query.get("token", [])
+        if scope["path"] == "/" and any(self._is_token(token) for token in tokens):
+            answer = RedirectResponse("/", 303)
+            answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
+            return answer
+        try:
+            cookie = SimpleCookie(given.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            cookie = None
+        if cookie is None or not self._is_token(cookie.value):
+            return PlainTextResponse(
+                "This page belongs to who started struck: open the address that struck printed, "
+                "with its token. Each start has a new one.\n",
+                403,
+            )
+        return None
+
+    def _is_token(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode(), self._token.encode())
+
+
+def _headers(scope: Scope) -> dict[str, str]:
+    """Return a request's headers; of those given twice, both, so that neither is believed."""
+    found: dict[str, str] = {}
+    for name, value in scope["headers"]:
+        key, text = name.decode("latin-1"), value.decode("latin-1")
+        found[key] = f"{found[key]}, {text}" if key in found else text
+    return found
+
+
+def _bounded(receive: Receive) -> Receive:
+    """Return what receives a body of at most `LARGEST_BODY` bytes, also without a length."""
+    got = 0
+
+    async def bounded() -> Message:
+        nonlocal got
+        message = await receive()
+        got += len(message.get("body", b""))
+        if got > LARGEST_BODY:
+            raise TooLarge
+        return message
+
+    return bounded
+
+
+def _too_large() -> Response:
+    return PlainTextResponse(f"A request has at most {LARGEST_BODY} bytes.\n", 413)

@@ -1,0 +1,256 @@
+"""What the page is told of a model beside its file: figures, numbered places, changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from struck.errors import ContactError, MaterialError, OptionError, StruckError
+from struck.excitation.strike import Strike
+from struck.model.arrays import Array, Complex, Index
+from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
+from struck.model.gains import Gains, ShapeGains
+from struck.model.material import Material, materials
+from struck.model.model import ModalModel
+from struck.scene.render import render
+
+POINTS = 10  # that keys strike: 1 to 9, and 0
+SMALLEST, LARGEST = 0.1, 10.0  # bounds of a change of size
+MOST_LOSSES = 1000.0  # times those of the body
+_LEVEL_SECONDS = 0.25  # of a blow, in which any body reaches its peak
+
+
+def facts(model: ModalModel) -> dict[str, Any]:
+    """Return what the page shows of a model, as JSON values."""
+    surface = model.geometry
+    return {
+        "modes": len(model.frequencies),
+        "complete_to": model.complete_to,
+        "calibrated": model.calibrated,
+        "mass": model.mass,
+        "material": _material(model.material),
+        "size": None if surface is None else np.ptp(surface.bounds, axis=0).tolist(),
+        "vertices": 0 if surface is None else len(surface.points),
+        "tensioned": model.tensioned,
+        "method": model.provenance.method,
+        "dropped": list(model.provenance.dropped),
+        "points": list(numbered(model)),
+        "peak": peak(model),
+    }
+
+
+def _material(material: Material | None) -> dict[str, Any] | None:
+    if material is None:
+        return None
+    known = materials().get(material.name)
+    return {"name": material.name, "group": known["group"] if known else "other"}
+
+
+def peak(model: ModalModel) -> float:
+    """Return the peak of the usual blow, wood at 1 m/s, at the loudest contact, Pa at 1 m, or 0."""
+    if not len(model.frequencies):
+        return 0.0
+    try:
+        model.contact()
+    except ContactError:  # a field of recordings has places by number, none of them the usual one
+        return 0.0
+    blow = Strike(striker="wood", speed=1.0) if model.gains.of_surface else Strike(impulse=1.0)
+    where = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
+    reach = model.gains.radius if isinstance(model.gains, ShapeGains) else 0.0
+    away = max(1.0, 2 * reach)
+    sound = render(model, blow, seconds=_LEVEL_SECONDS, listener=where + np.array([away, 0.0, 0.0]))
+    return float(sound.peak * away)
+
+
+def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
+    """Yield places all over a body for the keys 1 to 9 and 0: named ones first."""
+    if model.geometry is None:
+        yield {"name": next(iter(model.places), "as recorded"), "point": None, "direction": None}
+        return
+    taken: list[Array] = []
+    near = 0.02 * model.geometry.extent
+    for name, place in (*model.places.items(), *_spread(model)):
+        try:
+            contact = model.contact(place)
+        except StruckError:
+            continue
+        if any(np.linalg.norm(contact.point - other) < near for other in taken):
+            continue
+        taken.append(contact.point)
+        yield {
+            "name": name,
+            "point": contact.point.tolist(),
+            "direction": contact.direction.tolist(),
+        }
+        if len(taken) == POINTS:
+            return
+
+
+def _spread(model: ModalModel) -> Iterator[tuple[str, Array]]:
+    """Yield middles of faces, each as far from all before as any: from the loudest on."""
+    surface = model.geometry
+    assert surface is not None  # noqa: S101 - the caller asked
+    loudest = model.contact().point
+    distances = np.linalg.norm(surface.centroids - loudest, axis=1)
+    yield "loudest", loudest
+    for number in range(2 * POINTS):
+        farthest = surface.centroids[int(np.argmax(distances))]
+        distances = np.minimum(distances, np.linalg.norm(surface.centroids - farthest, axis=1))
+        yield f"place {number + 1}", farthest
+
+
+# Changes: the same body of another material, size or damping
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Origins(Gains):
+    """In place of gains while a model is changed: which modes stay, and how shapes grow."""
+
+    modes: Index  # (M,), of the model as it was
+    factor: float = 1.0  # of mode shapes
+
+    @property
+    def calibrated(self) -> bool:
+        return False
+
+    @property
+    def count(self) -> int:
+        return len(self.modes)
+
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> _Origins:
+        del frequencies
+        factor = self.factor * (density * size**3) ** -0.5
+        return _Origins(modes=self.modes[modes], factor=factor)
+
+    def at(self, points: Array, directions: Array) -> Array:
+        raise NotImplementedError
+
+    def toward(self, listeners: Array) -> Complex:
+        raise NotImplementedError
+
+
+def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what turns a model into one of another material, size or damping, as JSON values.
+
+    Mode shapes are not among it: they are those of the model times "factor", and its vertices times
+    "size". "modes" lists which mode of the model each mode was; null where all stay in order.
+    Outputs follow size and damping exactly; of another material they are computed anew, which
+    takes up to a second, or with "quick" kept as they are per velocity: then "settled" is false.
+
+    Parameters
+    ----------
+    model : ModalModel
+        As it was computed or loaded.
+    wanted : mapping
+        "material": a name of `struck materials`; "size": how many times as large; "damping": how
+        many times as much is lost; "quick": whether to answer at once.
+
+    Raises
+    ------
+    OptionError
+        On other names, or numbers outside their bounds.
+    MaterialError
+        When the material is unknown, or the model has none to start from.
+    """
+    unknown = set(wanted) - {"material", "size", "damping", "quick"}
+    if unknown:
+        names = ", ".join(sorted(unknown))
+        raise OptionError(f"{names} cannot be changed: give material, size or damping")
+    size = _number("size", wanted.get("size", 1.0), SMALLEST, LARGEST)
+    losses = _number("damping", wanted.get("damping", 1.0), 0.0, MOST_LOSSES)
+    origins = _Origins(modes=np.arange(len(model.frequencies)))
+    after = replace(model, gains=origins, geometry=None, places={})
+    name = wanted.get("material")
+    if name is not None and (model.material is None or name != model.material.name):
+        after = after.made_of(_named(model, name))
+    if size != 1:
+        after = after.scaled(size)
+    if losses != 1:
+        after = after.damped(_law(after, losses))
+    return _told(model, after, size, quick=wanted.get("quick") is True)
+
+
+def _named(model: ModalModel, name: object) -> Material:
+    """Return a material by name, its losses as heard where those of the model are."""
+    if not isinstance(name, str):
+        raise OptionError(f"material is {name!r}: give a name of `struck materials`")
+    heard = model.material is not None and isinstance(model.material.damping, Rayleigh)
+    if heard and "heard" in materials().get(name, {}):
+        return Material.named(name, "heard")
+    return Material.named(name)
+
+
+def _law(model: ModalModel, losses: float) -> Damping:
+    """Return a law of damping by which a model loses `losses` times as much."""
+    law = None if model.material is None else model.material.damping
+    if isinstance(law, Rayleigh):
+        return Rayleigh(mass=law.mass * losses, stiffness=law.stiffness * losses)
+    if isinstance(law, InternalFriction):
+        return InternalFriction(
+            loss_tangent=law.loss_tangent * losses, external=law.external * losses
+        )
+    return Each(rates=model.decays * losses)
+
+
+def _number(name: str, value: object, least: float, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise OptionError(f"{name} is {value!r}: it must lie from {least:g} to {most:g}")
+    return float(value)
+
+
+def _outputs(
+    model: ModalModel, after: ModalModel, origins: _Origins, size: float, *, quick: bool
+) -> tuple[Complex, bool]:
+    """Return the outputs of a changed model (M,), and whether they are what they stay."""
+    own = getattr(model.gains, "outputs", None)
+    if own is None:
+        raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
+    density = 1.0
+    if after.material is not None and model.material is not None:
+        density = after.material.density / model.material.density
+    if not isinstance(model.gains, ShapeGains):
+        gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
+        return getattr(gains, "outputs", own), True
+    # A body of another size has the same waves around it, all lengths and periods in proportion:
+    # for the same velocity of its skin the pressure at 1 m goes with its size.
+    before = model.natural_frequencies[origins.modes]
+    same = np.allclose(after.natural_frequencies * size, before, rtol=1e-9)
+    if same or quick:
+        return own[origins.modes] * (origins.factor * size), same
+    gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
+    return gains.outputs, True
+
+
+def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> dict[str, Any]:
+    """Return a changed model without its shapes, as JSON values."""
+    origins = after.gains
+    if not isinstance(origins, _Origins):
+        raise TypeError(f"its gains are {type(origins).__name__}")
+    kept, material = origins.modes, after.material
+    outputs, settled = _outputs(model, after, origins, size, quick=quick)
+    whole = len(kept) == len(model.frequencies) and bool((np.diff(kept) > 0).all())
+    return {
+        "modes": None if whole else kept.tolist(),
+        "frequencies": after.frequencies.tolist(),
+        "natural_frequencies": after.natural_frequencies.tolist(),
+        "decays": after.decays.tolist(),
+        "outputs": np.stack([outputs.real, outputs.imag], axis=-1).tolist(),
+        "settled": settled,
+        "factor": origins.factor,
+        "size": size,
+        "mass": after.mass,
+        "centre": None if after.centre is None else after.centre.tolist(),
+        "inertia": None if after.inertia is None else after.inertia.tolist(),
+        "material": material and {**(_material(material) or {}), **_elastic(material)},
+        "complete_to": after.complete_to,
+        "dropped": list(after.provenance.dropped[len(model.provenance.dropped) :]),
+    }
+
+
+def _elastic(material: Material) -> dict[str, float]:
+    return {
+        name: getattr(material, name) for name in ("density", "youngs_modulus", "poisson_ratio")
+    }

@@ -1,0 +1,222 @@
+"""The work behind the room: objects computed in processes beside the server, with progress.
+
+Each process reads a line of JSON for each object it shall compute, and writes lines of its
+progress, and of what it made, on standard output; it ends with its standard input.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import queue
+import signal
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from struck.errors import StruckError
+from struck.explorer.facts import facts
+from struck.explorer.objects import Thing, things
+from struck.explorer.page_files import model_bytes
+from struck.files import model_file
+from struck.files.atomic import write_bytes
+from struck.model.model import ModalModel
+
+PROCESSES = 2
+PAGED = ".page"  # ending of what the page reads
+_OFTEN = 0.1  # s between two lines of progress
+_LIMIT = 2**20  # bytes of a line
+
+
+@dataclass(slots=True, kw_only=True)
+class Job:
+    """One object of the room, and how far it is."""
+
+    thing: Thing
+    path: Path  # of its model file; the page's own has the ending `PAGED`
+    state: str = "waiting"  # "working", "ready" or "failed"
+    stage: str = ""
+    fraction: float = 0.0
+    message: str = ""  # why it failed
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def told(self) -> dict[str, Any]:
+        """Return what the page knows of it, as JSON values."""
+        return {
+            **self.thing.told(),
+            "state": self.state,
+            "stage": self.stage,
+            "fraction": self.fraction,
+            "message": self.message,
+            "facts": dict(self.facts),
+        }
+
+
+class Jobs:
+    """The objects of the room while they are computed, one after the other by each process.
+
+    Parameters
+    ----------
+    wanted : sequence of Thing
+        Of `things`, in the order of their computation.
+    folder : path
+        Where model files are written.
+    """
+
+    def __init__(self, wanted: Sequence[Thing], folder: Path) -> None:
+        self.folder = folder
+        self.jobs = {
+            thing.name: Job(thing=thing, path=folder / f"{thing.name}.struck") for thing in wanted
+        }
+        self._models: dict[str, ModalModel] = {}
+        self._news = asyncio.Condition()
+        self._version = 0
+
+    def give(self, thing: Thing, model: ModalModel) -> None:
+        """Add an object that is there already."""
+        job = Job(thing=thing, path=self.folder / f"{thing.name}.struck", state="ready")
+        job.facts = _kept(model, job.path)
+        self.jobs[thing.name] = job
+        self._models[thing.name] = model
+
+    def model(self, name: str) -> ModalModel:
+        """Return the model of an object that is ready."""
+        if name not in self._models:
+            self._models[name] = model_file.load(self.jobs[name].path)
+        return self._models[name]
+
+    async def run(self) -> None:
+        """Compute all that wait, by processes that end with this."""
+        waiting = [job for job in self.jobs.values() if job.state == "waiting"]
+        count = min(PROCESSES, len(waiting))
+        await asyncio.gather(*(self._work(waiting) for _ in range(count)))
+
+    async def news(self) -> AsyncIterator[dict[str, Any]]:
+        """Yield every object, and from then on each that has changed, without an end."""
+        known: dict[str, str] = {}
+        while True:
+            version = self._version
+            for name, job in list(self.jobs.items()):
+                told = job.told()
+                text = json.dumps(told, sort_keys=True)
+                if known.get(name) != text:
+                    known[name] = text
+                    yield told
+            async with self._news:
+                await self._news.wait_for(lambda seen=version: self._version != seen)
+
+    async def _work(self, waiting: list[Job]) -> None:
+        """Let one process compute one object after the other; another follows one that dies."""
+        while waiting:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                "-m",
+                "struck.explorer.jobs",
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                limit=_LIMIT,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                start_new_session=True,  # Ctrl-C is for the server, which ends it
+            )
+            try:
+                while waiting and process.returncode is None:
+                    await self._computed(waiting.pop(0), process)
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    process.kill()
+                await process.wait()
+
+    async def _computed(self, job: Job, process: asyncio.subprocess.Process) -> None:
+        """Ask a process for one object, and follow what it tells until that is there."""
+        if process.stdin is None or process.stdout is None:
+            raise RuntimeError("a process was started without pipes")
+        job.state, job.stage = "working", "starting"
+        await self._tell()
+        question = {"name": job.thing.name, "path": str(job.path)}
+        with contextlib.suppress(ConnectionError):
+            process.stdin.write(json.dumps(question).encode() + b"\n")
+            await process.stdin.drain()
+        while job.state == "working":
+            line = await process.stdout.readline()
+            if not line:
+                code = await process.wait()
+                job.state = "failed"
+                job.message = (
+                    f"the process that computed it ended (code {code}): there may be too little "
+                    "memory; start again for another try"
+                )
+            else:
+                for name, value in json.loads(line).items():
+                    setattr(job, name, value)
+            await self._tell()
+
+    async def _tell(self) -> None:
+        self._version += 1
+        async with self._news:
+            self._news.notify_all()
+
+
+# The process
+
+
+def main() -> None:
+    """Compute the objects that lines of standard input name, and tell of it on standard output."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    every = {thing.name: thing for thing in things()}
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # libraries print elsewhere
+    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+    while True:
+        question = json.loads(asked.get())
+        teller = _Teller(answers)
+        teller.write(**_answer(every[question["name"]], Path(question["path"]), teller))
+
+
+def _listen(asked: queue.SimpleQueue[str]) -> None:
+    """Take questions from standard input; with it all ends, also amid a computation."""
+    for line in sys.stdin:
+        asked.put(line)
+    os._exit(0)
+
+
+def _kept(model: ModalModel, path: Path) -> dict[str, Any]:
+    """Write a model for changes and for the page; return what is told of it."""
+    model_file.save(model, path)
+    write_bytes(path.with_suffix(PAGED), model_bytes(model))
+    return facts(model)
+
+
+class _Teller:
+    """Progress as lines of JSON, ten a second."""
+
+    def __init__(self, stream: Any) -> None:  # noqa: ANN401 - a text stream
+        self._stream, self._told, self._stage = stream, 0.0, ""
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        now = time.monotonic()
+        if stage != self._stage or now - self._told > _OFTEN:
+            self._stage, self._told = stage, now
+            self.write(stage=stage, fraction=fraction)
+
+    def write(self, **told: object) -> None:
+        self._stream.write(json.dumps(told) + "\n")
+        self._stream.flush()
+
+
+def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
+    try:
+        told = _kept(thing.make(teller), path)
+    except (StruckError, MemoryError, OSError) as error:
+        return {"message": str(error) or type(error).__name__, "state": "failed"}
+    return {"facts": told, "fraction": 1.0, "stage": "", "state": "ready"}
+
+
+if __name__ == "__main__":
+    main()

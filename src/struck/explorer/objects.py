@@ -1,0 +1,329 @@
+"""The objects of the room: those of 1998, bodies of finite elements and a recorded drum.
+
+The room is 5 m wide; x points right, y away from the person and z up, and the floor is z = 0.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+
+from struck.analysis.analysis import Source, analyze
+from struck.model.arrays import Array
+from struck.model.material import Material
+from struck.model.model import ModalModel
+from struck.model.provenance import Progress
+from struck.recordings.fit import fit_recordings
+from struck.report.gallery import SKIN, WIRE, bird
+from struck.shapes import (
+    Bar,
+    PolygonMembrane,
+    RectangularMembrane,
+    RectangularPlate,
+    RoundSection,
+    String,
+)
+from struck.solids import Tube, VolumeMesh
+from struck.solids.revolution import bell, bowl
+
+_BAND = 8000.0  # Hz: what bodies of many modes are computed up to
+_DRUM = 2000.0  # Hz, of membranes, which have thousands more
+_FURNITURE = 2000.0  # Hz, of wood whose boards have hundreds of modes beyond
+_SHARP = 1500.0  # Hz, of the one with an inward corner, each of whose modes is searched for
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    """One object of the room: how it is computed, where it stands, and what is told of it.
+
+    Parameters
+    ----------
+    name, title, text : str
+        For addresses, for people, and a sentence about it.
+    kind : str
+        "formula", "elements", "recording" or "file": what its modes come from.
+    make : callable
+        Computes its model, and tells its progress.
+    position : tuple of 3
+        Of its coordinates' origin in the room, m.
+    rotation : array (3, 3)
+        Turns its coordinates into those of the room.
+    swelling : tuple of 3
+        How many times thicker it is drawn along its own axes, where it is too thin to be seen.
+    """
+
+    name: str
+    title: str
+    text: str
+    kind: str
+    make: Callable[[Progress], ModalModel]
+    position: Place
+    rotation: Array
+    swelling: Place = (1.0, 1.0, 1.0)
+
+    def told(self) -> dict[str, object]:
+        """Return what the page knows of it before it is computed."""
+        return {
+            "id": self.name,
+            "title": self.title,
+            "text": self.text,
+            "kind": self.kind,
+            "position": list(self.position),
+            "rotation": np.asarray(self.rotation).tolist(),
+            "swelling": list(self.swelling),
+        }
+
+
+def turned(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+    """Return the rotation about x, then y, then z by angles in degrees (3, 3)."""
+    (cx, cy, cz), (sx, sy, sz) = (np.round(f(np.radians([x, y, z])), 15) for f in (np.cos, np.sin))
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
+
+
+def furniture(*boxes: tuple[Place, Place]) -> VolumeMesh:
+    """Return boxes, each by its lowest corner and its size in mm, as one body of hexahedra."""
+    corners = np.array(boxes, np.float64) / 1000
+    low, high = corners[:, 0], corners.sum(axis=1)
+    lines = [_lines(np.unique(np.append(low[:, k], high[:, k]).round(9))) for k in range(3)]
+    middles = np.stack(
+        np.meshgrid(*((line[1:] + line[:-1]) / 2 for line in lines), indexing="ij"), axis=-1
+    )
+    inside = ((middles[..., None, :] > low) & (middles[..., None, :] < high)).all(axis=-1)
+    cells = np.argwhere(inside.any(axis=-1))
+    numbers = np.arange(math.prod(map(len, lines))).reshape(*map(len, lines))
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    eight = np.stack([numbers[tuple((cells + step).T)] for step in _CORNERS], axis=1)
+    used, elements = np.unique(eight, return_inverse=True)
+    return VolumeMesh(
+        nodes=nodes[used], elements=elements.reshape(eight.shape), kind="hex8"
+    ).promoted()
+
+
+# Corners of a hexahedron in VTK's order.
+_CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+_LONGEST = 0.08  # m, of an edge
+
+
+def _lines(breaks: Array) -> Array:
+    """Return coordinates with those of `breaks` among them, none farther apart than `_LONGEST`."""
+    parts = [
+        np.linspace(a, b, math.ceil((b - a) / _LONGEST), endpoint=False)
+        for a, b in itertools.pairwise(breaks)
+    ]
+    return np.concatenate([*parts, breaks[-1:]])
+
+
+def table() -> VolumeMesh:
+    """Return a table of 0.9 m by 0.56 m with a top of 30 mm on four legs of 55 mm."""
+    legs = [((x, y, 0), (55, 55, 470)) for x in (20, 825) for y in (20, 485)]
+    return furniture(((0, 0, 470), (900, 560, 30)), *legs)
+
+
+def chair() -> VolumeMesh:
+    """Return a chair with a seat of 420 mm, its back held by the two legs behind."""
+    front = [((x, 0, 0), (40, 40, 430)) for x in (0, 380)]
+    behind = [((x, 380, 0), (40, 40, 880)) for x in (0, 380)]
+    rails = [((40, 385, z), (340, 25, 90)) for z in (560, 760)]
+    return furniture(((0, 0, 430), (420, 420, 24)), *front, *behind, *rails)
+
+
+def computed(
+    body: Callable[[], Source], material: Material | str, **options: object
+) -> Callable[[Progress], ModalModel]:
+    """Return what computes a body with the options of `analyze`."""
+    chosen: dict = {"accuracy": "preview", **options}
+
+    def make(progress: Progress) -> ModalModel:
+        return analyze(body(), material, progress=progress, **chosen)
+
+    return make
+
+
+def recorded(progress: Progress) -> ModalModel:
+    """Return the model of the recorded drum."""
+    with resources.as_file(resources.files("struck.report") / "tabla.wav") as path:
+        return fit_recordings(path, progress=progress).model
+
+
+_FORMULAS = (
+    Thing(
+        name="string",
+        title="String",
+        text="A steel wire of 650 mm at 110 Hz. Near the end it is bright; at its middle every "
+        "second mode is silent.",
+        kind="formula",
+        make=computed(lambda: String(length=0.65, radius=4e-4, tension=80.7), WIRE),
+        position=(0.695, 0.17, 0.665),
+        rotation=turned(),
+        swelling=(1.0, 5.0, 5.0),
+    ),
+    Thing(
+        name="bar",
+        title="Bar",
+        text="A free steel bar, 400 x 40 x 8 mm, as on a glockenspiel.",
+        kind="formula",
+        make=computed(
+            lambda: Bar(length=0.4, width=0.04, thickness=0.008, ends="free"),
+            "steel",
+            damping="heard",
+        ),
+        position=(0.82, 0.03, 0.634),
+        rotation=turned(),
+    ),
+    Thing(
+        name="rod",
+        title="Rod",
+        text="A free round rod of aluminium, 400 mm long and 12 mm thick.",
+        kind="formula",
+        make=computed(
+            lambda: Bar(length=0.4, section=RoundSection(radius=0.006), ends="free"),
+            "aluminium",
+            damping="heard",
+        ),
+        position=(0.82, -0.1, 0.636),
+        rotation=turned(),
+    ),
+    Thing(
+        name="square",
+        title="Square membrane",
+        text="A drum of 400 mm: at its middle three quarters of its modes are silent.",
+        kind="formula",
+        make=computed(
+            lambda: RectangularMembrane(length=0.4, width=0.4, thickness=2.5e-4, tension=3000.0),
+            SKIN,
+            band=(20.0, _DRUM),
+        ),
+        position=(-1.85, 1.26, 0.92),
+        rotation=turned(x=90),
+        swelling=(1.0, 1.0, 16.0),
+    ),
+    Thing(
+        name="l_membrane",
+        title="L-shaped membrane",
+        text="Three squares, the classic without a formula: found by the method of particular "
+        "solutions.",
+        kind="formula",
+        make=computed(
+            lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
+            SKIN,
+            band=(20.0, _SHARP),
+        ),
+        position=(-1.28, 1.26, 0.92),
+        rotation=turned(x=90),
+        swelling=(1.0, 1.0, 16.0),
+    ),
+    Thing(
+        name="plate",
+        title="Plate",
+        text="A free plate of glass, 400 x 300 x 5 mm.",
+        kind="formula",
+        make=computed(
+            lambda: RectangularPlate(length=0.4, width=0.3, thickness=0.005, edges="free"),
+            "glass",
+            damping="heard",
+            band=(20.0, _BAND),
+        ),
+        position=(-0.7, 1.26, 0.97),
+        rotation=turned(x=90),
+    ),
+)
+
+
+# Lengths of the chimes, m: D5, E5, F#5, A5, B5 and D6, by 1/sqrt of the frequency.
+_LENGTHS = tuple(0.505 * (2 ** (-steps / 24)) for steps in (0, 2, 4, 7, 9, 12))
+
+
+def _chimes() -> Iterator[Thing]:
+    for number, length in enumerate(_LENGTHS):
+        yield Thing(
+            name=f"chime_{number + 1}",
+            title=f"Chime {number + 1}",
+            text=f"An aluminium tube, {1000 * length:.0f} mm long: one of six wind chimes "
+            "(O'Brien et al. 2002).",
+            kind="elements",
+            make=computed(
+                lambda length=length: Tube(length=length, radius=0.0125, wall=0.001),
+                "aluminium",
+                damping="heard",
+            ),
+            position=(0.32 + 0.11 * number, 0.85, 1.55 - length / 2),
+            rotation=turned(),
+        )
+
+
+_ELEMENTS = (
+    Thing(
+        name="bowl",
+        title="Bowl",
+        text="A singing bowl of bronze, by finite elements.",
+        kind="elements",
+        make=computed(bowl, "bronze"),
+        position=(-0.08, 0.3, 0.502),
+        rotation=turned(),
+    ),
+    Thing(
+        name="bell",
+        title="Bell",
+        text="A bell of bronze with a thick sound bow: where the clapper strikes, its low modes "
+        "speak.",
+        kind="elements",
+        make=computed(bell, "bronze"),
+        position=(1.62, 0.75, 0.98),
+        rotation=turned(),
+    ),
+    Thing(
+        name="figurine",
+        title="Figurine",
+        text="A hollow bird of ceramic, from a closed triangle mesh.",
+        kind="elements",
+        make=computed(lambda: bird().scaled(1.8), "ceramic", wall=0.004, damping="heard"),
+        position=(-0.48, 0.33, 0.5432),
+        rotation=turned(z=200),
+    ),
+    Thing(
+        name="table",
+        title="Table",
+        text="A table of oak, 0.9 m by 0.56 m, its top and legs one body of finite elements.",
+        kind="elements",
+        make=computed(table, "oak", band=(20.0, _FURNITURE)),
+        position=(-0.72, 0.05, 0.0),
+        rotation=turned(),
+    ),
+    Thing(
+        name="chair",
+        title="Chair",
+        text="A chair of oak: its slender legs ring lowest.",
+        kind="elements",
+        make=computed(chair, "oak", band=(20.0, _FURNITURE)),
+        position=(-1.5, 0.12, 0.0),
+        rotation=turned(z=28),
+    ),
+)
+
+
+def _recording() -> Thing:
+    return Thing(
+        name="tabla",
+        title="Recorded tabla",
+        text="A drum that somebody recorded, at one place: wherever it is struck, it sounds as "
+        "there.",
+        kind="recording",
+        make=recorded,
+        position=(1.75, 0.02, 0.5),
+        rotation=turned(),
+    )
+
+
+def things() -> list[Thing]:
+    """Return the objects of the room, formulas first, what takes long last."""
+    return [*_FORMULAS, _recording(), *_chimes(), *_ELEMENTS]

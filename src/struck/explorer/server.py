@@ -1,0 +1,371 @@
+"""The server of the room, on this machine alone, and the verb that opens it in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import mimetypes
+import os
+import secrets
+import socket
+import sys
+import tempfile
+import threading
+import time
+import webbrowser
+from collections.abc import AsyncIterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from struck.core.build import LIBRARIES
+from struck.errors import MissingDependencyError, OptionError, StruckError
+from struck.excitation.hertz import strikers
+from struck.explorer.facts import change
+from struck.explorer.jobs import PAGED, Jobs
+from struck.explorer.objects import Thing, things, turned
+from struck.model.material import materials
+from struck.model.model import ModalModel
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+STATIC = Path(__file__).parent / "static"
+_ENDED = 5.0  # s that an end may take
+_APART = 0.25  # m between given bodies
+
+
+class Explorer:
+    """A room of objects that a browser shows, while it is served.
+
+    Parameters
+    ----------
+    wanted : sequence of Thing
+        What is computed for the room.
+    given : sequence of ModalModel
+        Bodies that stand in it from the start, in place of that.
+    names : sequence of str
+        What those are called.
+    port : int
+        Of this machine; 0 for a free one.
+
+    Raises
+    ------
+    MissingDependencyError
+        When starlette or uvicorn is not installed.
+    OptionError
+        When the port is taken, or no port's number.
+    """
+
+    def __init__(
+        self,
+        wanted: Sequence[Thing] = (),
+        *,
+        given: Sequence[ModalModel] = (),
+        names: Sequence[str] = (),
+        port: int = 0,
+    ) -> None:
+        _require_libraries()
+        self._socket = _listening(port)
+        self.port: int = self._socket.getsockname()[1]
+        self._token = secrets.token_urlsafe(24)
+        self._scratch = tempfile.TemporaryDirectory(prefix="struck-", ignore_cleanup_errors=True)
+        self._jobs = Jobs(wanted, Path(self._scratch.name))
+        try:
+            for number, (model, name) in enumerate(zip(given, names, strict=True)):
+                self._jobs.give(_standing(model, name, number, len(given)), model)
+        except BaseException:
+            self._socket.close()
+            self._scratch.cleanup()
+            raise
+        self._stopping = asyncio.Event()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._running = threading.Event()
+        self._server: Any = None
+        self._thread = threading.Thread(target=self._serve, name="struck explorer", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """The address to open, once a browser: the token in it lets that browser in."""
+        return f"http://127.0.0.1:{self.port}/?token={self._token}"
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Serve until Ctrl-C or `stop`, or for so many seconds; then end."""
+        end = math.inf if seconds is None else time.monotonic() + seconds
+        with contextlib.suppress(KeyboardInterrupt):
+            while self._thread.is_alive() and time.monotonic() < end:
+                self._thread.join(min(0.5, max(0.0, end - time.monotonic())))
+        self.stop()
+
+    def stop(self) -> None:
+        """End the server and all that still computes."""
+        if self._running.wait(_ENDED) and self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended by itself
+                self._loop.call_soon_threadsafe(self._stopping.set)
+            self._thread.join(_ENDED)
+        self._socket.close()
+        self._scratch.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.stop()
+
+    def _serve(self) -> None:
+        asyncio.run(self._served())
+
+    async def _served(self) -> None:
+        import uvicorn
+
+        self._loop = asyncio.get_running_loop()
+        self._running.set()
+        app = application(self._jobs, port=self.port, token=self._token, ending=self._stopping)
+        config = uvicorn.Config(
+            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, ws="none"
+        )
+        self._server = uvicorn.Server(config)
+        work = asyncio.create_task(self._jobs.run())
+        ending = asyncio.create_task(self._end())
+        serving = self._server._serve(sockets=[self._socket])  # noqa: SLF001 - Ctrl-C is ours
+        try:
+            await serving
+        finally:
+            self._stopping.set()
+            for task in (work, ending):
+                task.cancel()
+            await asyncio.gather(work, ending, return_exceptions=True)
+
+    async def _end(self) -> None:
+        await self._stopping.wait()
+        self._server.should_exit = True
+
+
+def explore(
+    model: ModalModel | Sequence[ModalModel] | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    port: int = 0,
+    browser: bool = True,
+    wait: bool = True,
+) -> Explorer:
+    """Open bodies in the browser; see `struck.explore`."""
+    given = [model] if isinstance(model, ModalModel) else list(model or ())
+    chosen = list(names or (f"Body {number + 1}" for number in range(len(given))))
+    if len(chosen) != len(given):
+        raise OptionError(f"there are {len(chosen)} names for {len(given)} models: give as many")
+    wanted = [] if given else things()
+    explorer = Explorer(wanted, given=given, names=chosen, port=port)
+    shown = browser and has_display() and webbrowser.open(explorer.url)
+    how = "opened in the browser" if shown else "open it in a browser"
+    sys.stderr.write(f"{explorer.url}\n{how}; Ctrl-C ends it\n")
+    sys.stderr.flush()
+    if wait:
+        explorer.wait()
+    return explorer
+
+
+def has_display() -> bool:
+    """Return whether there is a screen on which a browser could open."""
+    if sys.platform in {"win32", "darwin"}:
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _require_libraries() -> None:
+    try:
+        import starlette
+        import uvicorn
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"the explorer needs {error.name}, which is not installed: "
+            "pip install 'struck[explorer]'"
+        ) from error
+    del starlette, uvicorn
+
+
+def _listening(port: int) -> socket.socket:
+    """Return a socket of this machine alone; OptionError when its port is taken."""
+    if not 0 <= port <= 65_535:
+        raise OptionError(f"the port is {port}: give one from 1 to 65535, or 0 for a free one")
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    if sys.platform != "win32":
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind(("127.0.0.1", port))
+        listening.listen(64)
+    except OSError as error:
+        listening.close()
+        reason = error.strerror or error
+        raise OptionError(
+            f"port {port} cannot be had ({reason}): give another, or none for a free one"
+        ) from error
+    return listening
+
+
+def _standing(model: ModalModel, name: str, number: int, many: int) -> Thing:
+    """Return a given body as an object of the room, in a row with the others, on a stand."""
+
+    def made(_progress: object) -> ModalModel:
+        return model
+
+    surface = model.geometry
+    low = [0.0, 0.0, 0.0] if surface is None else surface.bounds.mean(axis=0).tolist()
+    bottom = 0.0 if surface is None else float(surface.bounds[0, 2])
+    return Thing(
+        name=f"given_{number + 1}",
+        title=name,
+        text=model.provenance.method or "a model",
+        kind="file",
+        make=made,
+        position=((number - (many - 1) / 2) * 2 * _APART - low[0], -low[1], 0.6 - bottom),
+        rotation=turned(),
+    )
+
+
+# The application
+
+
+def application(jobs: Jobs, *, port: int, token: str, ending: asyncio.Event) -> Starlette:
+    """Return the pages, models and changes as an ASGI application behind its guard."""
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.routing import Mount, Route
+    from starlette.staticfiles import StaticFiles
+
+    from struck.explorer.admission import Admission, headers
+
+    for ending_of_name, kind in ((".js", "text/javascript"), (".wasm", "application/wasm")):
+        mimetypes.add_type(kind, ending_of_name)  # which a system's own table may lack
+    answers = _Answers(jobs, ending)
+    routes = [
+        Route("/", answers.page),
+        Route("/static/core.wasm", answers.core),
+        Route("/static/heads/{name}-{rate:int}.bin", answers.head),
+        Mount("/static", StaticFiles(directory=STATIC)),
+        Route("/api/room", answers.room),
+        Route("/api/events", answers.events),
+        Route("/models/{name}.struck", answers.model),
+        Route("/api/models/{name}/change", answers.change, methods=["POST"]),
+        Route("/api/models/{name}/drive", answers.drive, methods=["POST"]),
+    ]
+    guard = Middleware(Admission, port=port, token=token, sent=headers(STATIC / "index.html"))
+    return Starlette(routes=routes, middleware=[guard])
+
+
+class _Answers:
+    """What each address answers."""
+
+    def __init__(self, jobs: Jobs, ending: asyncio.Event) -> None:
+        self._jobs = jobs
+        self._ending = ending
+
+    async def page(self, _request: Request) -> Response:
+        from starlette.responses import FileResponse
+
+        return FileResponse(STATIC / "index.html")
+
+    async def core(self, _request: Request) -> Response:
+        from starlette.responses import FileResponse
+
+        path = LIBRARIES / "core.wasm"
+        if not path.is_file():
+            return _refusal("this struck was installed without core.wasm: install it again", 404)
+        return FileResponse(path, media_type="application/wasm")
+
+    async def head(self, request: Request) -> Response:
+        from starlette.responses import Response
+
+        from struck.explorer.page_files import head_bytes
+
+        name, rate = request.path_params["name"], request.path_params["rate"]
+        try:
+            data = await asyncio.to_thread(head_bytes, name, rate)
+        except StruckError as error:
+            return _refusal(str(error), 404)
+        return Response(data, media_type="application/octet-stream")
+
+    async def room(self, _request: Request) -> Response:
+        from starlette.responses import JSONResponse
+
+        groups = {name: entry["group"] for name, entry in materials().items()}
+        told = [job.told() for job in self._jobs.jobs.values()]
+        heads = {name: dict(entry) for name, entry in strikers().items()}
+        return JSONResponse({"objects": told, "strikers": heads, "materials": groups})
+
+    async def events(self, _request: Request) -> Response:
+        from starlette.responses import StreamingResponse
+
+        return StreamingResponse(self._news(), media_type="text/event-stream")
+
+    async def _news(self) -> AsyncIterator[str]:
+        """Yield objects as they change, until the server ends."""
+        news = self._jobs.news()
+        ended = asyncio.ensure_future(self._ending.wait())
+        try:
+            while not ended.done():
+                one = asyncio.ensure_future(anext(news))
+                await asyncio.wait({one, ended}, return_when=asyncio.FIRST_COMPLETED)
+                if one.done():
+                    yield f"data: {json.dumps(one.result())}\n\n"
+                else:
+                    one.cancel()
+        finally:
+            ended.cancel()
+
+    async def model(self, request: Request) -> Response:
+        from starlette.responses import FileResponse
+
+        job = self._jobs.jobs.get(request.path_params["name"])
+        if job is None or job.state != "ready":
+            return _refusal("there is no such model, or not yet: wait until it is ready", 404)
+        return FileResponse(job.path.with_suffix(PAGED), media_type="application/octet-stream")
+
+    async def change(self, request: Request) -> Response:
+        return await self._worked(request, change)
+
+    async def drive(self, request: Request) -> Response:
+        return await self._worked(request, _drive)
+
+    async def _worked(self, request: Request, work: Any) -> Response:  # noqa: ANN401 - of a model
+        """Answer with what a function makes of a model and of the JSON that was sent."""
+        from starlette.responses import JSONResponse
+
+        name = request.path_params["name"]
+        job = self._jobs.jobs.get(name)
+        if job is None or job.state != "ready":
+            return _refusal("there is no such model, or not yet: wait until it is ready", 404)
+        try:
+            wanted = json.loads(await request.body())
+        except (ValueError, RecursionError):
+            wanted = None
+        if not isinstance(wanted, dict):
+            return _refusal("what was sent is no JSON object", 400)
+        try:
+            return JSONResponse(await asyncio.to_thread(self._done, work, name, wanted))
+        except StruckError as error:
+            return _refusal(str(error), 400)
+
+    def _done(self, work: Any, name: str, wanted: Mapping[str, Any]) -> Any:  # noqa: ANN401 - JSON
+        return work(self._jobs.model(name), wanted)
+
+
+def _drive(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the drive of a contact, as JSON values."""
+    contact = model.contact(wanted.get("point"), wanted.get("direction"))
+    drive = model.gains.at(contact.point[None], contact.direction[None])[0, 0]
+    return {
+        "drive": drive.tolist(),
+        "point": contact.point.tolist(),
+        "direction": contact.direction.tolist(),
+    }
+
+
+def _refusal(message: str, status: int) -> Response:
+    from starlette.responses import JSONResponse
+
+    return JSONResponse({"message": message}, status)

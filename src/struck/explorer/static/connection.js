@@ -1,0 +1,63 @@
+/** The way to the server: the room, news of it, models and what changes do to them. */
+
+/** A refusal of the server, or no answer at all; the message is for a person. */
+export class ConnectionError extends Error {}
+
+const LOST = 'the server does not answer: start struck explore again, and open the address that it prints. What is here still sounds.';
+
+/**
+ * Ask the server, and return its answer.
+ * @param {string} path
+ * @param {RequestInit} [options]
+ * @returns {Promise<Response>}
+ */
+async function ask(path, options) {
+  let answer;
+  try {
+    answer = await fetch(path, options);
+  } catch {
+    throw new ConnectionError(LOST);
+  }
+  if (answer.ok) return answer;
+  const text = await answer.text();
+  let message = text.trim();
+  try {
+    message = JSON.parse(text).message;
+  } catch { /* not every refusal is JSON */ }
+  throw new ConnectionError(message || `the server refused ${path} (${answer.status})`);
+}
+
+/** Return the objects as they stand, strikers and materials. */
+export async function fetchRoom() {
+  return (await ask('api/room')).json();
+}
+
+/** Return the bytes of an object's model file. */
+export async function fetchModel(id) {
+  return (await ask(`models/${encodeURIComponent(id)}.struck`)).arrayBuffer();
+}
+
+/** Return what another material, size or damping does to an object, as `facts.change` tells it. */
+export async function fetchChange(id, wanted) {
+  return (await ask(`api/models/${encodeURIComponent(id)}/change`, {
+    method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(wanted),
+  })).json();
+}
+
+/**
+ * Follow the news of objects until the page is left.
+ * @param {(told: object) => void} changed called with each object that changed
+ * @param {(lost: boolean) => void} connected called when the connection is lost or there again
+ */
+export function follow(changed, connected) {
+  const news = new EventSource('api/events');
+  news.onmessage = (event) => changed(JSON.parse(event.data));
+  news.onopen = () => connected(false);
+  news.onerror = () => {
+    connected(true);
+    if (news.readyState === EventSource.CLOSED) setTimeout(() => follow(changed, connected), 3000);
+  };
+  addEventListener('pagehide', () => news.close());
+}
+
+export { LOST };

@@ -1,0 +1,291 @@
+/** The page: it brings together the room, the instrument and the panels. */
+
+import { FormatError, readModel } from './model/model.js';
+import { LOST, fetchChange, fetchModel, fetchRoom, follow } from './connection.js';
+import { say, unsay } from './panel/messages.js';
+import { ModeList, Ringing } from './panel/modes.js';
+import { ObjectList } from './panel/objects.js';
+import { ObjectPanel } from './panel/object.js';
+import { Spectrum } from './panel/spectrum.js';
+import { Instrument } from './room/instrument.js';
+import { Room } from './room/room.js';
+
+const STRIKERS = ['fingertip', 'felt', 'wood', 'steel'];
+const CYCLE = 1.4; // s of one swing of a mode that is shown
+const get = (id) => document.getElementById(id);
+
+/** What the page holds: read by tests, and by who is curious. */
+const page = { models: new Map(), ringing: new Map(), last: new Map(), chosen: null, striker: 'wood', speed: 1, blows: 0 };
+globalThis.struck = page;
+
+/** Say what an error says, and what comes of it. */
+function complain(error, what) {
+  if (!(error instanceof Error)) throw error;
+  say(what ? `${what}: ${error.message}` : error.message, { bad: true });
+}
+
+const heads = await fetchRoom().catch((error) => complain(error));
+const room = new Room(get('canvas'), get('labels'), { strike, hold, release });
+const instrument = new Instrument(heads.strikers, (text, id) => say(text, { bad: true, id }));
+const objects = new ObjectList((id) => {
+  choose(id);
+  room.approach(id);
+  get('whole').hidden = false;
+});
+const panel = new ObjectPanel(heads.materials, change);
+const modes = new ModeList(get('modes'), showMode);
+const spectrum = new Spectrum(get('spectrum'));
+Object.assign(page, { room, instrument, strikeAt, choose });
+
+// Objects, as they arrive
+
+/** Show an object as the server tells of it, and read its model once that is there. */
+async function tell(told) {
+  objects.tell(told);
+  if (told.state === 'failed') say(`${told.title} could not be computed: ${told.message}`, { bad: true, id: told.id });
+  if (told.state !== 'ready' || page.models.has(told.id)) return;
+  page.models.set(told.id, null);
+  try {
+    const model = await readModel(await fetchModel(told.id));
+    if (!model.outputs) throw new FormatError('it is a recorded timbre field, which the page does not play yet: struck render and struck play do');
+    told.lowest = model.frequencies[0];
+    room.add(told, model);
+    page.models.set(told.id, model);
+    page.ringing.set(told.id, new Ringing(model));
+    instrument.add(told, model);
+    if (page.chosen === null) choose(told.id);
+    page.sounding ??= performance.now();
+  } catch (error) {
+    page.models.delete(told.id);
+    complain(error, error instanceof FormatError ? `${told.title} cannot be read` : told.title);
+  }
+}
+
+/** Choose an object: what is told, changed, and struck by keys. */
+function choose(id) {
+  if (!page.models.get(id)) return;
+  if (page.chosen !== id) {
+    room.showMode(page.chosen, null);
+    modes.selected = null;
+    get('mode-shown').textContent = 'Choose a mode to see the body move in it.';
+  }
+  page.chosen = id;
+  objects.choose(id);
+  const model = instrument.model(id) ?? page.models.get(id);
+  panel.fill(objects.told.get(id), model);
+  modes.fill(model);
+  spectrum.mark([...model.frequencies].slice(0, 200));
+  room.number(id, objects.told.get(id).facts.points);
+  wake();
+}
+
+/** Show a mode of the chosen object, or none. */
+function showMode(mode) {
+  const model = instrument.model(page.chosen) ?? page.models.get(page.chosen);
+  const [words, frequency] = [get('mode-shown'), mode === null ? null : model.frequencies[mode]];
+  spectrum.mark([...model.frequencies].slice(0, 200), frequency);
+  if (mode === null) words.textContent = 'Choose a mode to see the body move in it.';
+  else if (!model.shapes) words.textContent = 'A recording tells where this mode lies, not how the body moves in it.';
+  else {
+    const slow = Math.round(frequency * CYCLE);
+    words.textContent = room.still ? `Mode ${mode + 1} at its farthest.` : `Mode ${mode + 1}, ${slow} times slowed down.`;
+  }
+  room.showMode(page.chosen, model.shapes && mode !== null ? { mode, shape: model.modeShape(mode), cycle: CYCLE } : null);
+}
+
+// Striking and damping
+
+/** Strike an object where a ray has met it. */
+function strike({ id, face, point }, pressure) {
+  choose(id);
+  const direction = undefined;
+  strikeAt(id, { point: scaled(id, point), face, direction }, pressure === null ? page.speed : page.speed * (0.3 + 1.4 * pressure));
+}
+
+/** Strike an object at a place of its own coordinates, m. */
+function strikeAt(id, where, speed = page.speed) {
+  const model = instrument.model(id);
+  try {
+    const contact = model.contact(where);
+    const blow = instrument.strike(id, contact, { striker: page.striker, speed });
+    Object.assign(page, { blow, contact, struck: id, blows: page.blows + 1 });
+    page.last.set(id, contact);
+    if (blow && page.ringing.get(id)) page.ringing.get(id).strike(contact, blow, performance.now() / 1000);
+    room.mark(id, contact.point.map((value) => value / room.sizeOf(id)));
+    wake();
+  } catch (error) {
+    complain(error);
+  }
+}
+
+/** Return a point of the body as computed in the coordinates of the body as it is now. */
+function scaled(id, point) {
+  return point.map((value) => value * room.sizeOf(id));
+}
+
+function hold({ id, face, point }) {
+  instrument.hold(id, instrument.model(id).contact({ point: scaled(id, point), face }));
+}
+
+function release({ id }) {
+  instrument.release(id);
+}
+
+/** Strike the chosen object at one of its numbered points. */
+function strikeNumber(number) {
+  const told = objects.told.get(page.chosen);
+  const place = told?.facts.points[number];
+  if (!place) return;
+  const point = place.point ?? [0, 0, 0];
+  strikeAt(page.chosen, { point: scaled(page.chosen, point), direction: place.direction ?? undefined });
+}
+
+function dampLast(on) {
+  const id = page.chosen;
+  if (!id) return;
+  if (on) instrument.hold(id, page.last.get(id) ?? instrument.model(id).loudest());
+  else instrument.release(id);
+}
+
+// Changes
+
+/** Carry a change out, null for none; return whether that is all of it. */
+async function change(id, wanted) {
+  try {
+    const answer = wanted ? await fetchChange(id, wanted) : null;
+    instrument.change(id, answer);
+    unsay('change');
+    if (answer?.dropped.length) say(answer.dropped.join('; '), { id: 'change' });
+    const model = instrument.model(id);
+    room.change(id, { size: answer?.size ?? 1, material: answer?.material ?? objects.told.get(id).facts.material });
+    const ringing = page.ringing.get(id);
+    if (ringing && ringing.model.count === model.count) ringing.follow(model);
+    else page.ringing.set(id, new Ringing(model));
+    if (page.chosen === id) {
+      const { selected } = modes;
+      modes.fill(model);
+      panel.tell(model);
+      spectrum.mark([...model.frequencies].slice(0, 200), modes.selected === null ? null : model.frequencies[selected]);
+      if (modes.selected !== null) showMode(modes.selected);
+    }
+    wake();
+    return answer?.settled ?? true;
+  } catch (error) {
+    say(error.message, { bad: true, id: 'change' });
+    return true;
+  }
+}
+
+// Hearing
+
+let looking = false;
+
+/** Follow what is heard, until it is silent. */
+function wake() {
+  if (looking) return;
+  looking = true;
+  const began = performance.now();
+  const look = () => {
+    const now = performance.now() / 1000;
+    const heard = spectrum.tick();
+    const rings = modes.tick(page.ringing.get(page.chosen), now);
+    for (const [id, ringing] of page.ringing) objects.ring(id, Boolean(ringing && loud(ringing, now)));
+    looking = heard || rings || performance.now() - began < 500;
+    if (looking) requestAnimationFrame(look);
+  };
+  requestAnimationFrame(look);
+}
+
+function loud(ringing, now) {
+  return ringing.amplitudes.some((each, n) => each > 0 && ringing.share(n, now) > 0.35);
+}
+
+function hint() {
+  const text = instrument.ready
+    ? 'Click an object to strike it; hold to damp it; drag beside it to look around.'
+    : 'Click any object: sound starts with your first click.';
+  if (get('hint').textContent !== text) get('hint').textContent = text;
+}
+
+instrument.onReady = () => {
+  hint();
+  if (instrument.analyser) spectrum.follow(instrument.analyser);
+  wake();
+};
+instrument.onReport = (report) => {
+  page.report = report;
+  const words = [`${report.modes} modes ring`];
+  words.push(report.reduction > 0.5 ? `limiter at −1 dB takes ${report.reduction.toFixed(0)} dB away` : 'limiter at −1 dB');
+  if (report.dropped) words.push(`${report.dropped} strikes dropped`);
+  if (report.underruns) words.push(`${report.underruns} gaps`);
+  get('counts').textContent = words.join(' · ');
+};
+room.onMoved = (head) => instrument.listen(head);
+
+// Controls
+
+for (const name of STRIKERS) {
+  const label = document.createElement('label');
+  label.className = 'chip';
+  const input = Object.assign(document.createElement('input'), { type: 'radio', name: 'striker', value: name, checked: name === page.striker });
+  const words = document.createElement('span');
+  words.textContent = name;
+  input.onchange = () => { page.striker = name; };
+  label.append(input, words);
+  get('strikers').append(label);
+}
+
+/** Tie a slider to what it sets, with its value in words. */
+function slide(id, words, set) {
+  const field = get(id);
+  const follow = () => {
+    set(Number(field.value));
+    get(`${id}-shown`).textContent = words(Number(field.value));
+    field.setAttribute('aria-valuetext', words(Number(field.value)));
+  };
+  field.addEventListener('input', follow);
+  follow();
+}
+slide('speed', (value) => `${(10 ** value).toPrecision(2)} m/s`, (value) => { page.speed = 10 ** value; });
+slide('volume', (value) => `${value} dB`.replace('-', '−'), (value) => instrument.setVolume(value));
+get('ears').onchange = (event) => instrument.setEars(event.target.value).catch((error) => complain(error));
+get('even').onchange = (event) => instrument.setEven(event.target.checked);
+get('simple').checked = room.stage?.simple ?? true;
+get('simple').disabled = !room.stage;
+get('simple').onchange = (event) => room.stage.simplify(event.target.checked);
+get('whole').onclick = () => { room.home(); get('whole').hidden = true; };
+get('hit').onclick = () => page.chosen && strikeAt(page.chosen, loudestOf(page.chosen));
+const damp = get('damp');
+for (const name of ['pointerdown', 'keydown']) damp.addEventListener(name, (event) => (event.key ?? ' ') === ' ' && dampLast(true));
+for (const name of ['pointerup', 'pointercancel', 'keyup', 'blur']) damp.addEventListener(name, () => dampLast(false));
+
+/** Return the loudest of an object's numbered points. */
+function loudestOf(id) {
+  const contact = instrument.model(id).loudest();
+  return { point: contact.point, direction: instrument.model(id).recorded ? undefined : contact.direction };
+}
+
+/** What keys do, wherever the focus is but in a field that needs them itself. */
+function key(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches('input, select, textarea, [role="listbox"]')) return;
+  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+  const digit = /^[0-9]$/.test(event.key) ? (Number(event.key) + 9) % 10 : null;
+  if (step) choose(objects.beside(page.chosen, step));
+  else if (digit !== null) event.repeat || strikeNumber(digit);
+  else if (event.key === ' ' && !event.target.matches('button, summary')) event.repeat || (page.chosen && strikeAt(page.chosen, loudestOf(page.chosen)));
+  else if (event.key === 'd' || event.key === 'D') event.repeat || dampLast(true);
+  else if (event.key === 'm' || event.key === 'M') modes.next();
+  else if (event.key === '+' || event.key === '=') room.zoom(0.85);
+  else if (event.key === '-') room.zoom(1 / 0.85);
+  else if (event.key === 'Home') get('whole').click();
+  else if (event.key === 'Enter' && event.target === get('canvas')) room.approach(page.chosen), (get('whole').hidden = false);
+  else return;
+  event.preventDefault();
+}
+addEventListener('keydown', key);
+addEventListener('keyup', (event) => (event.key === 'd' || event.key === 'D') && dampLast(false));
+
+if (!globalThis.crossOriginIsolated) say('the page is not isolated, so that blows reach the sound a little later: open the address that struck printed, with 127.0.0.1 in it', { id: 'isolation' });
+hint();
+follow(tell, (lost) => (lost ? say(LOST, { bad: true, id: 'lost' }) : unsay('lost')));
+page.ready = true;

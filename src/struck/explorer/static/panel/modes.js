@@ -1,0 +1,167 @@
+/** The list of modes: frequency, note, time of decay, and how loudly each rings now. */
+
+const NAMES = ['C', 'C♯', 'D', 'D♯', 'E', 'F', 'F♯', 'G', 'G♯', 'A', 'A♯', 'B'];
+const RANGE = 60; // dB that the bars show
+
+/** Return the nearest equal-tempered note (A4 = 440 Hz) with the cents beside it. */
+export function note(frequency) {
+  const semitones = 69 + 12 * Math.log2(frequency / 440);
+  const nearest = Math.round(semitones);
+  const cents = Math.round(100 * (semitones - nearest));
+  const sign = cents < 0 ? '−' : '+';
+  return `${NAMES[((nearest % 12) + 12) % 12]}${Math.floor(nearest / 12) - 1} ${sign}${Math.abs(cents)}`;
+}
+
+/** Return a time to decay by 60 dB in words. */
+function lasting(decay) {
+  const t60 = Math.log(1000) / Math.max(decay, 1e-9);
+  if (t60 > 999) return 'endless';
+  return `${t60 >= 10 ? t60.toFixed(0) : t60.toFixed(t60 >= 1 ? 1 : 2)} s`;
+}
+
+/** Return how much of a half-sine of some duration, s, a frequency gets, from 0 to 1. */
+function pulseShare(frequency, duration) {
+  const turns = frequency * duration;
+  const gap = 1 - 4 * turns * turns;
+  return Math.abs(gap) < 1e-6 ? Math.PI / 4 : Math.abs(Math.cos(Math.PI * turns) / gap);
+}
+
+/** How loudly each mode of a body rings, followed from what strikes it. */
+export class Ringing {
+  constructor(model) {
+    this.follow(model);
+    this.amplitudes = new Float64Array(model.count);
+    this.since = 0;
+    this.most = 1e-12;
+  }
+
+  /** Go on with a changed model of as many modes. */
+  follow(model) {
+    this.model = model;
+    this.loudness = Float64Array.from({ length: model.count }, (_, n) => Math.hypot(model.outputs[2 * n], model.outputs[2 * n + 1]));
+  }
+
+  /** Count a blow. */
+  strike(contact, { impulse, duration }, time) {
+    this.#decay(time);
+    const drive = this.model.drive(contact);
+    drive.forEach((each, n) => {
+      const blow = Math.abs(each) * this.loudness[n] * impulse * pulseShare(this.model.frequencies[n], duration);
+      this.amplitudes[n] = Math.hypot(this.amplitudes[n], blow);
+    });
+    this.most = Math.max(...this.amplitudes, 1e-12);
+  }
+
+  #decay(time) {
+    const passed = time - this.since;
+    this.since = time;
+    this.amplitudes.forEach((each, n) => { this.amplitudes[n] = each * Math.exp(-this.model.decays[n] * passed); });
+  }
+
+  /** Return how far a mode is up, from 0 at `RANGE` below the last blow's loudest to 1. */
+  share(mode, time) {
+    const now = this.amplitudes[mode] * Math.exp(-this.model.decays[mode] * (time - this.since));
+    return Math.max(0, 1 + (20 * Math.log10(now / this.most || 1e-12)) / RANGE);
+  }
+}
+
+export class ModeList {
+  /**
+   * @param {HTMLElement} place
+   * @param {(mode: number | null) => void} chosen called with the mode that shall be shown
+   */
+  constructor(place, chosen) {
+    this.place = place;
+    this.chosen = chosen;
+    this.rows = [];
+    this.selected = null;
+    place.addEventListener('click', (event) => {
+      const row = event.target.closest('[role="option"]');
+      if (row) this.choose(Number(row.dataset.mode));
+    });
+    place.addEventListener('keydown', (event) => this.#key(event));
+  }
+
+  /** List the modes of a model; the chosen one stays, where there is as many. */
+  fill(model) {
+    const head = document.createElement('div');
+    head.className = 'mode head';
+    head.setAttribute('role', 'presentation');
+    head.append(...['', 'Hz', 'note', 'T60', 'level'].map(cell));
+    this.rows = Array.from({ length: model.count }, (_, n) => {
+      const row = document.createElement('div');
+      row.className = 'mode';
+      row.id = `mode-${n}`;
+      row.dataset.mode = n;
+      row.setAttribute('role', 'option');
+      row.setAttribute('aria-selected', String(n === this.selected));
+      const frequency = model.frequencies[n];
+      const bar = document.createElement('span');
+      bar.className = 'bar';
+      bar.append(document.createElement('i'));
+      row.append(cell(n + 1), cell(frequency.toFixed(frequency < 1000 ? 1 : 0)), cell(note(frequency)), cell(lasting(model.decays[n])), bar);
+      return row;
+    });
+    this.place.replaceChildren(head, ...this.rows);
+    if (!(this.selected < model.count)) this.selected = null;
+  }
+
+  /** Show how loudly modes ring; return whether any does. */
+  tick(ringing, time) {
+    const [top, bottom] = [this.place.scrollTop, this.place.scrollTop + this.place.clientHeight];
+    const height = this.rows[0]?.offsetHeight || 24;
+    const last = Math.min(this.rows.length, Math.ceil(bottom / height) + 1);
+    let any = false;
+    for (let n = Math.max(0, Math.floor(top / height) - 2); n < last; n += 1) {
+      const share = ringing ? ringing.share(n, time) : 0;
+      any ||= share > 0;
+      this.rows[n].lastChild.firstChild.style.transform = `scaleX(${share.toFixed(3)})`;
+    }
+    return any;
+  }
+
+  /** Choose a mode; the chosen one once more: none. */
+  choose(mode) {
+    const next = mode === this.selected ? null : mode;
+    this.rows[this.selected]?.setAttribute('aria-selected', 'false');
+    this.selected = next;
+    const row = this.rows[next];
+    row?.setAttribute('aria-selected', 'true');
+    if (row) this.#reveal(row);
+    if (row) this.place.setAttribute('aria-activedescendant', row.id);
+    else this.place.removeAttribute('aria-activedescendant');
+    this.chosen(next);
+  }
+
+  /** Scroll the list, and it alone, until a row is seen. */
+  #reveal(row) {
+    const [top, height] = [row.offsetTop, row.offsetHeight];
+    const { scrollTop, clientHeight } = this.place;
+    if (top < scrollTop + height) this.place.scrollTop = top - height;
+    else if (top + height > scrollTop + clientHeight) this.place.scrollTop = top + height - clientHeight;
+  }
+
+  /** Choose the next mode. */
+  next() {
+    if (this.rows.length) this.choose(this.selected === null ? 0 : (this.selected + 1) % this.rows.length);
+  }
+
+  #key(event) {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (step && this.rows.length) {
+      const from = this.selected ?? (step > 0 ? -1 : this.rows.length);
+      const to = Math.min(this.rows.length - 1, Math.max(0, from + step));
+      if (to !== this.selected) this.choose(to);
+    } else if ((event.key === 'Escape' || event.key === 'Enter') && this.selected !== null) {
+      this.choose(this.selected);
+    } else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+}
+
+function cell(text) {
+  const span = document.createElement('span');
+  span.textContent = text;
+  return span;
+}

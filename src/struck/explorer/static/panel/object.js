@@ -1,0 +1,127 @@
+/** The chosen object: what it is, and its material, size and damping to be changed while it rings. */
+
+const PAUSE = 40; // ms between two questions to the server while a slider moves
+const get = (id) => document.getElementById(id);
+
+const fields = {
+  panel: get('object'), title: get('object-title'), text: get('object-text'), facts: get('object-facts'),
+  changes: get('changes'), material: get('material'), size: get('size'), damping: get('damping'), original: get('original'),
+};
+
+/** Return a factor in words: "as it was", "2.0 times". */
+function times(factor) {
+  if (Math.abs(factor - 1) < 0.005) return 'as it was';
+  return `${factor < 10 ? factor.toPrecision(2) : factor.toFixed(0)} times`;
+}
+
+/** Return a length of a body in words. */
+function length(metres) {
+  return metres < 0.0995 ? `${(1000 * metres).toPrecision(2)} mm` : `${(100 * metres).toFixed(0)} cm`;
+}
+
+export class ObjectPanel {
+  /**
+   * @param {Record<string, string>} materials groups by name
+   * @param {(id: string, wanted: object | null) => Promise<boolean>} change carries a change
+   *   out; returns whether more of it is to be asked for, without "quick": false
+   */
+  constructor(materials, change) {
+    this.change = change;
+    this.wishes = new Map(); // by object
+    const names = Object.keys(materials).sort((a, b) => materials[a].localeCompare(materials[b]) || a.localeCompare(b));
+    for (const group of new Set(names.map((name) => materials[name]))) {
+      const part = document.createElement('optgroup');
+      part.label = group;
+      part.append(...names.filter((name) => materials[name] === group).map((name) => new Option(name, name)));
+      fields.material.append(part);
+    }
+    for (const field of [fields.material, fields.size, fields.damping]) field.addEventListener('input', () => this.#wish());
+    fields.original.onclick = () => {
+      this.wishes.delete(this.told.id);
+      this.#show();
+      this.#wish();
+    };
+  }
+
+  /** Show an object with its model. */
+  fill(told, model) {
+    this.told = told;
+    fields.panel.hidden = false;
+    fields.title.textContent = told.title;
+    fields.text.textContent = told.text;
+    const own = told.facts.material?.name;
+    // A material of one's own stays in the list, under its name.
+    fields.material.querySelector('[data-own]')?.remove();
+    if (own && ![...fields.material.options].some(({ value }) => value === own)) {
+      const option = new Option(`${own} (its own)`, own);
+      option.dataset.own = '';
+      fields.material.prepend(option);
+    }
+    fields.material.disabled = !own;
+    this.#show();
+    this.tell(model);
+  }
+
+  /** Tell figures of the model as it is now. */
+  tell(model) {
+    const { size, complete_to: complete, calibrated } = this.told.facts;
+    const factor = this.#wishOf().size;
+    const parts = [`${model.count} modes`];
+    if (complete) parts.push(`none missing up to ${((complete * model.frequencies[0]) / this.told.lowest / 1000).toFixed(1)} kHz`);
+    if (size) parts.push(`${length(Math.max(...size) * factor)} long`);
+    if (model.mass) parts.push(model.mass < 1 ? `${(1000 * model.mass).toPrecision(3)} g` : `${model.mass.toPrecision(3)} kg`);
+    if (!calibrated) parts.push('level relative');
+    fields.facts.textContent = parts.join(' · ');
+  }
+
+  #wishOf() {
+    return this.wishes.get(this.told.id) ?? { material: this.told.facts.material?.name, size: 1, damping: 1 };
+  }
+
+  #show() {
+    const { material, size, damping } = this.#wishOf();
+    fields.material.value = material ?? '';
+    fields.size.value = Math.log10(size);
+    fields.damping.value = Math.log10(damping);
+    this.#words();
+  }
+
+  #words() {
+    const { size, damping } = this.#wishOf();
+    get('size-shown').textContent = times(size);
+    get('damping-shown').textContent = times(damping);
+    for (const [field, value] of [[fields.size, size], [fields.damping, damping]]) field.setAttribute('aria-valuetext', times(value));
+    fields.original.hidden = !this.wishes.has(this.told.id);
+  }
+
+  #wish() {
+    const round = (field) => (Math.abs(field.value) < 0.015 ? 1 : 10 ** Number(field.value));
+    const wish = { material: fields.material.value || undefined, size: round(fields.size), damping: round(fields.damping) };
+    const own = this.told.facts.material?.name;
+    if (wish.material === own && wish.size === 1 && wish.damping === 1) this.wishes.delete(this.told.id);
+    else this.wishes.set(this.told.id, wish);
+    this.#words();
+    this.#ask(this.told.id);
+  }
+
+  /** Ask for what is wished now; while an answer is waited for, only the last wish counts. */
+  async #ask(id) {
+    this.asked = id;
+    if (this.asking) {
+      this.again = true;
+      return;
+    }
+    this.asking = true;
+    let quick = true;
+    let settled = false;
+    do {
+      this.again = false;
+      // At once as far as may be, and the rest when nothing else is wished meanwhile.
+      const wish = this.wishes.get(this.asked) ?? null;
+      settled = await this.change(this.asked, wish && { ...wish, quick });
+      quick = this.again;
+      if (quick) await new Promise((done) => setTimeout(done, PAUSE));
+    } while (quick || !settled);
+    this.asking = false;
+  }
+}

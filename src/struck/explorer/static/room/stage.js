@@ -1,0 +1,216 @@
+/** The picture: light, camera and renderer; it is drawn anew only where something has changed. */
+
+import * as THREE from 'three';
+import { OrbitControls } from 'three/addons/OrbitControls.js';
+import { RoomEnvironment } from 'three/addons/RoomEnvironment.js';
+import { emptyRoom } from './furniture.js';
+import { adjust, plain } from './looks.js';
+
+const HOME = { from: [0.12, -4.25, 2.1], to: [0.14, 0.4, 0.7] };
+const FIELD = 30; // degrees, from bottom to top of a wide picture
+const FLIGHT = 0.5; // s of a move of the camera
+const LARGEST_RATIO = 2; // of pixels of the picture to those of the page
+const SIMPLE_RATIO = 0.7;
+
+export const still = matchMedia('(prefers-reduced-motion: reduce)');
+
+/** Return whether the browser draws without a graphics processor. */
+function isSoftware() {
+  const context = document.createElement('canvas').getContext('webgl2');
+  if (!context) return false;
+  const names = context.getExtension('WEBGL_debug_renderer_info');
+  const name = names ? context.getParameter(names.UNMASKED_RENDERER_WEBGL) : '';
+  context.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(name);
+}
+
+export class Stage {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @throws {Error} where the browser has no WebGL
+   */
+  constructor(canvas) {
+    THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
+    this.canvas = canvas;
+    this.simple = isSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.simple });
+    this.renderer.toneMapping = THREE.NeutralToneMapping;
+    this.renderer.toneMappingExposure = 1.05;
+    this.renderer.shadowMap.enabled = !this.simple;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    this.renderer.shadowMap.autoUpdate = false;
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(0xe6dfd3);
+    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.02, 40);
+    this.#light();
+    this.scene.add(emptyRoom());
+    this.controls = new OrbitControls(this.camera, canvas);
+    Object.assign(this.controls, {
+      enableDamping: false, minDistance: 0.15, maxDistance: 7, maxPolarAngle: 1.62, zoomSpeed: 0.7,
+    });
+    this.controls.addEventListener('change', () => { this.moved = true; this.invalidate(); });
+    this.tickers = new Set(); // called before each picture with its time, s; true: once more
+    this.moved = true;
+    this.onMoved = () => {};
+    this.home();
+    new ResizeObserver(() => this.#resize()).observe(canvas.parentElement);
+    this.#resize();
+    canvas.addEventListener('webglcontextrestored', () => this.refresh());
+  }
+
+  /** Draw simply, for slow machines: fewer pixels, and neither shadows nor reflections. */
+  simplify(simple) {
+    this.simple = simple;
+    this.renderer.shadowMap.enabled = !simple;
+    this.#reflections();
+    plain(simple);
+    this.scene.traverse(({ material }) => {
+      for (const surface of [material ?? []].flat()) adjust(surface);
+    });
+    this.#resize();
+    this.refresh();
+  }
+
+  #reflections() {
+    if (!this.simple && !this.scene.environment) {
+      const generator = new THREE.PMREMGenerator(this.renderer);
+      this.reflected = generator.fromScene(new RoomEnvironment(), 0.03).texture;
+      generator.dispose();
+    }
+    this.scene.environment = this.simple ? null : this.reflected;
+    this.sky.intensity = this.simple ? 1.5 : 0.35;
+    this.sun.intensity = this.simple ? 2.3 : 2.1;
+  }
+
+  #light() {
+    this.scene.environmentIntensity = 0.62;
+    const sun = new THREE.DirectionalLight(0xfff3e0, 2.1);
+    sun.position.set(-2.2, -2.6, 4.2);
+    sun.target.position.set(0.1, 0.5, 0.5);
+    sun.castShadow = true;
+    Object.assign(sun.shadow.camera, { left: -3, right: 3, top: 2.6, bottom: -2.2, near: 1, far: 9 });
+    sun.shadow.mapSize.set(2048, 2048);
+    sun.shadow.radius = 5;
+    sun.shadow.bias = -0.0004;
+    sun.shadow.normalBias = 0.01;
+    this.sun = sun;
+    this.sky = new THREE.HemisphereLight(0xffffff, 0xcfc4b2, 0.35);
+    this.scene.add(sun, sun.target, this.sky);
+    plain(this.simple);
+    this.#reflections();
+  }
+
+  #resize() {
+    const { clientWidth, clientHeight } = this.canvas.parentElement;
+    if (!clientWidth || !clientHeight) return;
+    this.renderer.setPixelRatio(this.simple ? SIMPLE_RATIO : Math.min(devicePixelRatio, LARGEST_RATIO));
+    this.renderer.setSize(clientWidth, clientHeight, false);
+    this.camera.aspect = clientWidth / clientHeight;
+    // The whole width of the room stays in view on narrow screens.
+    this.camera.fov = 2 * THREE.MathUtils.radToDeg(Math.atan(Math.tan(THREE.MathUtils.degToRad(FIELD / 2)) * Math.max(1, 1.55 / this.camera.aspect)));
+    this.camera.updateProjectionMatrix();
+    this.invalidate();
+  }
+
+  /** Add something to the room, and draw it. */
+  add(object) {
+    this.scene.add(object);
+    this.refresh();
+  }
+
+  /** Draw anew, shadows too. */
+  refresh() {
+    this.renderer.shadowMap.needsUpdate = true;
+    this.invalidate();
+  }
+
+  /** Draw anew, soon. */
+  invalidate() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame((time) => this.#draw(time / 1000));
+  }
+
+  #draw(time) {
+    this.waiting = false;
+    let again = false;
+    for (const ticker of this.tickers) again = ticker(time) || again;
+    this.renderer.render(this.scene, this.camera);
+    if (this.moved) {
+      this.moved = false;
+      this.onMoved();
+    }
+    if (again) this.invalidate();
+  }
+
+  /** Call a function before each picture, until it returns false. */
+  tick(ticker) {
+    const once = (time) => ticker(time) || (this.tickers.delete(once), false);
+    this.tickers.add(once);
+    this.invalidate();
+    return () => this.tickers.delete(once);
+  }
+
+  /** Show the whole room. */
+  home() {
+    this.atHome = true;
+    this.#fly(new THREE.Vector3(...HOME.from), new THREE.Vector3(...HOME.to));
+  }
+
+  /** Come near a box, from where the person looks. */
+  approach(box) {
+    this.atHome = false;
+    const middle = box.getCenter(new THREE.Vector3());
+    const radius = Math.max(0.12, box.getSize(new THREE.Vector3()).length() / 2);
+    const away = (radius * 1.35) / Math.sin(THREE.MathUtils.degToRad(FIELD / 2)) / Math.min(1.3, Math.max(0.7, this.camera.aspect));
+    const way = new THREE.Vector3(middle.x > 1.2 ? -0.25 : 0.2, -1, 0.34).normalize();
+    this.#fly(middle.clone().addScaledVector(way, away), middle);
+  }
+
+  #fly(from, to) {
+    const [start, target] = [this.camera.position.clone(), this.controls.target.clone()];
+    let begun = null;
+    this.stopFlight?.();
+    const arrive = (share) => {
+      const eased = share * share * (3 - 2 * share);
+      this.camera.position.lerpVectors(start, from, eased);
+      this.controls.target.lerpVectors(target, to, eased);
+      this.controls.update();
+      this.moved = true;
+    };
+    if (still.matches || !this.drawnOnce) {
+      this.drawnOnce = true;
+      arrive(1);
+      this.invalidate();
+      return;
+    }
+    this.stopFlight = this.tick((time) => {
+      begun ??= time;
+      const share = Math.min(1, (time - begun) / FLIGHT);
+      arrive(share);
+      return share < 1;
+    });
+  }
+
+  /** Come nearer by a factor below 1, or go away. */
+  zoom(factor) {
+    this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
+    this.controls.update();
+    this.moved = true;
+    this.invalidate();
+  }
+
+  /** Return where the listener's head is: the camera. */
+  head() {
+    const forward = this.camera.getWorldDirection(new THREE.Vector3());
+    const up = new THREE.Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
+    return { position: this.camera.position.toArray(), forward: forward.toArray(), up: up.toArray() };
+  }
+
+  /** Return where a point of the room is in the picture, pixels, and whether it is in front. */
+  project(point) {
+    const at = point.clone().project(this.camera);
+    const { clientWidth, clientHeight } = this.canvas;
+    return { x: ((at.x + 1) / 2) * clientWidth, y: ((1 - at.y) / 2) * clientHeight, front: at.z < 1 };
+  }
+}

@@ -1,0 +1,383 @@
+"""The room in a browser: what is drawn, clicked, typed and said."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from playwright.sync_api import Browser, Page
+
+import struck
+from struck.explorer.jobs import PAGED
+from struck.explorer.server import Explorer
+from struck.model.arrays import Array
+from struck.model.timbre_table import SinglePoint
+from struck.shapes import RectangularMembrane
+from struck.solids import Block
+
+THERE = "[...struck.models.values()].filter(Boolean).length >= "
+
+
+def recorded() -> struck.ModalModel:
+    """Return a model as a fit of one recording makes it."""
+    frequencies = np.array([220.0, 447.0, 930.0])
+    return struck.ModalModel(
+        frequencies=frequencies,
+        natural_frequencies=frequencies,
+        decays=np.array([3.0, 5.0, 9.0]),
+        gains=SinglePoint(outputs=np.array([1.0, 0.5j, 0.2])),
+        complete_to=0.0,
+        places={"recorded": np.zeros(0)},
+        coordinates=(),
+    )
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, struck.ModalModel]:
+    """Return bodies by name: of elements, of a formula, of a recording."""
+    block = struck.analyze(Block(size=(0.3, 0.12, 0.02)), "bronze", accuracy="preview")
+    skin = RectangularMembrane(length=0.3, width=0.2, thickness=2.5e-4, tension=3000.0)
+    drum = struck.analyze(skin, "steel", band=(20.0, 2000.0))
+    return {"block": block, "drum": drum, "tape": recorded()}
+
+
+@pytest.fixture(scope="module")
+def explorer(models: dict[str, struck.ModalModel]) -> Iterator[Explorer]:
+    with Explorer(given=list(models.values()), names=list(models)) as opened:
+        yield opened
+
+
+class Visit:
+    """A page, and all that the browser had to say about it."""
+
+    def __init__(self, browser: Browser, url: str, **options: Any) -> None:  # noqa: ANN401
+        script = options.pop("script", None)
+        size = options.pop("size", (1000, 640))
+        viewport = {"width": size[0], "height": size[1]}
+        self.context = browser.new_context(viewport=viewport, bypass_csp=True, **options)
+        self.page: Page = self.context.new_page()
+        if script:
+            self.page.add_init_script(script)
+        self.log: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", lambda one: self.log.append(f"{one.type}: {one.text}"))
+        self.page.on("pageerror", lambda error: self.log.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(url)
+
+    def wait(self, condition: str, seconds: float = 20.0) -> None:
+        self.page.wait_for_function(condition, timeout=1000 * seconds, polling=50)
+
+    def messages(self) -> str:
+        return self.page.locator("#messages").inner_text()
+
+    def picture(self, place: str = "#view") -> Array:
+        """Return a screenshot as numbers from 0 to 1 (height, width, 3)."""
+        return imread(io.BytesIO(self.page.locator(place).screenshot()))[..., :3]
+
+    def pixel(self, name: str, point: Array) -> tuple[float, float]:
+        """Return where a point of a body is on the page."""
+        at = self.page.evaluate(
+            """([id, point]) => {
+              const { stage, solids } = struck.room;
+              const { x, y } = stage.project(solids.get(id).inRoom(point));
+              const { left, top } = stage.canvas.getBoundingClientRect();
+              return [left + x, top + y];
+            }""",
+            [name, list(point)],
+        )
+        return at[0], at[1]
+
+
+Visiting = Callable[..., Visit]
+
+
+@pytest.fixture
+def visiting(browser: Browser, explorer: Explorer) -> Iterator[Visiting]:
+    visits: list[Visit] = []
+
+    def go(**options: Any) -> Visit:  # noqa: ANN401
+        visits.append(Visit(browser, options.pop("url", explorer.url), **options))
+        return visits[-1]
+
+    yield go
+    for visit in visits:
+        visit.context.close()
+
+
+@pytest.fixture(scope="module")
+def visit(browser: Browser, explorer: Explorer) -> Iterator[Visit]:
+    """Yield a page of the room with everything in it, after its first gesture."""
+    one = Visit(browser, explorer.url)
+    one.wait(THERE + "3")
+    one.page.mouse.click(500, 8)
+    one.wait("struck.instrument.ready")
+    yield one
+    one.context.close()
+
+
+def test_page_is_isolated_quiet_and_asks_no_other_host(visit: Visit, explorer: Explorer) -> None:
+    assert visit.page.evaluate("crossOriginIsolated")
+    assert not visit.log
+    hosts = {re.sub(r"^(\w+://[^/]*)/.*", r"\1", url) for url in visit.asked}
+    assert hosts == {f"http://127.0.0.1:{explorer.port}"}
+    assert "token" not in visit.page.url
+    assert visit.messages() == ""
+
+
+@pytest.mark.parametrize(("number", "name"), [(1, "block"), (2, "drum")])
+def test_click_on_a_pixel_gives_the_gains_of_python(
+    visit: Visit, models: dict[str, struck.ModalModel], number: int, name: str
+) -> None:
+    model = models[name]
+    assert model.geometry is not None
+    low, high = model.geometry.bounds
+    place = np.array([low[0] + 0.3 * (high - low)[0], low[1] + 0.6 * (high - low)[1], high[2]])
+    visit.page.mouse.click(*visit.pixel(f"given_{number}", place))
+    visit.wait(f"struck.struck === 'given_{number}'")
+    contact, drive = visit.page.evaluate(
+        """() => {
+          const model = struck.instrument.model(struck.struck);
+          return [struck.contact, [...model.drive(struck.contact)]];
+        }"""
+    )
+    point, direction = np.array(contact["point"]), np.array(contact["direction"])
+    assert np.linalg.norm(point - place) < 0.006  # a pixel
+    np.testing.assert_allclose(direction, [0, 0, -1], atol=1e-6)
+    truth = model.gains.at(point[None], direction[None])[0, 0]
+    np.testing.assert_allclose(drive, truth, atol=1e-5 * np.abs(truth).max())
+    visit.wait("struck.report?.ringing > 0")
+
+
+def test_press_that_stays_damps_until_it_ends(
+    visit: Visit, models: dict[str, struck.ModalModel]
+) -> None:
+    geometry = models["block"].geometry
+    assert geometry is not None
+    visit.page.mouse.move(
+        *visit.pixel(
+            "given_1", np.array([*geometry.bounds.mean(axis=0)[:2], geometry.bounds[1, 2]])
+        )
+    )
+    visit.page.mouse.down()
+    visit.wait("struck.instrument.bodies.get('given_1').held !== undefined")
+    visit.page.mouse.up()
+    visit.wait("struck.instrument.bodies.get('given_1').held === undefined")
+
+
+def test_shown_mode_is_that_of_python(visit: Visit, models: dict[str, struck.ModalModel]) -> None:
+    visit.page.evaluate("struck.choose('given_1'); struck.room.approach('given_1')")
+    visit.page.evaluate("document.activeElement.blur()")
+    before = visit.picture()
+    visit.page.locator("#mode-0").click()
+    visit.wait("struck.room.solids.get('given_1').mode === 0")
+    moved, scale, faces = visit.page.evaluate(
+        """() => {
+          const solid = struck.room.solids.get('given_1');
+          struck.room.stop();
+          solid.swing(1);
+          struck.room.stage.refresh();
+          const at = solid.mesh.geometry.attributes.position.array;
+          return [[...at].map((x, i) => x - solid.rest[i]), solid.swingScale, [...solid.faces]];
+        }"""
+    )
+    shape = models["block"].gains.shapes[:, :, 0]
+    shown = np.array(moved).reshape(-1, 3) / scale
+    apart = np.abs(shown - shape[np.array(faces)]).max()
+    assert apart < 1e-4 * np.abs(shape).max()
+    visit.page.wait_for_timeout(300)
+    after = visit.picture()
+    assert reddish(after) > 0.002
+    assert bluish(after) > bluish(before) + 0.002
+    assert "slowed down" in visit.page.locator("#mode-shown").inner_text()
+    visit.page.locator("#mode-0").click()
+    visit.wait("struck.room.solids.get('given_1').mode === null")
+
+
+def reddish(picture: Array) -> float:
+    """Return the share of a picture that is the orange of outward motion."""
+    red, _, blue = np.moveaxis(picture, -1, 0)
+    return float(((red - blue > 0.45) & (red > 0.6)).mean())
+
+
+def bluish(picture: Array) -> float:
+    """Return the share of a picture that is the blue of inward motion."""
+    red, _, blue = np.moveaxis(picture, -1, 0)
+    return float((blue - red > 0.04).mean())
+
+
+def test_picture_shows_light_shade_and_bodies(visit: Visit) -> None:
+    visit.page.evaluate("struck.room.home()")
+    visit.page.wait_for_timeout(900)
+    picture = visit.picture()
+    assert 0.5 < picture.mean() < 0.95
+    assert picture.std() > 0.05
+    rows = np.abs(np.diff(picture.mean(axis=-1), axis=1)).max(axis=1)
+    assert (rows > 0.1).mean() > 0.1  # edges of things
+
+
+def test_keyboard_alone_strikes_every_object(visit: Visit) -> None:
+    visit.page.locator("#canvas").focus()
+    visit.page.evaluate("struck.choose('given_1')")
+    hit = []
+    for key in ("1", " ", "2"):
+        visit.page.keyboard.press(key)
+        hit.append(visit.page.evaluate("struck.struck"))
+        visit.page.keyboard.press("ArrowRight")
+    assert hit == ["given_1", "given_2", "given_3"] or hit[:2] == ["given_1", "given_2"]
+    visit.page.evaluate("struck.choose('given_3')")
+    visit.page.keyboard.press("1")
+    assert visit.page.evaluate("struck.struck") == "given_3"
+    visit.page.keyboard.down("d")
+    assert visit.page.evaluate("struck.instrument.bodies.get('given_3').held !== undefined")
+    visit.page.keyboard.up("d")
+    assert visit.page.evaluate("struck.instrument.bodies.get('given_3').held === undefined")
+    visit.page.evaluate("struck.choose('given_1')")
+    visit.page.keyboard.press("m")
+    assert visit.page.evaluate("struck.room.solids.get('given_1').mode") == 0
+    visit.page.locator("#mode-0").click()
+
+
+def test_every_control_has_a_name(visit: Visit) -> None:
+    snapshot = visit.page.locator("body").aria_snapshot()
+    unnamed = re.findall(
+        r"^\s*- (?:button|slider|combobox|checkbox|radio|meter|option|listbox)(?: \[.*\])?:?$",
+        snapshot,
+        re.MULTILINE,
+    )
+    assert not unnamed
+    for name in ("Strike it", "Damp it", "Speed", "Volume", "Material", "Size", "wood", "block"):
+        assert name in snapshot, name
+
+
+def test_changes_go_to_what_rings(visit: Visit, models: dict[str, struck.ModalModel]) -> None:
+    visit.page.evaluate("struck.choose('given_1')")
+    visit.page.locator("#material").select_option("glass")
+    visit.page.locator("#size").fill("0.3")
+    factor = 10**0.3
+    truth = models["block"].made_of("glass").scaled(factor)
+    visit.wait(f"Math.abs(struck.instrument.model('given_1').size - {factor}) < 1e-6")
+    model = visit.page.evaluate(
+        """() => {
+          const model = struck.instrument.model('given_1');
+          const contact = model.loudest();
+          return [[...model.frequencies], [...model.decays], contact, [...model.drive(contact)]];
+        }"""
+    )
+    np.testing.assert_allclose(model[0], truth.frequencies, rtol=1e-9)
+    np.testing.assert_allclose(model[1], truth.decays, rtol=1e-9)
+    point, direction = np.array(model[2]["point"]), np.array(model[2]["direction"])
+    drive = truth.gains.at(point[None], direction[None])[0, 0]
+    np.testing.assert_allclose(model[3], drive, atol=1e-5 * np.abs(drive).max())
+    visit.page.locator("#original").click()
+    visit.wait("struck.instrument.model('given_1').size === undefined")
+
+
+def test_change_is_heard_soon(visit: Visit) -> None:
+    """At a good time the answer of the server is with the engine within 150 ms."""
+    visit.page.evaluate("struck.choose('given_2')")
+    times = visit.page.evaluate(
+        """async () => {
+          const { engine } = struck.instrument;
+          const change = engine.changeModel.bind(engine);
+          let told;
+          engine.changeModel = (...given) => { change(...given); told(performance.now()); };
+          const times = [];
+          const slider = document.getElementById('damping');
+          for (const value of [0.3, 0.5, 0.7, 0.9, 1.1]) {
+            const done = new Promise((resolve) => { told = resolve; });
+            const begun = performance.now();
+            slider.value = value;
+            slider.dispatchEvent(new Event('input'));
+            times.push((await done) - begun);
+            await new Promise((resolve) => setTimeout(resolve, 150));
+          }
+          engine.changeModel = change;
+          document.getElementById('original').click();
+          return times;
+        }"""
+    )
+    assert min(times) < 150, times
+
+
+def test_narrow_page_cuts_nothing_off_and_stands_still_where_that_is_asked_for(
+    visiting: Visiting,
+) -> None:
+    visit = visiting(size=(360, 740), reduced_motion="reduce")
+    visit.wait(THERE + "3")
+    wide = visit.page.evaluate(
+        """() => [...document.querySelectorAll('button, input, select, canvas, h2, p, .mode')]
+          .filter((each) => each.checkVisibility() && !each.closest('nav ul, .chip'))
+          .map((each) => [each.id || each.className || each.tagName, each.getBoundingClientRect()])
+          .filter(([, box]) => box.left < 0 || box.right > 360.5).map(([name]) => name)"""
+    )
+    assert not wide
+    assert visit.page.evaluate("document.documentElement.scrollWidth") <= 360
+    assert visit.page.evaluate("document.getElementById('view').clientHeight") >= 250
+
+    visit.page.evaluate("struck.choose('given_1')")
+    visit.page.locator("#mode-2").click()
+    assert "at its farthest" in visit.page.locator("#mode-shown").inner_text()
+    visit.page.wait_for_timeout(300)
+    assert visit.page.evaluate("struck.room.stage.tickers.size") == 0
+
+
+NO_WEBGL = """
+  const get = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+    return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest);
+  };
+"""
+NO_AUDIO = "delete window.AudioContext;"
+NO_SIMD = "WebAssembly.validate = () => false;"
+SAID = "document.getElementById('messages').innerText.includes('{}')"
+
+
+def test_without_webgl_and_vectors_keys_still_strike(visiting: Visiting) -> None:
+    visit = visiting(script=NO_WEBGL + NO_SIMD)
+    visit.wait(THERE + "3")
+    visit.page.keyboard.press("1")
+    visit.wait(SAID.format("no WebGL"))
+    visit.wait(SAID.format("JavaScript"))
+    visit.wait("struck.instrument.ready")
+    visit.page.keyboard.press("1")
+    visit.wait("struck.report?.ringing > 0")
+
+
+@pytest.mark.prove
+def test_without_an_audio_device_modes_are_still_shown(visiting: Visiting) -> None:
+    visit = visiting(script=NO_AUDIO)
+    visit.wait(THERE + "3")
+    visit.page.keyboard.press("1")
+    visit.wait(SAID.format("no sound"))
+    visit.page.locator("#mode-0").click()
+    visit.wait("struck.room.solids.get('given_1').mode === 0")
+
+
+def test_damaged_and_newer_files_and_a_lost_server_are_said_and_the_rest_sounds(
+    browser: Browser, models: dict[str, struck.ModalModel]
+) -> None:
+    given = [models["block"]] * 3
+    with Explorer(given=given, names=["good", "damaged", "newer"]) as explorer:
+        paths = [explorer._jobs.jobs[f"given_{n}"].path.with_suffix(PAGED) for n in (1, 2, 3)]
+        data = paths[0].read_bytes()
+        paths[1].write_bytes(data[:-100] + b"\x01" * 100)
+        paths[2].write_bytes(data.replace(b'"version":"1"', b'"version":"9"'))
+        visit = Visit(browser, explorer.url)
+        visit.wait("document.querySelectorAll('.message.bad').length >= 2")
+        said = visit.messages()
+        assert "Damaged cannot be read" in said
+        assert "Newer cannot be read" in said
+        assert "update struck" in said
+        visit.wait(THERE + "1")
+        visit.page.keyboard.press("1")
+        visit.wait("struck.instrument.ready")
+    visit.wait(SAID.format("does not answer"))
+    visit.page.keyboard.press("2")
+    visit.wait("struck.report?.ringing > 0")
+    visit.context.close()
