@@ -26,7 +26,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # What later rooms bring to the lines and modules of the rest, of the 10,000 lines that are theirs.
 BROUGHT = {
     "touch: textures and envelopes": (500, 2),
-    "scene: bodies that turn, contact logs, impulses of trajectories, events": (2_500, 8),
+    "scene: bodies that turn, contact logs, impulses of trajectories, events": (3_000, 8),
     "explorer: what the page is sent": (200, 2),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
@@ -68,7 +68,6 @@ SHORT: dict[str, str] = {
 KEPT_ALONE: dict[str, str] = {
     "excitation/envelope.py": "what a ball feels that rolls, a law of its own",
     "excitation/path.py": "paths along a surface, which other touches will follow",
-    "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",

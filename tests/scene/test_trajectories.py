@@ -16,7 +16,6 @@ from struck.scene import (
     Body,
     Contacts,
     Poses,
-    RigidBody,
     Scene,
     events_of,
     infer_contacts,
@@ -140,17 +139,7 @@ def test_what_lands_and_slides_is_a_blow_and_a_load() -> None:
     tumbler = cube(np.random.default_rng(0), np.zeros(3))
     tumbler.mesh.apply_scale(0.1 / np.ptp(tumbler.mesh.vertices[:, 0]))
     scene = scene_of([tumbler])
-    nothing = np.zeros((0, 3))
-    whole = np.zeros(0, np.int64)
-    motion = Contacts(
-        names=["floor", "body 0"],
-        time=np.zeros(0),
-        body0=whole,
-        body1=whole,
-        position=nothing,
-        impulse=nothing,
-        poses=poses,
-    )
+    motion = Contacts.of_motion(["floor", "body 0"], poses)
     log = infer_contacts(scene, motion)
     (blow,) = np.flatnonzero(log.dt == 0)
     mass = float(scene.bodies["body 0"].model.mass or 0)
@@ -172,32 +161,25 @@ def audible(scene: Scene) -> Scene:
     return Scene(bodies={**scene.bodies, "body 0": body})
 
 
+def shown(body: Tumbler) -> Poses:
+    """Return the poses of one body."""
+    places, turns = (np.array(each) for each in zip(*body.shown, strict=True))
+    times = np.arange(len(places)) / RATE
+    return Poses.together(times, places[:, None], turns[:, None, [3, 0, 1, 2]])
+
+
 def test_leaps_with_nothing_near_are_counted() -> None:
     bodies = thrown(3, 1)
     tumble(bodies, 1.0, RATE)
-    shown = bodies[0].shown
-    poses = Poses.together(
-        np.arange(len(shown)) / RATE,
-        np.array([place for place, _ in shown])[:, None],
-        np.array([turn[[3, 0, 1, 2]] for _, turn in shown])[:, None],
-    )
+    poses = shown(bodies[0])
     scene = Scene(bodies={"body 0": scene_of(bodies).bodies["body 0"]})
-    whole, nothing = np.zeros(0, np.int64), np.zeros((0, 3))
-    motion = Contacts(
-        names=["body 0"],
-        time=np.zeros(0),
-        body0=whole,
-        body1=whole,
-        position=nothing,
-        impulse=nothing,
-        poses=poses,
-    )
+    motion = Contacts.of_motion(["body 0"], poses)
     log = infer_contacts(scene, motion)
     assert len(log) == 0
     assert "leaps of speed have nothing near: left out" in log.notes[0]
     with pytest.raises(OptionError, match="no poses"):
         infer_contacts(scene, replace(motion, poses=None))
-    uneven = replace(poses, time=np.where(np.arange(len(shown)) < 9, poses.time, poses.time + 0.02))
+    uneven = replace(poses, time=poses.time + 0.02 * (poses.time > 0.15))
     with pytest.raises(OptionError, match="uneven times"):
         infer_contacts(scene, replace(motion, poses=uneven))
 
@@ -214,6 +196,10 @@ def test_files_without_an_animation_are_told(tmp_path: Path) -> None:
 def test_bodies_that_are_held_make_no_contacts() -> None:
     bodies = thrown(3, 1)
     tumble(bodies, 0.5, RATE)
-    held = replace(scene_of(bodies).bodies["body 0"], fixed=True)
-    assert held.fixed
-    assert isinstance(held.model, RigidBody)
+    poses = shown(bodies[0])
+    scene = scene_of(bodies)
+    motion = Contacts.of_motion(["body 0", "floor"], poses)
+    assert len(infer_contacts(scene, motion)) > 0
+    held = replace(scene.bodies["body 0"], fixed=True)
+    scene = replace(scene, bodies={**scene.bodies, "body 0": held})
+    assert len(infer_contacts(scene, motion)) == 0

@@ -180,6 +180,20 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.time)
 
+    @classmethod
+    def of_motion(cls, names: Sequence[str], poses: Poses) -> Contacts:
+        """Return a log without contacts, of bodies that move."""
+        nothing, whole = np.zeros((0, 3)), np.zeros(0, np.int64)
+        return cls(
+            names=names,
+            time=np.zeros(0),
+            body0=whole,
+            body1=whole,
+            position=nothing,
+            impulse=nothing,
+            poses=poses,
+        )
+
     def chosen(self, rows: Index | Mask) -> Contacts:
         """Return some of the rows, with all names and poses."""
         some = {name: getattr(self, name) for name in _COLUMNS}

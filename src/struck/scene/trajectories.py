@@ -34,7 +34,7 @@ from struck.model.arrays import Array, Index, checked
 from struck.model.mesh import Mesh
 from struck.scene.body import Body, Scene
 from struck.scene.contacts import Contacts, Poses
-from struck.scene.events import seen_from, surface_of
+from struck.scene.events import seen_from
 
 _QUIETEST = 0.02  # m/s, the least leap of speed that is a hit
 _SHARE = 0.01  # of the fastest motion: smaller leaps are not told from errors of the frames
@@ -164,16 +164,7 @@ def load_animation(path: str | os.PathLike[str]) -> Contacts:
         position=np.concatenate([each.positions for each in found.values()]),
         rotation=np.concatenate([each.rotations for each in found.values()]),
     )
-    nothing = np.zeros((0, 3))
-    return Contacts(
-        names=tuple(found),
-        time=np.zeros(0),
-        body0=np.zeros(0, np.int64),
-        body1=np.zeros(0, np.int64),
-        position=nothing,
-        impulse=nothing,
-        poses=poses,
-    )
+    return Contacts.of_motion(tuple(found), poses)
 
 
 def _flights(scene: Scene, motion: Contacts) -> Sequence[_Flight]:
@@ -292,42 +283,48 @@ def _paired(scene: Scene, names: Sequence[str], leaps: Sequence[_Leap]) -> tuple
         if id(leap) in used:
             continue
         used.add(id(leap))
-        impulse = leap.flight.mass * leap.change
-        choices = []
-        for other, name in enumerate(names):
-            if other == leap.flight.number:
-                continue
-            partner = _answer(leap, other, impulse, [e for e in leaps if id(e) not in used])
-            if partner is None and _gives_way(scene.bodies[name], impulse):
-                continue
-            its = scene.bodies[name] if partner is None else partner.body
-            found = nearest_places(leap.body, its, leap.time)
-            if found is not None:
-                choices.append(
-                    (found[0] - (partner is not None) * _CLOSE, other, found[1], partner)
-                )
-        if not choices:
+        touch = _touch_of(scene, names, leap, [e for e in leaps if id(e) not in used])
+        if touch is None:
             lost += 1
             continue
-        _, other, place, partner = min(choices, key=lambda choice: choice[0])
-        time = leap.time
-        if partner is not None:
-            used.add(id(partner))
-            own, its = np.linalg.norm(leap.change), np.linalg.norm(partner.change)
-            time = (own * leap.time + its * partner.time) / (own + its)
-            if its > own:
-                impulse = -partner.flight.mass * partner.change
-        touches.append(
-            _Touch(
-                time=max(time, 0.0),
-                dt=0.0,
-                first=other,
-                second=leap.flight.number,
-                position=place,
-                impulse=impulse,
-            )
-        )
+        touches.append(touch[0])
+        used.add(id(touch[1]))
     return touches, lost
+
+
+def _touch_of(
+    scene: Scene, names: Sequence[str], leap: _Leap, others: Sequence[_Leap]
+) -> tuple[_Touch, _Leap | None] | None:
+    """Return the contact that explains a leap best, and the leap that answers it, if any."""
+    impulse = leap.flight.mass * leap.change
+    choices = []
+    for other, name in enumerate(names):
+        partner = _answer(leap, other, impulse, others)
+        moot = partner is None and _gives_way(scene.bodies[name], impulse)
+        if other == leap.flight.number or moot:
+            continue
+        its = scene.bodies[name] if partner is None else partner.body
+        found = nearest_places(leap.body, its, leap.time)
+        if found is not None:
+            choices.append((found[0] - (partner is not None) * _CLOSE, other, found[1], partner))
+    if not choices:
+        return None
+    _, other, place, partner = min(choices, key=lambda choice: choice[0])
+    time = leap.time
+    if partner is not None:
+        own, its = np.linalg.norm(leap.change), np.linalg.norm(partner.change)
+        time = (own * leap.time + its * partner.time) / (own + its)
+        if its > own:  # the lighter body tells it better
+            impulse = -partner.flight.mass * partner.change
+    touch = _Touch(
+        time=max(float(time), 0.0),
+        dt=0.0,
+        first=other,
+        second=leap.flight.number,
+        position=place,
+        impulse=impulse,
+    )
+    return touch, partner
 
 
 def _answer(leap: _Leap, other: int, impulse: Array, leaps: Sequence[_Leap]) -> _Leap | None:
@@ -369,7 +366,7 @@ def nearest_places(body: Body, other: Body, time: float) -> tuple[float, Array] 
         box = _beside(target, seen, reach)
         if not len(box):
             continue
-        apart, _, at = surface_of(two.model, target).closest(seen[box])
+        apart, _, at = target.locator.closest(seen[box])
         pairs.append((apart, placed[box], _placed(two, moment, at)))
     if not pairs:
         return None
@@ -394,9 +391,7 @@ def _between(body: Body, other: Body, moment: Array, place: Array) -> Array:
         for side, one in enumerate((body, other)):
             mesh = one.model.geometry
             if mesh is not None:
-                near = surface_of(one.model, mesh).closest(
-                    _seen(one, moment, ends[1 - side][None])
-                )[2]
+                near = mesh.locator.closest(_seen(one, moment, ends[1 - side][None]))[2]
                 ends[side] = _placed(one, moment, near)[0]
     return (ends[0] + ends[1]) / 2
 
