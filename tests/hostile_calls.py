@@ -28,6 +28,7 @@ from struck import (
     solids,
     synth,
 )
+from tests.scene.tumbling import cube, tumble, write_glb
 from tests.yardstick import seconds_foretold, slowness
 
 RATE = 8000
@@ -152,6 +153,24 @@ def hit() -> scene.Contacts:
         position=[ON],
         impulse=[[0.0, 0.0, 0.1]],
     )
+
+
+def moved() -> scene.Contacts:
+    """Return the motion of the bar, which falls."""
+    times = np.arange(12) / 60
+    places = np.zeros((12, 2, 3))
+    places[:, 1, 2] = 1 - 4.905 * times**2
+    poses = scene.Poses.together(times, places, np.tile([1.0, 0, 0, 0], (12, 2, 1)))
+    return scene.Contacts.of_motion(["floor", "bar"], poses)
+
+
+def _animation_file(folder: Path) -> Path:
+    """Return a GLB file in which a cube falls."""
+    chance = np.random.default_rng(0)
+    bodies = [cube(chance, np.array([0.0, 0.0, 1.0]))]
+    tumble(bodies, 0.2)
+    write_glb(bodies, 60.0, folder / "falls.glb")
+    return folder / "falls.glb"
 
 
 def _log_file(folder: Path) -> Path:
@@ -621,6 +640,12 @@ def _models(folder: Path) -> dict[str, Call]:
         "scene.load_contacts": Call(made=scene.load_contacts, given={"path": _log_file(folder)}),
         "scene.save_contacts": Call(
             made=scene.save_contacts, given={"contacts": hit(), "path": folder / "new.csv"}
+        ),
+        "scene.infer_contacts": Call(
+            made=scene.infer_contacts, given={"scene": hit_scene(), "motion": moved()}
+        ),
+        "scene.load_animation": Call(
+            made=scene.load_animation, given={"path": _animation_file(folder)}
         ),
         "scene.Poses": Call(
             made=scene.Poses,

@@ -21,6 +21,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DEAR = {
     "docs/how-to/closed_forms.md",
     "docs/how-to/fit_recordings.md",
+    "docs/how-to/hear_a_simulation.md",
     "docs/how-to/hear_in_space.md",
     "docs/how-to/long_work.md",
     "docs/how-to/play_live.md",

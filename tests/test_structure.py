@@ -26,7 +26,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # What later rooms bring to the lines and modules of the rest, of the 10,000 lines that are theirs.
 BROUGHT = {
     "touch: textures and envelopes": (500, 2),
-    "scene: bodies that turn, contact logs, impulses of trajectories, events": (2_500, 8),
+    "scene: bodies that turn, contact logs, impulses of trajectories, events": (3_000, 8),
     "explorer: what the page is sent": (250, 2),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
@@ -72,7 +72,6 @@ KEPT_ALONE: dict[str, str] = {
     "explorer/admission.py": "who is let in, for whoever judges how safe the server is",
     "explorer/jobs.py": "runs as processes of its own as well",
     "excitation/path.py": "paths along a surface, which other touches will follow",
-    "files/gltf.py": "a format with a specification of its own",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",

@@ -304,6 +304,32 @@ def test_contacts_off_the_body_are_counted_or_refused() -> None:
         struck.render(scene, one_hit([0, 0, 60.0], [0, 0, 0.01]), listener=EAR)
 
 
+def test_gaps_between_poses_are_told() -> None:
+    contacts = landing(Solver(), seconds=0.6)
+    poses = contacts.poses
+    for kept, count in (
+        (poses.time < 0.3, 4 * 251),
+        ((poses.time < 0.3) | (poses.time > 0.5), 4 * 202),
+    ):
+        rows = {
+            name: getattr(poses, name)[kept] for name in ("time", "body", "position", "rotation")
+        }
+        notes = events_of(SCENE, replace(contacts, poses=Poses(**rows))).notes
+        assert [note[: note.index(" of")] for note in notes] == [f"{count} contacts"] * 2, notes
+    motion = Contacts.of_motion(contacts.names, poses)
+    assert "infer_contacts finds them" in events_of(SCENE, motion).notes[0]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    contacts = landing(Solver(flicker=True), slides=lambda t: 0.05 * np.clip(t - 0.1, 0, 1))
+    first, second, other = (
+        struck.render(events_of(SCENE, contacts).on(seed=seed), listener=EAR, seconds=0.4)
+        for seed in (1, 1, 2)
+    )
+    assert first.samples.tobytes() == second.samples.tobytes()
+    assert first.samples.tobytes() != other.samples.tobytes()
+
+
 def test_contacts_without_their_scene_are_refused() -> None:
     with pytest.raises(OptionError, match="give Scene"):
         struck.render(BLOCK, one_hit([0, 0, 0], [0, 0, 1]))

@@ -269,7 +269,7 @@ class ShapeGains(Gains):
     @cached_property
     def locator(self) -> Surface:
         """The surface as a place to look contacts up on."""
-        return Surface(self.surface)
+        return self.surface.locator
 
     @cached_property
     def radius(self) -> float:

@@ -105,6 +105,11 @@ class Mesh:
             np.add.at(shares, corner, self.areas / 3)
         return curvatures / np.maximum(shares, np.finfo(float).tiny)
 
+    @cached_property
+    def locator(self) -> Surface:
+        """The surface as a place to look contacts up on."""
+        return Surface(self)
+
     @property
     def volume(self) -> float:
         """Enclosed volume, m^3; negative when the normals point inward."""

@@ -180,6 +180,20 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.time)
 
+    @classmethod
+    def of_motion(cls, names: Sequence[str], poses: Poses) -> Contacts:
+        """Return a log without contacts, of bodies that move."""
+        nothing, whole = np.zeros((0, 3)), np.zeros(0, np.int64)
+        return cls(
+            names=names,
+            time=np.zeros(0),
+            body0=whole,
+            body1=whole,
+            position=nothing,
+            impulse=nothing,
+            poses=poses,
+        )
+
     def chosen(self, rows: Index | Mask) -> Contacts:
         """Return some of the rows, with all names and poses."""
         some = {name: getattr(self, name) for name in _COLUMNS}
@@ -224,6 +238,8 @@ def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
     """Return the rows to keep, in order of time, and what was changed."""
     time, notes = columns["time"], []
     order = np.arange(len(time))
+    if not len(time):
+        return order, ()
     back = int(np.count_nonzero(np.diff(time) < 0))
     if back:
         order = np.argsort(time, kind="stable")

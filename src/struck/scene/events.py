@@ -23,7 +23,7 @@ from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.gains import ShapeGains
-from struck.model.mesh import Mesh, Surface, barycentric
+from struck.model.mesh import barycentric
 from struck.model.model import ModalModel
 from struck.scene.body import Action, Body, Scene, centre_of
 from struck.scene.contacts import Contacts
@@ -38,6 +38,7 @@ _SHARPEST, _FLATTEST = 5e-4, 1.0  # m, the least and largest radius of curvature
 _OFF = 0.1  # of a body's extent: contacts farther off its surface are counted
 _KERNEL = 3e-3  # s: six standard deviations of the Gaussian of 2002, which does not say its width
 _NOISE = 1.0  # share of noise in the force, for the roughness of 2002
+_GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
 _TINY = 1e-300
 
 
@@ -225,7 +226,7 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
         weak += missed
         if not all(body.silent for body in bodies):
             lasting += loaded(pair, touches, contacts, bodies)
-    notes = list(contacts.notes)
+    notes = [*contacts.notes, *_unposed(contacts)]
     if weak:
         notes.append(f"{weak} blows change no speed by more than {1e3 * SLOWEST:g} mm/s: left out")
     return Events(
@@ -235,6 +236,29 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
         sustained=tuple(lasting),
         notes=tuple(notes),
     )
+
+
+def _unposed(contacts: Contacts) -> Sequence[str]:
+    """Return notes of contacts at times for which the log has no poses of their bodies."""
+    notes, poses = [], contacts.poses
+    if poses is not None and not len(contacts):
+        notes.append("the log has poses and no contacts: struck.scene.infer_contacts finds them")
+    for number, name in enumerate(contacts.names if poses is not None else ()):
+        times = np.zeros(0) if poses is None else poses.of(number)[0]
+        mine = contacts.time[(contacts.body0 == number) | (contacts.body1 == number)]
+        if len(times) < 2 or not len(mine):
+            continue
+        gap = max(_GAP, 3 * float(np.median(np.diff(times))))
+        after = np.searchsorted(times, mine)
+        late = mine - times[np.maximum(after - 1, 0)]
+        early = times[np.minimum(after, len(times) - 1)] - mine
+        missed = int(np.count_nonzero(np.maximum(late, early) > gap))
+        if missed:
+            notes.append(
+                f"{missed} contacts of {name!r} lie in gaps of over {1e3 * gap:.3g} ms between its "
+                "poses, where it is taken to move evenly, or beyond them, where it stands still"
+            )
+    return notes
 
 
 def _approach(contacts: Contacts) -> Array | None:
@@ -339,7 +363,7 @@ def _curvatures(body: Body, times: Array, places: Array) -> Array:
     if mesh is None:
         return np.zeros(len(places))
     points, _ = seen_from(body, times, places, places)
-    _, faces, nearest = surface_of(body.model, mesh).closest(points)
+    _, faces, nearest = mesh.locator.closest(points)
     corners = mesh.faces[faces]
     weights = barycentric(mesh.points[corners], nearest)
     return np.einsum("kc,kc->k", weights, mesh.mean_curvatures[corners])
@@ -373,13 +397,6 @@ def seen_from(body: Body, times: Array, places: Array, ways: Array) -> tuple[Arr
     turns = body.orientation.at(times)
     points = np.einsum("kd,kde->ke", places - body.origin.at(times), turns)
     return points, np.einsum("kd,kde->ke", ways, turns)
-
-
-def surface_of(model: object, mesh: Mesh) -> Surface:
-    """Return a mesh ready for closest points; that of a model is kept."""
-    if isinstance(model, ModalModel) and isinstance(model.gains, ShapeGains):
-        return model.gains.locator
-    return Surface(mesh)
 
 
 def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Sequence[str]]:
