@@ -59,7 +59,7 @@ _SLOW, _FAST = 0.45, 0.8
 _FAINT = 1e-3  # of the loudest layer's weight: a layer below is left out
 _POINTS_A_WAVE = 6  # of the shortest wave of a level
 _FLAT = 2 / 3  # share of a level's band that passes whole
-_RESOLVED = 2.7  # q a of the shortest wave that a contact feels
+_RESOLVED = 3.3  # q a of the shortest wave that a contact feels
 
 
 @checked

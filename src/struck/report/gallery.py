@@ -14,6 +14,7 @@ from struck.analysis.discretisation import Solid
 from struck.errors import FileFormatError
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
+from struck.excitation.roughness import Profile, Roughness
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.files import model_file
@@ -190,10 +191,27 @@ SOLIDS_INTRODUCTION = (
 )
 
 _FROM, _TO = (-0.1, -0.06, 0.0015), (0.11, 0.05, 0.0015)
+_FROM_ROUGH_TO_SMOOTH = ("sandpaper p80", "rough wood", "wood", "steel", "glass")
+_SANDPAPER = Profile.named("sandpaper")
 
 
-def _scrape(roughness: str) -> Scrape:
-    return Scrape(path=(_FROM, _TO), speed=0.15, load=2.0, roughness=roughness, radius=0.5e-3)
+def _scrape(roughness: str | Roughness | Profile, speed: float = 0.15) -> Scrape:
+    return Scrape(
+        path=(_FROM, _TO),
+        speed=speed,
+        load=2.0,
+        roughness=roughness,
+        radius=0.5e-3,
+        repeat="once" if speed < 0.2 else "back",
+        seconds=3.0,
+    )
+
+
+def _ring(name: str, length: float) -> Profile:
+    """Return a finish read along a circle of some length, m: it repeats after each round."""
+    turns = 2 * np.pi * np.arange(1 << 13) / (1 << 13)
+    circle = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1) * length / (2 * np.pi)
+    return Profile(heights=Roughness.named(name).layers().at(circle), pitch=length / (1 << 13))
 
 
 def _blow(time: float = 0.0) -> Strike:
@@ -284,6 +302,31 @@ SOLIDS = (
             (
                 "struck free, then held",
                 [_blow(), _blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)],
+            ),
+        ),
+        spectrograms=True,
+    ),
+    Piece(
+        name="surfaces",
+        title="Surfaces that never repeat",
+        text="An oak board of 300 x 200 x 8 mm under a steel tip, 2 N. Surfaces used to be "
+        "profiles of 5 to 27 cm that were read over and over: ground steel had a rhythm of 6 Hz. "
+        "They are random textures now, in the coordinates of the body: a place sounds the same whenever it "
+        "is touched, and no stretch of the way is another's. Rougher is louder, and so is faster.",
+        body=lambda: Block(size=(0.3, 0.2, 0.008)),
+        material="oak",
+        damping="heard",
+        sounds=(
+            ("before: ground steel, 51 mm over and over", _scrape(_ring("steel", 0.051), 0.3)),
+            ("now: ground steel", _scrape("steel", 0.3)),
+            ("before: measured sandpaper, 267 mm over and over", _scrape(_SANDPAPER, 0.3)),
+            ("now: sandpaper P120", _scrape("sandpaper", 0.3)),
+            *((f"{name}, 0.15 m/s", _scrape(name)) for name in _FROM_ROUGH_TO_SMOOTH),
+            ("planed wood, 0.6 m/s", _scrape("wood", 0.6)),
+            ("a marble rolls", Roll(path=(_FROM, _TO), radius=0.012, speed=0.15, mass=0.02)),
+            (
+                "a marble with a flat spot rolls",
+                Roll(path=(_FROM, _TO), radius=0.012, speed=0.3, mass=0.02, flat=3e-6),
             ),
         ),
         spectrograms=True,
