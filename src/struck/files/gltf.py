@@ -28,7 +28,7 @@ _HARMLESS = re.compile(
     r"KHR_(materials|texture|lights|mesh_quantization)\w*|EXT_texture_\w+|KHR_xmp\w*"
 )
 _NUMBERS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_COLUMNS = {"SCALAR": 1, "VEC3": 3}
+_COLUMNS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 _POINTS_AND_LINES = {0: "set of points", 1: "set of lines", 2: "line loop", 3: "line strip"}
 _JSON, _BINARY = b"JSON", b"BIN\0"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -40,6 +40,22 @@ def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Co
     _require_known(header)
     document = _Document(header, _buffers(header, binary, source), limits)
     return document.placed(), document.left_out()
+
+
+def read_animation(source: Source, limits: ReadingLimits) -> dict[str, Motion]:
+    """Return how each node that moves does, by its name, as seen from where it rests."""
+    header, binary = _opened(source)
+    _require_known(header)
+    return _Document(header, _buffers(header, binary, source), limits).motions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """What takes the surface of a node from where the file has it at rest to where it is."""
+
+    times: NDArray[np.float64]  # (T,), s
+    positions: NDArray[np.float64]  # (T, 3), m
+    rotations: NDArray[np.float64]  # (T, 4), unit quaternions (w, x, y, z)
 
 
 def _opened(source: Source) -> tuple[dict[str, Any], bytes | None]:
@@ -151,6 +167,49 @@ class _Document:
             open_ends += [(child, poses[number]) for child in nodes[number].get("children", [])]
         return poses
 
+    def motions(self) -> dict[str, Motion]:
+        """Return the motion of each node that has a mesh and moves, by its name."""
+        nodes, rest = self.header.get("nodes", []), self._poses()
+        above = {child: up for up, node in enumerate(nodes) for child in node.get("children", [])}
+        courses = self._courses()
+        found: dict[str, Motion] = {}
+        for number in sorted(rest):
+            line = [number]
+            while line[-1] in above:
+                line.append(above[line[-1]])
+            moved = [courses[each] for each in line if each in courses]
+            if "mesh" not in nodes[number] or not moved:
+                continue
+            times = np.unique(np.concatenate([c[0] for each in moved for c in each.values()]))
+            poses = np.tile(np.eye(4), (len(times), 1, 1))
+            for each in reversed(line):
+                poses = poses @ _animated(nodes[each], courses.get(each, {}), times)
+            name = str(nodes[number].get("name", number))
+            name = f"{name} (node {number})" if name in found else name
+            found[name] = _rigid(name, times, poses @ np.linalg.inv(rest[number]))
+        return found
+
+    def _courses(self) -> dict[int, dict[str, _Course]]:
+        """Return times, values and way of interpolation by node and property."""
+        courses: dict[int, dict[str, _Course]] = {}
+        for animation in self.header.get("animations", []):
+            for channel in animation["channels"]:
+                target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
+                node, path = target.get("node"), target["path"]
+                if node is None or path not in _PROPERTIES:
+                    continue
+                times = self._numbers(sampler["input"], columns=1)[:, 0]
+                values = self._numbers(sampler["output"], columns=_PROPERTIES[path])
+                way = sampler.get("interpolation", "LINEAR")
+                if way == "CUBICSPLINE":  # value between two tangents
+                    values = values[1::3]
+                if len(values) != len(times) or not len(times) or (np.diff(times) <= 0).any():
+                    raise ValueError(
+                        f"an animation of node {node} has {len(times)} times in disorder"
+                    )
+                courses.setdefault(node, {})[path] = times, values, way
+        return courses
+
     def _surface(self, mesh: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return vertices and triangles of all primitives of a mesh."""
         points, faces, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
@@ -199,6 +258,50 @@ class _Document:
         size = np.dtype(kind).itemsize
         stride = size * columns if packed else view.get("byteStride", size * columns)
         return np.ndarray((count, columns), kind, data, place.get("byteOffset", 0), (stride, size))
+
+
+_Course = tuple[NDArray[np.float64], NDArray[np.float64], str]
+_PROPERTIES = {"translation": 3, "rotation": 4, "scale": 3}
+_USUAL = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
+_STRETCHED = 1e-3  # how far from a rotation what is left of a pose may be
+
+
+def _animated(
+    node: dict[str, Any], courses: dict[str, _Course], times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the transforms of a node to its parent at times (T, 4, 4)."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    if not courses:
+        return np.tile(_local(node), (len(times), 1, 1))
+    parts = {}
+    for path, usual in _USUAL.items():
+        moments, values, way = courses.get(
+            path, (np.zeros(1), np.array([node.get(path, usual)], np.float64), "STEP")
+        )
+        inside = np.clip(times, moments[0], moments[-1])
+        if way == "STEP" or len(moments) == 1:
+            parts[path] = values[np.searchsorted(moments, inside, side="right") - 1]
+        elif path == "rotation":
+            parts[path] = Slerp(moments, Rotation.from_quat(values))(inside).as_quat()
+        else:
+            parts[path] = np.stack([np.interp(inside, moments, v) for v in values.T], axis=1)
+    poses = np.tile(np.eye(4), (len(times), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(parts["rotation"]).as_matrix() * parts["scale"][:, None]
+    poses[:, :3, 3] = parts["translation"]
+    return poses
+
+
+def _rigid(name: str, times: NDArray[np.float64], poses: NDArray[np.float64]) -> Motion:
+    """Return poses (T, 4, 4) as a motion; ValueError where the node changes its size."""
+    from scipy.spatial.transform import Rotation
+
+    turns = poses[:, :3, :3]
+    apart = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
+    if not apart < _STRETCHED:
+        raise ValueError(f"{name} changes its size or is sheared while it moves: bodies are rigid")
+    rotations = Rotation.from_matrix(turns).as_quat()[:, [3, 0, 1, 2]]
+    return Motion(times=times, positions=poses[:, :3, 3], rotations=rotations)
 
 
 def _local(node: dict[str, Any]) -> NDArray[np.float64]:

@@ -7,3 +7,5 @@ from .events import Events as Events
 from .events import events_of as events_of
 from .log_files import load_contacts as load_contacts
 from .log_files import save_contacts as save_contacts
+from .trajectories import infer_contacts as infer_contacts
+from .trajectories import load_animation as load_animation

@@ -224,6 +224,8 @@ def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
     """Return the rows to keep, in order of time, and what was changed."""
     time, notes = columns["time"], []
     order = np.arange(len(time))
+    if not len(time):
+        return order, ()
     back = int(np.count_nonzero(np.diff(time) < 0))
     if back:
         order = np.argsort(time, kind="stable")

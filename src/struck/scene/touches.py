@@ -78,19 +78,34 @@ def touches_of(time: Array, dt: Array, strength: Array, approach: Array | None =
     Parameters
     ----------
     time, dt : array (n,)
-        When the step of each row begins, ascending, and how long it lasts, s.
+        When the step of each row begins, ascending, and how long it lasts, s; a row that lasts 0 s
+        is a blow by itself.
     strength : array (n,)
         Size of its impulse, N s.
     approach : array (n,) or None
         How fast the bodies come together there when the step begins, m/s.
     """
-    step = float(np.median(dt[dt > 0])) if (dt > 0).any() else 0.0
-    if not step:
-        _, blow = np.unique(time, return_inverse=True)
-        nothing = np.full(len(time), -1), np.zeros(len(time))
-        return Touches(
-            step=0.0, blow=blow, share=np.ones(len(time)), rest=nothing[0], load=nothing[1]
-        )
+    count = len(time)
+    blow, share = np.full(count, -1), np.ones(count)
+    rest, load = np.full(count, -1), np.zeros(count)
+    alone, lasting = np.flatnonzero(dt == 0), np.flatnonzero(dt > 0)
+    step = float(np.median(dt[lasting])) if len(lasting) else 0.0
+    first = 0
+    if len(lasting):
+        coming = None if approach is None else approach[lasting]
+        parts = _stepped(time[lasting], step, strength[lasting], coming)
+        for column, part in zip((blow, share, rest, load), parts, strict=True):
+            column[lasting] = part
+        first = int(blow.max()) + 1
+    if len(alone):
+        blow[alone] = first + np.unique(time[alone], return_inverse=True)[1]
+    return Touches(step=step, blow=blow, share=share, rest=rest, load=load)
+
+
+def _stepped(
+    time: Array, step: float, strength: Array, approach: Array | None
+) -> tuple[Index, Array, Index, Array]:
+    """Return blow, share, rest and load of rows that last a step."""
     numbers = np.round((time - time[0]) / step).astype(np.int64)
     places, touch, starts, lengths = _laid_out(numbers, _apart(step))
     impulses = np.zeros(int(starts[-1] + lengths[-1]))
@@ -113,13 +128,7 @@ def touches_of(time: Array, dt: Array, strength: Array, approach: Array | None =
     blow = _blows(within | standing, standing, _apart(step), starts)
     share = np.where(blow >= 0, above, 0.0) / np.maximum(impulses, 1e-300)
     rests = np.where(lengths >= brief, np.cumsum(lengths >= brief) - 1, -1)
-    return Touches(
-        step=step,
-        blow=blow[places],
-        share=share[places],
-        rest=rests[touch],
-        load=base[places] / step,
-    )
+    return blow[places], share[places], rests[touch], base[places] / step
 
 
 def _apart(step: float) -> int:
