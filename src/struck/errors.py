@@ -8,6 +8,7 @@ StruckError
 ├── SolverError               modes that could not be computed or certified
 ├── RecordingError            a recording from which no model can be had as it stands
 ├── FileFormatError           a file that is not what it says, or cannot be read
+├── SimulationError           a rigid-body simulation that fails or explodes
 ├── DeviceError               an audio device that is missing or refuses
 └── MissingDependencyError    an optional package that is not installed
 
@@ -49,6 +50,10 @@ class RecordingError(StruckError, ValueError):
 
 class FileFormatError(StruckError, ValueError):
     """A file that is not what it says, or cannot be read or written."""
+
+
+class SimulationError(StruckError, RuntimeError):
+    """A rigid-body simulation that fails or explodes."""
 
 
 class DeviceError(StruckError, OSError):

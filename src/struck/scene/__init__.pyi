@@ -3,6 +3,8 @@ from .body import RigidBody as RigidBody
 from .body import Scene as Scene
 from .contacts import Contacts as Contacts
 from .contacts import Poses as Poses
+from .engines.mujoco import MujocoRecorder as MujocoRecorder
+from .engines.simulation import Simulation as Simulation
 from .events import Events as Events
 from .events import events_of as events_of
 from .log_files import load_contacts as load_contacts

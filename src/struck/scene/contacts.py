@@ -230,7 +230,9 @@ def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
     if back:
         order = np.argsort(time, kind="stable")
         notes.append(f"rows of the log were not in order of time, {back} steps back: put in order")
-    table = np.column_stack([columns[name][order].reshape(len(time), -1) for name in columns])
+    table = np.column_stack(
+        [columns[n][order].reshape(len(time), int(np.prod(columns[n].shape[1:]))) for n in columns]
+    )
     same = np.zeros(len(time), np.bool_)
     same[1:] = (table[1:] == table[:-1]).all(axis=1) & columns["impulse"][order][1:].any(axis=1)
     if same.any():

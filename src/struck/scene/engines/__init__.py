@@ -1,0 +1,5 @@
+"""Engines: rigid-body simulations of scene files, whose contacts are logged."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

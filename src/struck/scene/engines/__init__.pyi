@@ -1,0 +1,2 @@
+from .mujoco import MujocoRecorder as MujocoRecorder
+from .simulation import Simulation as Simulation

@@ -1,0 +1,163 @@
+"""Explosion: signs that a simulation is none of nature's, and what is said of them."""
+
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from struck.errors import SimulationError
+from struck.model.arrays import Array
+from struck.scene.contacts import Contacts
+from struck.scene.engines.links import Link, mass_properties, owners, touches, triangles
+from struck.scene.engines.restitution import rebound
+
+if TYPE_CHECKING:
+    import mujoco
+
+_DEEP = 0.1  # of the thinner body's least width: starts that overlap by more are refused
+_SHALLOW = 1e-4  # m, and those by less are not worth a word
+_DEAD = 0.05  # restitution, below which blows are dead
+_MOST_KINDS = 8  # of contacts that are tried
+# By a blow bodies part at most as fast as they met, so that none is sped up by more than twice
+# that. In one step; and in a window of time, in which there may be several blows.
+_GAIN, _GAIN_IN_WINDOW, _WINDOW = 2.2, 5.0, 0.02  # 1, 1, s
+_PUSHED_OUT = 0.5  # m/s that bodies may be pushed apart with that begin in each other
+
+
+def require_no_blast(contacts: Contacts, links: Sequence[Link], masses: Array) -> None:
+    """Refuse a log in which a free body gains far more speed than contacts can give.
+
+    Parameters
+    ----------
+    contacts : Contacts
+    links : sequence of Link
+    masses : array (links,)
+        Of free bodies, kg; infinite for all others.
+
+    Raises
+    ------
+    SimulationError
+        With the first moment of it, the body and the speeds.
+    """
+    if not len(contacts) or contacts.velocity is None:
+        return
+    time, velocity = np.asarray(contacts.time), np.asarray(contacts.velocity)
+    closing = np.maximum(-np.einsum("ij,ij->i", velocity, np.asarray(contacts.normal)), 0.0)
+    impulses = np.asarray(contacts.impulse)
+    for number in np.flatnonzero(np.isfinite(masses)).tolist():
+        first = np.asarray(contacts.body1) == number
+        rows = np.flatnonzero(first | (np.asarray(contacts.body0) == number))
+        if not len(rows):
+            continue
+        signed = np.where(first[rows, None], 1.0, -1.0) * impulses[rows] / masses[number]
+        steps, starts = np.unique(time[rows], return_index=True)
+        gains = np.add.reduceat(signed, starts, axis=0)
+        closings = np.maximum.reduceat(closing[rows], starts)
+        _require_gains(links[number].name, steps, gains, closings)
+
+
+def _require_gains(name: str, times: Array, gains: Array, closings: Array) -> None:
+    """Compare speeds gained at times (T, 3), m/s, with those of closing, m/s (T,)."""
+    before = np.searchsorted(times, times - _WINDOW, side="left")
+    after = np.searchsorted(times, times + _WINDOW, side="right")
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(gains, axis=0)])
+    in_window = np.linalg.norm(total[1:] - total[before], axis=1)
+    # A spring lets go when bodies part already: the fastest closing of the time around counts.
+    fastest = np.array([closings[a:b].max() for a, b in zip(before, after, strict=True)])
+    at_once = np.linalg.norm(gains, axis=1)
+    wrong = np.flatnonzero(
+        (at_once > _GAIN * fastest + _PUSHED_OUT)
+        | (in_window > _GAIN_IN_WINDOW * fastest + _PUSHED_OUT)
+    )
+    if len(wrong):
+        at = wrong[0]
+        raise SimulationError(
+            f"the simulation exploded at {times[at]:.4g} s: {name!r} gained "
+            f"{max(at_once[at], in_window[at]):.3g} m/s from contacts that closed at "
+            f"{fastest[at]:.3g} m/s: take smaller steps (step=), start bodies apart, or set "
+            "restitution="
+        )
+
+
+def free_masses(model: mujoco.MjModel, links: Sequence[Link]) -> Array:
+    """Return masses of links that nothing but contacts and gravity moves, kg; else infinite."""
+    import mujoco
+
+    masses = np.full(len(links), np.inf)
+    for number, link in enumerate(links):
+        if link.fixed or not link.frame_is_body:
+            continue
+        joints = model.body_jntnum[link.frame]
+        kind = model.jnt_type[model.body_jntadr[link.frame]] if joints == 1 else -1
+        alone = not np.any(
+            (model.body_parentid[1:] == link.frame) & (model.body_weldid[1:] != link.frame)
+        )
+        mass = mass_properties(model, link)
+        if kind == mujoco.mjtJoint.mjJNT_FREE and alone and mass and not model.ntendon:
+            masses[number] = mass.mass
+    return masses
+
+
+def overlaps(model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[Link]) -> list[str]:
+    """Return notes of bodies that begin in each other, or refuse those that do deeply."""
+    owner = owners(model, links)
+    deepest: dict[tuple[int, int], float] = {}
+    for contact in data.contact[: data.ncon]:
+        one, other = sorted(owner[np.maximum(contact.geom, 0)])
+        if one != other:
+            deepest[one, other] = max(deepest.get((one, other), 0.0), -contact.dist)
+    notes = []
+    for (one, other), depth in deepest.items():
+        if depth < _SHALLOW:
+            continue
+        names = f"{links[one].name!r} and {links[other].name!r}"
+        least = min(_width(model, links[one]), _width(model, links[other]))
+        if depth > _DEEP * least:
+            raise SimulationError(
+                f"{names} start {depth:.3g} m deep in each other, more than {_DEEP * least:.3g} m: "
+                "move them apart"
+            )
+        notes.append(f"{names} start {depth:.2g} m deep in each other, and are pushed apart")
+    return notes
+
+
+def _width(model: mujoco.MjModel, link: Link) -> float:
+    """Return the least edge of the box around what touches of a link, m."""
+    widths = [
+        float(np.ptp(triangles(model, int(geom))[0], axis=0).min())
+        for geom in link.geoms
+        if touches(model, int(geom)) and model.geom_type[geom] > 1
+    ]
+    return min(widths, default=np.inf)
+
+
+def dead(model: mujoco.MjModel) -> list[str]:
+    """Return a note where nothing rebounds by the solver settings of the file."""
+    kinds: dict[tuple[float, ...], str] = {}
+    for geom in range(model.ngeom):
+        if touches(model, geom):
+            kind = (*model.geom_solref[geom], *model.geom_solimp[geom])
+            kinds.setdefault(tuple(map(float, kind)), model.geom(geom).name)
+    found = [
+        (name, rebound((kind[0], kind[1]), kind[2:], model.opt))
+        for kind, name in list(kinds.items())[:_MOST_KINDS]
+    ]
+    notes = []
+    dull = [name for name, restitution in found if restitution < _DEAD]
+    if dull:
+        notes.append(
+            f"by the file's solref a ball does not rebound from {dull[0]!r} (restitution below "
+            f'{_DEAD}): blows are dead; restitution="materials" lets bodies bounce'
+        )
+    lively = [(name, value) for name, value in found if value > 1]
+    if lively:
+        notes.append(
+            f"by the file's solref a ball rebounds from {lively[0][0]!r} with {lively[0][1]:.2f} "
+            "times its speed, and gains energy: take smaller steps, or set restitution="
+        )
+    return notes

@@ -1,0 +1,278 @@
+"""Links of a MuJoCo model: which geoms move as one rigid body, and which shape of them sounds.
+
+MuJoCo's bodies that are welded together are one link. What is fixed to the world is one for each of
+its bodies, and one for each geom that stands in the world by itself: a floor and a shelf do not
+ring together.
+"""
+
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from struck.model.arrays import Array, Index
+from struck.model.mesh import Mesh
+from struck.solids import Block, Tube
+
+if TYPE_CHECKING:
+    import mujoco
+
+Shape = Block | Tube | Mesh
+PART = "|part "  # between a geom's name and the number of its convex part
+_PLANE, _FIELD, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = range(8)
+_SILENT = {_PLANE: "a plane has no end", _FIELD: "a height field has no end"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """Where one system of coordinates is in another."""
+
+    offset: Array  # (3,): its origin, m
+    turn: Rotation
+
+    def within(self, outer: Placement) -> Placement:
+        """Return where this is in what `outer` is placed in."""
+        moved = outer.offset + outer.turn.apply(self.offset)
+        return Placement(offset=moved, turn=outer.turn * self.turn)
+
+    def carried(self, places: Array, quaternions: Array) -> tuple[Array, Array]:
+        """Return where this is in the world when its frame is there (T, 3), (T, 4)."""
+        frames = Rotation.from_quat(quaternions, scalar_first=True)
+        turns = (frames * self.turn).as_quat(scalar_first=True)
+        return places + frames.apply(self.offset), turns
+
+    def inverse(self) -> Placement:
+        """Return where the other system is in this one."""
+        back = self.turn.inv()
+        return Placement(offset=-back.apply(self.offset), turn=back)
+
+    def apply(self, points: Array) -> Array:
+        """Return points (K, 3) of this system in the other's coordinates."""
+        return self.turn.apply(points) + self.offset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Link:
+    """What moves as one: its geoms, and the shape that sounds of them in coordinates of its own."""
+
+    name: str
+    frame: int  # number of MuJoCo's body that carries it, or of a geom of the world
+    frame_is_body: bool
+    fixed: bool  # to the world
+    geoms: Index
+    shape: Shape | None  # None: silent
+    placement: Placement  # of the shape's coordinates in the frame
+    material: str  # the file's name for what it is made of
+    why_silent: str = ""
+
+
+def links_of(model: mujoco.MjModel) -> list[Link]:
+    """Return all links of a model that have a geom, each with a name of its own."""
+    groups: dict[tuple[bool, int], list[int]] = {}
+    for geom in range(model.ngeom):
+        groups.setdefault(_group(model, geom), []).append(geom)
+    taken: Counter[str] = Counter()
+    links = []
+    for (is_body, frame), geoms in groups.items():
+        name = _name(model, frame, is_body=is_body)
+        taken[name] += 1
+        unique = name if taken[name] == 1 else f"{name} {taken[name]}"
+        links.append(_link(model, unique, frame, np.array(geoms), is_body=is_body))
+    return links
+
+
+def owners(model: mujoco.MjModel, links: Sequence[Link]) -> Index:
+    """Return the number of the link of each geom (geoms,)."""
+    numbers = np.zeros(model.ngeom, np.int64)
+    for number, link in enumerate(links):
+        numbers[link.geoms] = number
+    return numbers
+
+
+def _group(model: mujoco.MjModel, geom: int) -> tuple[bool, int]:
+    """Return the frame of a geom's link: whether that is a body, and its number."""
+    body = int(model.geom_bodyid[geom])
+    if body == 0:
+        whole, part, _ = model.geom(geom).name.partition(PART)
+        return False, model.geom(whole).id if part else geom
+    root = int(model.body_weldid[body])
+    return True, root or body
+
+
+def _name(model: mujoco.MjModel, number: int, *, is_body: bool) -> str:
+    name = model.body(number).name if is_body else model.geom(number).name
+    return name or f"{'body' if is_body else 'geom'} {number}"
+
+
+def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body: bool) -> Link:
+    sounding = _sounding(model, geoms)
+    placements = [_in_frame(model, geom, frame if is_body else None) for geom in sounding]
+    material = next((m for m in (_material(model, g) for g in (*sounding, *geoms)) if m), "")
+    shape, placement, why = _shape(model, sounding, placements)
+    return Link(
+        name=name,
+        frame=frame,
+        frame_is_body=is_body,
+        fixed=not is_body or (model.body_weldid[frame] == 0 and model.body_mocapid[frame] < 0),
+        geoms=geoms,
+        shape=shape,
+        placement=placement,
+        material=material,
+        why_silent=why,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MassProperties:
+    """Mass, kg, centre of mass (3,), m, and moments of inertia about it (3, 3), kg m^2."""
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+    def seen_from(self, placement: Placement) -> MassProperties:
+        """Return them in coordinates in which the present ones are placed so."""
+        turn = placement.turn.as_matrix()
+        centre = placement.apply(self.centre[None])[0]
+        return MassProperties(mass=self.mass, centre=centre, inertia=turn @ self.inertia @ turn.T)
+
+
+def mass_properties(model: mujoco.MjModel, link: Link) -> MassProperties | None:
+    """Return mass and inertia of a link in its shape's coordinates; None where it has none."""
+    if not link.frame_is_body:
+        return None
+    bodies = np.unique(model.geom_bodyid[link.geoms])
+    parts = [_own_mass(model, int(body), link.frame) for body in bodies if model.body_mass[body]]
+    mass = sum(part.mass for part in parts)
+    if not mass:
+        return None
+    centre = np.sum([part.mass * part.centre for part in parts], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        arm = part.centre - centre
+        inertia += part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    whole = MassProperties(mass=mass, centre=centre, inertia=inertia)
+    return whole.seen_from(link.placement.inverse())
+
+
+def _own_mass(model: mujoco.MjModel, body: int, frame: int) -> MassProperties:
+    principal = _placement(model.body_ipos[body], model.body_iquat[body])
+    own = MassProperties(
+        mass=float(model.body_mass[body]),
+        centre=np.zeros(3),
+        inertia=np.diag(model.body_inertia[body]),
+    )
+    return own.seen_from(principal.within(_welded(model, body, frame)))
+
+
+def touches(model: mujoco.MjModel, geom: int) -> bool:
+    """Return whether a geom takes part in contacts, by its masks or a pair of its own."""
+    masks = model.geom_contype[geom] or model.geom_conaffinity[geom]
+    return bool(masks or (geom in model.pair_geom1) or (geom in model.pair_geom2))
+
+
+def _sounding(model: mujoco.MjModel, geoms: Index) -> list[int]:
+    """Return the meshes that are only seen, or else whatever touches."""
+    seen = [g for g in geoms if model.geom_type[g] == _MESH and not touches(model, int(g))]
+    return [int(g) for g in (seen or [g for g in geoms if touches(model, int(g))] or geoms)]
+
+
+def _material(model: mujoco.MjModel, geom: int) -> str:
+    number = int(model.geom_matid[geom])
+    return model.mat(number).name if number >= 0 else ""
+
+
+def _in_frame(model: mujoco.MjModel, geom: int, frame: int | None) -> Placement:
+    """Return a geom's place in the coordinates of a body that it is welded to, or of the world."""
+    if frame is None:
+        return Placement(offset=np.zeros(3), turn=Rotation.identity())
+    place = _placement(model.geom_pos[geom], model.geom_quat[geom])
+    return place.within(_welded(model, int(model.geom_bodyid[geom]), frame))
+
+
+def _welded(model: mujoco.MjModel, body: int, frame: int) -> Placement:
+    """Return a body's place in the coordinates of another that it is welded to."""
+    place = Placement(offset=np.zeros(3), turn=Rotation.identity())
+    while body != frame:
+        place = place.within(_placement(model.body_pos[body], model.body_quat[body]))
+        body = int(model.body_parentid[body])
+    return place
+
+
+def _placement(offset: Array, quaternion: Array) -> Placement:
+    turn = Rotation.from_quat(np.asarray(quaternion), scalar_first=True)
+    return Placement(offset=np.array(offset), turn=turn)
+
+
+def _shape(
+    model: mujoco.MjModel, geoms: Sequence[int], placements: Sequence[Placement]
+) -> tuple[Shape | None, Placement, str]:
+    """Return what sounds, where its coordinates are in the frame, or why there is nothing."""
+    nowhere = Placement(offset=np.zeros(3), turn=Rotation.identity())
+    kinds = {int(model.geom_type[geom]) for geom in geoms}
+    for kind, why in _SILENT.items():
+        if kind in kinds:
+            return None, placements[0] if len(geoms) == 1 else nowhere, why
+    if len(geoms) > 1:
+        parts = [
+            (place.apply(points), faces)
+            for place, (points, faces) in zip(
+                placements, (triangles(model, geom) for geom in geoms), strict=True
+            )
+        ]
+        return _joined(parts), nowhere, ""
+    (geom,), (place,) = geoms, placements
+    size = [float(each) for each in model.geom_size[geom]]
+    kind = kinds.pop()
+    if kind == _BOX:
+        return Block(size=(2 * size[0], 2 * size[1], 2 * size[2])), place, ""
+    if kind == _CYLINDER:
+        return Tube(length=2 * size[1], radius=size[0], wall=size[0]), place, ""
+    points, faces = triangles(model, geom)
+    if kind != _MESH:
+        return _joined([(points, faces)]), place, ""
+    own = file_coordinates(model, geom)
+    return _joined([(own.apply(points), faces)]), own.inverse().within(place), ""
+
+
+def _joined(parts: Sequence[tuple[Array, Index]]) -> Mesh:
+    starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    faces = [part + start for (_, part), start in zip(parts, starts, strict=True)]
+    return Mesh(points=np.concatenate([points for points, _ in parts]), faces=np.concatenate(faces))
+
+
+def file_coordinates(model: mujoco.MjModel, geom: int) -> Placement:
+    """Return where a compiled mesh is in its file's coordinates: MuJoCo moves and turns it."""
+    mesh = model.geom_dataid[geom]
+    return _placement(model.mesh_pos[mesh], model.mesh_quat[mesh])
+
+
+def triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, Index]:
+    """Return vertices (V, 3), m, and faces (F, 3) of a geom's surface in its own coordinates."""
+    import trimesh
+
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    if kind == _MESH or model.geom_dataid[geom] >= 0:
+        mesh = model.mesh(model.geom_dataid[geom])
+        at, many = mesh.vertadr[0], mesh.vertnum[0]
+        first, count = mesh.faceadr[0], mesh.facenum[0]
+        points = np.asarray(model.mesh_vert[at : at + many], np.float64)
+        return points, np.asarray(model.mesh_face[first : first + count], np.int64)
+    if kind == _BOX:
+        solid = trimesh.creation.box(2 * size)
+    elif kind == _CYLINDER:
+        solid = trimesh.creation.cylinder(size[0], 2 * size[1], sections=48)
+    elif kind == _CAPSULE:
+        solid = trimesh.creation.capsule(2 * size[1], size[0], count=(24, 24))
+    else:  # a ball, or one with three radii
+        solid = trimesh.creation.icosphere(subdivisions=4)
+        solid.apply_scale(size if kind == _ELLIPSOID else np.full(3, size[0]))
+    return np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)

@@ -1,0 +1,245 @@
+"""Scene files, MJCF and URDF, as people have them, read into MuJoCo's specification of a model.
+
+MuJoCo's own reader opens whatever path a file names, discards what is only seen, and looks for
+ROS packages nowhere. So the text is first made to stand by itself: files that it includes are put
+in their place, and each mesh is handed over as bytes, if it lies in the folder that was given.
+"""
+
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote
+from xml.etree import ElementTree as ET
+
+from struck.errors import FileFormatError, MeshError, MissingDependencyError, SimulationError
+from struck.files.atomic import is_file, read_bytes, real
+from struck.files.meshes import load_surface
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from struck.model.mesh import Mesh
+
+_LARGEST_TEXT = 2**25  # bytes of one file of text
+_DEEPEST = 20  # files that include each other in a row
+_READ_BY_MUJOCO = {".obj", ".stl", ".msh"}
+_IMAGES = ("texture", "skin")  # neither moves nor sounds
+_PACKAGE = re.compile(r"package://([^/]*)/(.*)", re.DOTALL)
+_NAMES = re.compile(r"[^\w.-]+")
+
+
+@dataclass(kw_only=True)
+class SceneFile:
+    """A scene file that needs no other file any more."""
+
+    root: ET.Element
+    folder: Path  # nothing outside it is read
+    assets: dict[str, bytes] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)  # what was left out
+
+    @classmethod
+    def of(cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None) -> SceneFile:
+        """Read a file and what it names; FileFormatError where that lies outside the folder."""
+        place = Path(path)
+        home = real(place.parent if folder is None else folder)
+        if not real(place).is_relative_to(home):
+            raise FileFormatError(f"{path} lies outside of {folder}: give a folder that holds it")
+        scene = cls(root=_parsed(place), folder=home)
+        if scene.root.tag == "robot":
+            scene._take_urdf(real(place).parent)
+        elif scene.root.tag == "mujoco":
+            scene._include(scene.root, real(place).parent, ())
+            scene._take_mjcf(real(place).parent)
+        else:
+            raise FileFormatError(
+                f"{path} begins with <{scene.root.tag}>: give a model of MuJoCo (<mujoco>) or a "
+                "URDF (<robot>)"
+            )
+        return scene
+
+    @property
+    def is_robot(self) -> bool:
+        """Whether it is a URDF."""
+        return self.root.tag == "robot"
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return MuJoCo's specification; SimulationError with MuJoCo's own words where it fails."""
+        mujoco = mujoco_itself()
+        text = ET.tostring(self.root, encoding="unicode")
+        try:
+            spec = mujoco.MjSpec.from_string(text, assets=self.assets)
+        except ValueError as error:
+            raise SimulationError(f"MuJoCo cannot read the scene: {error}") from None
+        if self.is_robot:
+            self._let_go(spec)
+        return spec
+
+    # MJCF.
+
+    def _include(self, parent: ET.Element, home: Path, chain: tuple[Path, ...]) -> None:
+        """Put what <include> names in its place."""
+        for number, child in reversed(list(enumerate(parent))):
+            if child.tag != "include":
+                self._include(child, home, chain)
+                continue
+            path = self._inside(home / child.get("file", ""), child.get("file", ""))
+            if path in chain or len(chain) == _DEEPEST:
+                raise FileFormatError(f"{path} includes itself: take one of the two out")
+            included = _parsed(path)
+            self._include(included, home, (*chain, path))
+            parent[number : number + 1] = list(included)
+
+    def _take_mjcf(self, home: Path) -> None:
+        """Take meshes and height fields over as bytes, and leave pictures out."""
+        compilers = list(self.root.iter("compiler"))
+        assets = home / _last(compilers, "assetdir", "")
+        meshes = home / _last(compilers, "meshdir", assets)
+        strips = _last(compilers, "strippath", "false") == "true"
+        for compiler in compilers:
+            for name in ("assetdir", "meshdir", "texturedir", "strippath"):
+                compiler.attrib.pop(name, None)
+        self._drop_images()
+        for element in self.root.iter():
+            file = element.get("file")
+            if file is None:
+                continue
+            if element.tag not in {"mesh", "hfield", "flexcomp"}:
+                raise FileFormatError(
+                    f"<{element.tag} file={file!r}> is not taken: <include> its content instead"
+                )
+            if "name" not in element.attrib and element.tag != "flexcomp":
+                element.set("name", Path(file).stem)
+            name = Path(file).name if strips else file
+            element.set("file", self._asset(self._inside(meshes / name, file)))
+
+    def _drop_images(self) -> None:
+        for parent in list(self.root.iter()):
+            for child in [each for each in parent if each.tag in (*_IMAGES, "layer")]:
+                parent.remove(child)
+            if parent.tag == "material":
+                parent.attrib.pop("texture", None)
+
+    # URDF.
+
+    def _take_urdf(self, home: Path) -> None:
+        """Take meshes over as bytes, and keep what is seen: it is the shape that sounds."""
+        options = self.root.find("mujoco/compiler")
+        meshes = "" if options is None else options.attrib.pop("meshdir", "")
+        if options is None:
+            own = self.root.find("mujoco")
+            own = ET.SubElement(self.root, "mujoco") if own is None else own
+            options = ET.SubElement(own, "compiler")
+        options.attrib.update(strippath="false", discardvisual="false", fusestatic="false")
+        for link in self.root.iter("link"):
+            for part in list(link):
+                mesh = part.find("geometry/mesh")
+                if mesh is not None:
+                    self._take_urdf_mesh(link, part, mesh, home / meshes)
+        for parent in self.root.iter("material"):
+            for child in parent.findall("texture"):
+                parent.remove(child)
+
+    def _take_urdf_mesh(
+        self,
+        link: ET.Element,
+        part: ET.Element,
+        mesh: ET.Element,
+        home: Path,
+    ) -> None:
+        file = mesh.get("filename", "")
+        try:
+            mesh.set("filename", self._asset(self._found(file, home)))
+        except (MeshError, MissingDependencyError) as error:
+            if part.tag != "visual":
+                raise
+            link.remove(part)
+            name = link.get("name", "")
+            self.notes.append(f"what is seen of {name!r} was left out ({error})")
+
+    def _found(self, file: str, home: Path) -> Path:
+        """Return the file that a URDF names: in a package, by a URL, or beside it."""
+        package = _PACKAGE.fullmatch(file)
+        if package is None:
+            local = unquote(file.removeprefix("file://"))
+            return self._inside(home / local, file)
+        name, rest = package.groups()
+        places = [self.folder / name / rest, self.folder / rest]
+        places += [up / rest for up in (home, *home.parents) if up.is_relative_to(self.folder)]
+        return self._inside(next(filter(is_file, places), places[0]), file)
+
+    def _let_go(self, spec: mujoco.MjSpec) -> None:
+        """Let a robot's first link move, unless it is called the world, as others read URDF."""
+        first = spec.worldbody.first_body()
+        if first is not None and first.name != "world" and not list(first.joints):
+            first.add_freejoint()
+
+    # Files.
+
+    def _inside(self, path: Path, named: str) -> Path:
+        """Return where a file really is, or refuse it."""
+        place = real(path)
+        if not place.is_relative_to(self.folder):
+            raise FileFormatError(
+                f"{named!r} lies outside of {self.folder}, and nothing else is read: give the "
+                "folder that holds both with folder="
+            )
+        if not is_file(place):
+            raise FileFormatError(
+                f"{named!r} is not in {self.folder}: put it there, or name the folder that holds "
+                "all files of the scene with folder="
+            )
+        return place
+
+    def _asset(self, path: Path) -> str:
+        """Keep a file's content, and return the name under which MuJoCo finds it."""
+        kind = path.suffix.lower()
+        kept = kind if kind in _READ_BY_MUJOCO | {".png", ".bin", ".gmsh"} else ".stl"
+        base = _NAMES.sub("_", path.relative_to(self.folder).with_suffix("").as_posix())
+        name = f"{base}_{kind[1:]}{kept}"
+        if name not in self.assets:
+            as_it_is = kept == kind
+            self.assets[name] = read_bytes(path) if as_it_is else _stl(load_surface(path))
+        return name
+
+
+def mujoco_itself():  # noqa: ANN201 - a module
+    """Return MuJoCo, or say how it is installed."""
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingDependencyError(
+            'simulations run in MuJoCo: pip install "struck[sim]"'
+        ) from None
+    return mujoco
+
+
+def _parsed(path: Path) -> ET.Element:
+    data = read_bytes(path, most=_LARGEST_TEXT)
+    if any(each in data for each in (b"<!ENTITY", b"<!DOCTYPE", b"\0")):
+        raise FileFormatError(f"{path} declares entities, which are not taken: write them out")
+    try:
+        return ET.fromstring(data)  # noqa: S314 - without entities
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise FileFormatError(f"{path} is no XML ({error}): give an MJCF or a URDF file") from None
+
+
+def _last(elements: list[ET.Element], name: str, otherwise: str | Path) -> str | Path:
+    """Return the last value of an attribute that several elements may set."""
+    return next((e.attrib[name] for e in reversed(elements) if name in e.attrib), otherwise)
+
+
+def _stl(surface: Mesh) -> bytes:
+    """Return a surface as binary STL."""
+    import numpy as np
+
+    corners = surface.points[surface.faces].astype("<f4")
+    rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("o", "<u2")])
+    rows["corners"], rows["normal"] = corners, surface.face_normals
+    return bytes(80) + len(rows).to_bytes(4, "little") + rows.tobytes()

@@ -1,0 +1,290 @@
+"""Simulation: a scene file, what its bodies are made of, and an engine that moves them."""
+
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from struck.analysis.cached_steps import Stages
+from struck.errors import OptionError, SimulationError
+from struck.files.cache import opened
+from struck.model.arrays import checked, require_number
+from struck.model.model import ModalModel
+from struck.model.provenance import Progress, silent
+from struck.scene.body import Body, Scene
+from struck.scene.contacts import Contacts
+from struck.scene.engines.convex_parts import cut
+from struck.scene.engines.explosion import dead, free_masses, overlaps, require_no_blast
+from struck.scene.engines.links import Link, links_of, mass_properties
+from struck.scene.engines.mujoco import MujocoEngine
+from struck.scene.engines.restitution import ContactLaws, PairValues
+from struck.scene.engines.scene_file import SceneFile, mujoco_itself
+from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model_mass
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from struck.analysis.analysis import Fixed
+    from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.sound_sources import Materials, Sounding
+
+ENGINES = ("mujoco",)
+_DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
+_LONGEST = 3600.0  # s
+_TOLD = 50  # steps between two words of progress
+
+
+@checked
+class Simulation:
+    """A scene file that is ready to run: bodies with their sounds, in an engine.
+
+    Parameters
+    ----------
+    file : path
+        A model of MuJoCo (MJCF) or a robot (URDF).
+    materials : str, Material or mapping, optional
+        Of all bodies, or by patterns of their names, as in ``{"mug*": "ceramic"}``; where nothing
+        is said, the file's own material of that name. Bodies without one are silent.
+    models : mapping, optional
+        By patterns: the ModalModel, ``.struck`` file, solid, shape or mesh file that sounds in
+        place of the file's shape, in that shape's coordinates.
+    walls : mapping of str to float, optional
+        Thickness of hollow bodies' walls, m.
+    fixed : mapping, optional
+        Where bodies are held, as for `struck.analyze`.
+    roughness : mapping of str to str, optional
+        Of surfaces, by which sliding and rolling sound; else as their material has.
+    restitution : float, "materials" or mapping, optional
+        Of all pairs, of their materials, or by pairs of patterns, as in
+        ``{("ball", "floor*"): 0.8}``; it replaces the file's solver settings of contacts, which
+        stay as they are otherwise.
+    friction : float, "materials" or mapping, optional
+        Likewise; the file's own unless given.
+    engine : str
+        "mujoco".
+    step : float, optional
+        s; the file's own unless given.
+    keyframe : str, optional
+        From where the simulation starts.
+    folder : path, optional
+        Which holds all files that the scene names; that of the file unless given.
+    convex : str
+        "parts": concave meshes collide as the convex parts that they are cut into; "hull": as their
+        convex hulls.
+    band, accuracy, damping, cache, progress
+        As for `struck.analyze`.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+        What the engine runs, for a loop of one's own with `MujocoRecorder`.
+    scene : Scene
+        Its bodies where they start.
+    notes : tuple of str
+        What is silent and why, and what was changed.
+
+    Raises
+    ------
+    FileFormatError
+        On a file that cannot be read, or one that lies outside the folder.
+    SimulationError
+        Where the engine refuses the scene, with its own words, or bodies start in each other.
+    OptionError
+        On arguments outside their bounds, or patterns that fit no body.
+    MissingDependencyError
+        Without MuJoCo, Rapier or CoACD.
+    """
+
+    def __init__(
+        self,
+        file: str | os.PathLike[str],
+        *,
+        materials: Materials | None = None,
+        models: Mapping[str, Sounding] | None = None,
+        walls: Mapping[str, float] | None = None,
+        fixed: Mapping[str, Fixed] | None = None,
+        roughness: Mapping[str, str] | None = None,
+        restitution: PairValues | None = None,
+        friction: PairValues | None = None,
+        engine: str = "mujoco",
+        step: float | None = None,
+        keyframe: str | None = None,
+        folder: str | os.PathLike[str] | None = None,
+        convex: str = "parts",
+        band: tuple[float, float] | None = None,
+        accuracy: str = "standard",
+        damping: str = "own",
+        cache: bool | str | os.PathLike[str] = True,
+        progress: Progress = silent,
+    ) -> None:
+        _require_choices(engine, convex, step)
+        mujoco_itself()
+        read = SceneFile.of(file, folder)
+        spec = _named(read.spec())
+        if step is not None:
+            spec.option.timestep = step
+        self._stages = Stages(cache=opened(choice=cache), progress=progress)
+        self._sources = SoundSources(
+            SoundOptions(
+                materials=materials,
+                models=models or {},
+                walls=walls or {},
+                fixed=fixed or {},
+                roughness=roughness or {},
+                band=band,
+                accuracy=accuracy,
+                damping=damping,
+                cache=cache,
+                progress=progress,
+            )
+        )
+        self._engine, self._keyframe, self._convex = engine, keyframe, convex
+        self._prepare(spec, read.notes, restitution, friction)
+
+    def _prepare(
+        self,
+        spec: mujoco.MjSpec,
+        notes: Sequence[str],
+        restitution: PairValues | None,
+        friction: PairValues | None,
+    ) -> None:
+        """Analyze the bodies, and give the engine their masses, hulls and laws of contact."""
+        model = _compiled(spec)
+        links = links_of(model)
+        bodies = self._sources.bodies(links, [mass_properties(model, link) for link in links])
+        told = [*notes, *self._sources.notes, *_give_masses(spec, model, links, bodies)]
+        if self._convex == "parts":
+            told += cut(spec, model, self._stages)
+        self._laws = ContactLaws(
+            materials={name: body.model.material for name, body in bodies.items()},
+            restitution=restitution,
+            friction=friction,
+        )
+        model = _compiled(spec)
+        if self._engine == "mujoco" and self._laws.said:
+            self._laws.give(spec, model, links_of(model))
+            model = _compiled(spec)
+        self.model, self._links = model, links_of(model)
+        start = MujocoEngine(model, self._links, self._keyframe)
+        told += overlaps(model, start.data, self._links)
+        start.recorder.place(start.data)
+        self.notes = tuple(told)
+        scene = Scene(bodies=bodies, gravity=model.opt.gravity, notes=self.notes)
+        self.scene = scene.posed(start.contacts())
+
+    def _started(self) -> MujocoEngine:
+        """Return an engine at the beginning."""
+        return MujocoEngine(self.model, self._links, self._keyframe)
+
+    def run(
+        self, seconds: float, *, control: Control | None = None, progress: Progress = silent
+    ) -> tuple[Scene, Contacts]:
+        """Simulate from the beginning.
+
+        Parameters
+        ----------
+        seconds : float
+            s.
+        control : callable, optional
+            ``control(model, data)`` before each step, as MuJoCo's own; not with Rapier.
+        progress : callable
+            Told the stage and the fraction of it that is done.
+
+        Returns
+        -------
+        scene : Scene
+            Its bodies as they move.
+        contacts : Contacts
+            The log; its notes tell what was noticed.
+
+        Raises
+        ------
+        SimulationError
+            When the simulation explodes: when, which body, and what to change.
+        """
+        wanted = "it must lie above 0 and at most at 3600"
+        require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
+        engine = self._started()
+        count = max(1, round(seconds / engine.step))
+        for number in range(count):
+            if number % _TOLD == 0:
+                progress("simulate", number / count)
+            engine.advance(control)
+        progress("simulate", 1.0)
+        contacts = engine.contacts()
+        require_no_blast(contacts, self._links, free_masses(self.model, self._links))
+        notes = (*contacts.notes, *self._watched(contacts))
+        contacts = replace(contacts, notes=notes)
+        return replace(self.scene, notes=(*self.notes, *notes)).posed(contacts), contacts
+
+    def _watched(self, contacts: Contacts) -> list[str]:
+        """Return what a person should know of a run."""
+        if not len(contacts):
+            return ["nothing touches anything, so that there is no sound: let it run longer"]
+        if self._engine == "rapier" or self._laws.restitution is not None:
+            return []
+        return dead(self.model)
+
+
+def _require_choices(engine: str, convex: str, step: float | None) -> None:
+    if engine not in ENGINES:
+        raise OptionError(f"engine is {engine!r}: give one of {', '.join(ENGINES)}")
+    if convex not in {"parts", "hull"}:
+        raise OptionError(f'convex is {convex!r}: give "parts" or "hull"')
+    if step is not None:
+        require_number("step", step, 1e-6, 0.1, wanted="it must lie from 1e-6 to 0.1 s")
+
+
+def _named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Give each body and geom a name of its own."""
+    for kind, found in (("body", spec.bodies), ("geom", spec.geoms)):
+        taken = {each.name for each in found}
+        number = 0
+        for each in found:
+            while not each.name:
+                name = f"{kind} {number}"
+                each.name, number = (name if name not in taken else ""), number + 1
+    return spec
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        told = " ".join(str(error).split())
+        raise SimulationError(f"MuJoCo refuses the scene: {told}") from None
+
+
+def _give_masses(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link], bodies: Mapping[str, Body]
+) -> list[str]:
+    """Let bodies weigh what their elements do, where the file does not say; return notes."""
+    notes = []
+    for link in links:
+        sound = bodies[link.name].model
+        mass = model_mass(sound) if isinstance(sound, ModalModel) else None
+        if mass is None or link.fixed or not link.frame_is_body:
+            continue
+        body = spec.body(model.body(link.frame).name)
+        weighing = [spec.geom(model.geom(int(geom)).name) for geom in link.geoms]
+        if body.explicitinertial or any(_weighs(geom) for geom in weighing):
+            continue
+        if len({model.geom_bodyid[geom] for geom in link.geoms}) > 1:
+            continue
+        own = mass.seen_from(link.placement)
+        body.explicitinertial, body.mass, body.ipos = True, own.mass, own.centre
+        body.fullinertia = own.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        notes.append(f"{link.name!r} weighs {own.mass:.3g} kg, as its elements do")
+    return notes
+
+
+def _weighs(geom: mujoco.MjsGeom) -> bool:
+    """Return whether the file gives a geom's mass or density."""
+    return np.isfinite(geom.mass) or geom.density not in {0.0, _DENSITY}

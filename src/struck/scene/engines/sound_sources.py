@@ -1,0 +1,196 @@
+"""Sound sources of a simulation: what each link is made of, and the model of its sound."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from struck.analysis.analysis import Fixed, analyze
+from struck.analysis.cached_steps import fingerprint
+from struck.analysis.discretisation import Solid
+from struck.errors import MaterialError, OptionError, StruckError
+from struck.files.model_file import load_model
+from struck.model.arrays import Array
+from struck.model.material import Material
+from struck.model.mesh import Mesh
+from struck.model.model import ModalModel
+from struck.model.provenance import Progress, silent
+from struck.scene.body import Body, RigidBody
+from struck.scene.engines.links import Link, MassProperties
+
+# By patterns of the bodies' names, as in {"mug*": "ceramic"}; of several that fit the first counts.
+Materials = str | Material | Mapping[str, str | Material]
+Shaped = Solid | Mesh | str | os.PathLike[str]
+Sounding = ModalModel | Shaped
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoundOptions:
+    """What is said of the bodies of a scene file, by patterns of their names."""
+
+    materials: Materials | None = None  # else as the file's own materials are called
+    models: Mapping[str, Sounding] = field(default_factory=dict)  # in place of the file's shape
+    walls: Mapping[str, float] = field(default_factory=dict)  # m, of hollow bodies
+    fixed: Mapping[str, Fixed] = field(default_factory=dict)  # where bodies are held
+    roughness: Mapping[str, str] = field(default_factory=dict)
+    band: tuple[float, float] | None = None  # Hz, of the modes of all bodies
+    accuracy: str = "standard"
+    damping: str = "own"
+    cache: bool | str | os.PathLike[str] = True
+    progress: Progress = silent
+
+    def require_known(self, names: Sequence[str]) -> None:
+        """Refuse patterns that fit no body."""
+        tables = {
+            "materials": self.materials if isinstance(self.materials, Mapping) else {},
+            "models": self.models,
+            "walls": self.walls,
+            "fixed": self.fixed,
+            "roughness": self.roughness,
+        }
+        for option, table in tables.items():
+            for pattern in table:
+                if not any(fnmatchcase(name, pattern) for name in names):
+                    raise OptionError(
+                        f"{option} names {pattern!r}, and there are {', '.join(map(repr, names))}: "
+                        "give one of them, or a pattern as 'mug*'"
+                    )
+
+
+class SoundSources:
+    """Models of the sound of links, each shape and material analyzed once."""
+
+    def __init__(self, options: SoundOptions) -> None:
+        self.notes: list[str] = []
+        self._options = options
+        self._made: dict[str, ModalModel | str] = {}
+
+    def bodies(
+        self, links: Sequence[Link], masses: Sequence[MassProperties | None]
+    ) -> dict[str, Body]:
+        """Return a body for each link; those that are silent say why in `notes`."""
+        options = self._options
+        options.require_known([link.name for link in links])
+        bodies = {}
+        for number, (link, mass) in enumerate(zip(links, masses, strict=True)):
+            options.progress(f"analyze {link.name}", number / len(links))
+            material = self._material(link)
+            model, why = self._model(link, material)
+            if why:
+                self.notes.append(f"{link.name!r} is silent: {why}")
+            bodies[link.name] = Body(
+                model=model or _rigid(link, material, mass),
+                fixed=link.fixed,
+                roughness=_chosen(options.roughness, link.name),
+            )
+        return bodies
+
+    def material(self, name: str) -> Material | None:
+        """Return what a body was said to be made of."""
+        said = self._options.materials
+        chosen = _chosen(said, name) if isinstance(said, Mapping) else said
+        if chosen is None or isinstance(chosen, Material):
+            return chosen
+        return Material.named(chosen, _damping(chosen, self._options.damping))
+
+    def _material(self, link: Link) -> Material | None:
+        said = self.material(link.name)
+        if said is not None or not link.material:
+            return said
+        try:
+            return Material.named(link.material, _damping(link.material, self._options.damping))
+        except MaterialError:
+            return None
+
+    def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
+        """Return the model of a link's sound, or why there is none."""
+        given = _chosen(self._options.models, link.name)
+        if isinstance(given, ModalModel):
+            return given, ""
+        if isinstance(given, str | os.PathLike) and Path(given).suffix == ".struck":
+            return load_model(given), ""
+        shape = given or link.shape
+        if shape is None:
+            return None, f"{link.why_silent}; name a shape with models="
+        if material is None:
+            called = f" ({link.material!r} is none of struck's)" if link.material else ""
+            return None, f"nobody says what it is made of{called}; name it with materials="
+        made = self._analyzed(shape, material, link.name)
+        return (None, made) if isinstance(made, str) else (made, "")
+
+    def _analyzed(self, shape: Shaped, material: Material, name: str) -> ModalModel | str:
+        """Return the model of a shape, or what is wrong with it."""
+        options = self._options
+        wall, fixed = _chosen(options.walls, name), _chosen(options.fixed, name)
+        key = fingerprint((_content(shape), material, wall, _content(fixed)))
+        if key not in self._made:
+            try:
+                self._made[key] = analyze(
+                    shape,
+                    material,
+                    wall=wall,
+                    fixed=fixed,
+                    band=options.band,
+                    accuracy=options.accuracy,
+                    cache=options.cache,
+                    progress=options.progress,
+                )
+            except StruckError as error:
+                self._made[key] = str(error)
+        return self._made[key]
+
+
+def _damping(name: str, wanted: str) -> str:
+    """Return the damping that a material has: its own where it was never tuned by ear."""
+    try:
+        Material.named(name, wanted)
+    except MaterialError:
+        return "own"
+    return wanted
+
+
+def _content(value: object) -> object:
+    """Return what tells a shape or a support from others; a callable is told by itself."""
+    if callable(value):
+        return id(value)
+    if isinstance(value, Mesh):
+        return value.points, value.faces
+    if isinstance(value, str | os.PathLike):
+        return Path(value)
+    return repr(value) if isinstance(value, Solid) else value
+
+
+def _rigid(link: Link, material: Material | None, mass: MassProperties | None) -> RigidBody:
+    """Return what others touch of a body without sound."""
+    shape = link.shape
+    if isinstance(shape, Solid):
+        shape = shape.volume_mesh("preview").surface()[0]
+    if mass is None or link.fixed:
+        return RigidBody(geometry=shape, material=material)
+    return RigidBody(
+        geometry=shape,
+        material=material,
+        mass=mass.mass,
+        centre=mass.centre,
+        inertia=mass.inertia,
+    )
+
+
+def _chosen(table: Mapping[str, T] | None, name: str) -> T | None:
+    """Return the value of the first pattern that a name fits."""
+    return next((v for pattern, v in (table or {}).items() if fnmatchcase(name, pattern)), None)
+
+
+def model_mass(model: ModalModel) -> MassProperties | None:
+    """Return the mass properties of a model, where it knows them."""
+    if model.mass is None or model.centre is None or model.inertia is None:
+        return None
+    centre: Array = np.asarray(model.centre)
+    return MassProperties(mass=model.mass, centre=centre, inertia=np.asarray(model.inertia))
