@@ -256,6 +256,7 @@ UNCALLED = {
     "made by it in between": "MeshPart ShapeGains TimbreTable",
     "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials roughnesses strikers",
     "without arguments either": "wall_materials",
+    "of an engine": "MujocoRecorder Simulation",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
 }

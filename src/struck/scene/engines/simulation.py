@@ -33,9 +33,10 @@ if TYPE_CHECKING:
 
     from struck.analysis.analysis import Fixed
     from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.rapier import RapierEngine
     from struck.scene.engines.sound_sources import Materials, Sounding
 
-ENGINES = ("mujoco",)
+ENGINES = ("mujoco", "rapier")
 _DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
 _LONGEST = 3600.0  # s
 _TOLD = 50  # steps between two words of progress
@@ -68,7 +69,7 @@ class Simulation:
     friction : float, "materials" or mapping, optional
         Likewise; the file's own unless given.
     engine : str
-        "mujoco".
+        "mujoco", or "rapier" for scenes of free and fixed bodies.
     step : float, optional
         s; the file's own unless given.
     keyframe : str, optional
@@ -179,8 +180,12 @@ class Simulation:
         scene = Scene(bodies=bodies, gravity=model.opt.gravity, notes=self.notes)
         self.scene = scene.posed(start.contacts())
 
-    def _started(self) -> MujocoEngine:
-        """Return an engine at the beginning."""
+    def started(self) -> MujocoEngine | RapierEngine:
+        """Return an engine at the beginning, to `advance` step by step."""
+        if self._engine == "rapier":
+            from struck.scene.engines.rapier import RapierEngine
+
+            return RapierEngine(self.model, self._links, self._laws, self._keyframe)
         return MujocoEngine(self.model, self._links, self._keyframe)
 
     def run(
@@ -211,7 +216,7 @@ class Simulation:
         """
         wanted = "it must lie above 0 and at most at 3600"
         require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
-        engine = self._started()
+        engine = self.started()
         count = max(1, round(seconds / engine.step))
         for number in range(count):
             if number % _TOLD == 0:
