@@ -638,6 +638,15 @@ def _models(folder: Path) -> dict[str, Call]:
             use=lambda made: finite(struck.render(made, seconds=0.05, sample_rate=RATE)),
         ),
         "scene.load_contacts": Call(made=scene.load_contacts, given={"path": _log_file(folder)}),
+        "scene.save_animation": Call(
+            made=scene.save_animation,
+            given={
+                "scene": hit_scene(),
+                "path": folder / "scene.glb",
+                "seconds": 0.1,
+                "frames_per_second": 60.0,
+            },
+        ),
         "scene.save_contacts": Call(
             made=scene.save_contacts, given={"contacts": hit(), "path": folder / "new.csv"}
         ),

@@ -25,6 +25,7 @@ DEAR = {
     "docs/how-to/hear_in_space.md",
     "docs/how-to/long_work.md",
     "docs/how-to/play_live.md",
+    "docs/how-to/simulate.md",
     "docs/how-to/touch_a_body.md",
     "docs/how-to/use_a_mesh_file.md",
     "examples/a_broken_file.py",

@@ -256,6 +256,7 @@ UNCALLED = {
     "made by it in between": "MeshPart ShapeGains TimbreTable",
     "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials profiles roughnesses",
     "without arguments either": "strikers wall_materials",
+    "of an engine": "MujocoRecorder Simulation",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
 }

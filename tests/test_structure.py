@@ -76,6 +76,7 @@ KEPT_ALONE: dict[str, str] = {
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",
     "scene/engines/mujoco.py": "one engine, whose recorder people use by itself",
+    "scene/engines/rapier.py": "one engine, loaded where it is asked for",
     "scene/engines/scene_file.py": "two formats, and what is read of them",
     "solids/turned.py": "solids that close on the axis or undercut, by a way of their own",
     "synth/reference.py": "plain NumPy, by which the core is judged",

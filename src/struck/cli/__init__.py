@@ -19,6 +19,7 @@ COMMANDS = {
     "info": "tell what a model holds",
     "show": "draw shape, modes and spectrum",
     "render": "strike, scrape, roll on, pluck or hold a model and save the sound",
+    "simulate": "let rigid bodies of a scene file move, and save what is heard of their contacts",
     "sound-map": "tell how few contacts of a body are enough, and where its timbre changes",
     "play": "play models with the keyboard, live",
     "explore": "open objects in the browser, where a click strikes them",

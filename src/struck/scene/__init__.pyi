@@ -1,3 +1,4 @@
+from .animation import save_animation as save_animation
 from .body import Body as Body
 from .body import RigidBody as RigidBody
 from .body import Scene as Scene

@@ -190,6 +190,11 @@ def _material(model: mujoco.MjModel, geom: int) -> str:
     return model.mat(number).name if number >= 0 else ""
 
 
+def geom_placement(model: mujoco.MjModel, geom: int, link: Link) -> Placement:
+    """Return where a geom's coordinates are in the frame of its link."""
+    return _in_frame(model, geom, link.frame if link.frame_is_body else None)
+
+
 def _in_frame(model: mujoco.MjModel, geom: int, frame: int | None) -> Placement:
     """Return a geom's place in the coordinates of a body that it is welded to, or of the world."""
     if frame is None:

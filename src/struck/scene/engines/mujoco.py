@@ -253,16 +253,21 @@ class MujocoRecorder:
         if self._still is None:
             raise OptionError("nothing was noted: call step(data) after each mj_step")
         times = np.array([time for time, _, _ in self._poses])
-        count = len(self.links)
-        places, turns = np.zeros((len(times), count, 3)), np.zeros((len(times), count, 4))
-        places[:, self._carried] = np.stack([place for _, place, _ in self._poses])
-        turns[:, self._carried] = np.stack([turn for _, _, turn in self._poses])
-        places[:, self._alone], turns[:, self._alone] = self._still
+        places = np.stack([place for _, place, _ in self._poses])
+        turns = np.stack([turn for _, _, turn in self._poses])
+        parts = []
         for number, link in enumerate(self.links):
-            places[:, number], turns[:, number] = link.placement.carried(
-                places[:, number], turns[:, number]
-            )
-        return Poses.together(times, places, turns)
+            here = slice(0, 1 if link.fixed else None)  # what stands needs one row
+            if link.frame_is_body:
+                column = self._carried.index(number)
+                course = places[here, column], turns[here, column]
+            else:
+                row = self._alone.index(number)
+                course = self._still[0][row][None], self._still[1][row][None]
+            moved = link.placement.carried(*course)
+            parts.append((times[here], np.full(len(times[here]), number), *moved))
+        time, body, position, rotation = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return Poses(time=time, body=body, position=position, rotation=rotation)
 
 
 class MujocoEngine:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
 
     from struck.analysis.analysis import Fixed
     from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.rapier import RapierEngine
     from struck.scene.engines.sound_sources import Materials, Sounding
 
-ENGINES = ("mujoco",)
+ENGINES = ("mujoco", "rapier")
 _DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
 _LONGEST = 3600.0  # s
 _TOLD = 50  # steps between two words of progress
@@ -68,7 +69,7 @@ class Simulation:
     friction : float, "materials" or mapping, optional
         Likewise; the file's own unless given.
     engine : str
-        "mujoco".
+        "mujoco", or "rapier" for scenes of free and fixed bodies.
     step : float, optional
         s; the file's own unless given.
     keyframe : str, optional
@@ -179,8 +180,12 @@ class Simulation:
         scene = Scene(bodies=bodies, gravity=model.opt.gravity, notes=self.notes)
         self.scene = scene.posed(start.contacts())
 
-    def _started(self) -> MujocoEngine:
-        """Return an engine at the beginning."""
+    def started(self) -> MujocoEngine | RapierEngine:
+        """Return an engine at the beginning, to `advance` step by step."""
+        if self._engine == "rapier":
+            from struck.scene.engines.rapier import RapierEngine
+
+            return RapierEngine(self.model, self._links, self._laws, self._keyframe)
         return MujocoEngine(self.model, self._links, self._keyframe)
 
     def run(
@@ -211,7 +216,7 @@ class Simulation:
         """
         wanted = "it must lie above 0 and at most at 3600"
         require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
-        engine = self._started()
+        engine = self.started()
         count = max(1, round(seconds / engine.step))
         for number in range(count):
             if number % _TOLD == 0:
@@ -231,6 +236,54 @@ class Simulation:
         if self._engine == "rapier" or self._laws.restitution is not None:
             return []
         return dead(self.model)
+
+
+@checked
+def simulate(
+    file: str | os.PathLike[str],
+    seconds: float = 5.0,
+    *,
+    control: Control | None = None,
+    progress: Progress = silent,
+    **options: Any,  # noqa: ANN401 - of `Simulation`
+) -> tuple[Scene, Contacts]:
+    """Simulate a scene file: bodies that move, and all their contacts, ready for `struck.render`.
+
+    Parameters
+    ----------
+    file : path
+        A model of MuJoCo (MJCF) or a robot (URDF).
+    seconds : float
+        s.
+    control : callable, optional
+        ``control(model, data)`` before each step.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+    **options
+        What bodies are made of, restitution, engine and all else: see `struck.scene.Simulation`.
+
+    Returns
+    -------
+    scene : Scene
+        Bodies with the models of their sounds; its notes tell what is silent and why.
+    contacts : Contacts
+
+    Raises
+    ------
+    FileFormatError, OptionError, MissingDependencyError
+        As for `struck.scene.Simulation`.
+    SimulationError
+        Where the engine refuses the scene, or it explodes.
+
+    Examples
+    --------
+    ::
+
+        scene, contacts = struck.simulate("mugs.xml", materials={"mug*": "ceramic", "*": "oak"})
+        struck.render(scene, contacts, listener=struck.Mono(position=(0, -1, 1)))
+    """
+    simulation = Simulation(file, progress=progress, **options)
+    return simulation.run(seconds, control=control, progress=progress)
 
 
 def _require_choices(engine: str, convex: str, step: float | None) -> None:

@@ -1,0 +1,233 @@
+"""`struck simulate`: a scene file becomes a sound, a log, an animation and pictures."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import struck
+from struck.cli.command import Result
+from struck.cli.options import add_listener, add_room, listener, room
+from struck.ears.listeners import Mono, is_listener, position_of
+from struck.errors import OptionError
+from struck.files.atomic import writable, write_bytes
+from struck.files.sound import Sound
+from struck.model.provenance import TerminalProgress
+from struck.report.charts import save as save_picture
+from struck.report.contact_sheet import contact_sheet
+from struck.scene import Contacts, Events, Scene, events_of, save_animation, save_contacts
+from struck.scene.engines.restitution import PairValues
+
+EXAMPLES = (
+    (
+        "shelf.xml --seconds 3 --material 'mug*=ceramic' --material '*=oak' "
+        "--restitution materials --listener 0,-1.5,1 -o shelf.wav"
+    ),
+)
+_PATTERN = "PATTERN=VALUE"
+_FULL_SCALE = 20.0  # Pa, that a file of absolute level writes as 1
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck simulate`."""
+    parser.add_argument("scene", help="MJCF or URDF")
+    parser.add_argument("--seconds", type=float, default=5.0, help="of motion (default 5)")
+    many = {"action": "append", "metavar": _PATTERN, "default": []}
+    bodies = parser.add_argument_group("bodies, by patterns of their names")
+    bodies.add_argument("--material", **many, help="what they are made of, as mug*=ceramic, or all")
+    bodies.add_argument("--wall", **many, help="of hollow ones, m")
+    bodies.add_argument("--model", **many, help="a .struck or mesh file that sounds instead")
+    bodies.add_argument("--roughness", **many, help="of their surfaces")
+    bodies.add_argument("--accuracy", default="standard", help="preview, standard or fine")
+    bodies.add_argument("--damping", default="own", help="own (default) or heard")
+    engine = parser.add_argument_group("engine")
+    pair = "PAIR=VALUE"
+    for name in ("restitution", "friction"):
+        text = "a number, materials, or for pairs as ball,floor*=0.8"
+        engine.add_argument(f"--{name}", action="append", metavar=pair, default=[], help=text)
+    engine.add_argument("--engine", default="mujoco", help="mujoco (default) or rapier")
+    engine.add_argument("--step", type=float, help="s; the file's own unless given")
+    engine.add_argument("--keyframe", help="from where it starts")
+    engine.add_argument("--folder", help="that holds all files of the scene")
+    engine.add_argument("--convex", default="parts", help="parts (default) or hull")
+    add_listener(parser)
+    add_room(parser)
+    parser.add_argument("--ring", type=float, default=2.0, help="s heard after motion ends")
+    parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
+    parser.add_argument("--stems", action="store_true", help="write a sound of each body too")
+    parser.add_argument("--log", help="contact log: .npz (default, beside the sound), .csv, .jsonl")
+    parser.add_argument("-o", "--output", help="sound file; SCENE.wav unless given")
+
+
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck simulate`."""
+    output = writable(options.output or Path(options.scene).with_suffix(".wav"))
+    log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
+    scene, contacts = _simulated(options, progress)
+    save_contacts(contacts, log)
+    progress("render", 0.0)
+    events = events_of(scene, contacts)
+    excited = events.on()
+    if options.listener is None and options.walk is None:
+        options.listener = _before(excited)
+    sound = _heard(excited, options)
+    factor = sound.save(output)
+    files = [output, log, *_beside(output, scene, events, sound, options.seconds, progress)]
+    if options.stems:
+        files += _stems(output, excited, options, factor)
+    notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
+    count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
+    count += f"{len(events.sustained)} lasting contacts"
+    text = "\n".join((*notes, count, *(f"wrote {each}" for each in files)))
+    return Result(
+        text,
+        output=str(output),
+        files=[str(each) for each in files],
+        contacts=len(contacts),
+        impacts=len(events.impacts),
+        sustained=len(events.sustained),
+        factor=factor,
+        notes=notes,
+    )
+
+
+def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:
+    return struck.simulate(
+        options.scene,
+        options.seconds,
+        progress=progress,
+        materials=_table("--material", options.material) or None,
+        walls=_measures("--wall", options.wall),
+        models=_table("--model", options.model, whole=False),
+        roughness=_table("--roughness", options.roughness, whole=False),
+        restitution=_pairs("--restitution", options.restitution),
+        friction=_pairs("--friction", options.friction),
+        engine=options.engine,
+        step=options.step,
+        keyframe=options.keyframe,
+        folder=options.folder,
+        convex=options.convex,
+        accuracy=options.accuracy,
+        damping=options.damping,
+    )
+
+
+def _heard(scene: Scene, options: argparse.Namespace) -> Sound:
+    """Return what is heard of a scene's bodies; silence where nothing sounds."""
+    someone = listener(options)
+    if not (someone is None or is_listener(someone)):
+        someone = Mono(position=position_of(someone))
+    bodies = [body for body in scene.bodies.values() if not body.silent]
+    if not any(body.actions for body in bodies):
+        raise OptionError(
+            "nothing sounds: " + ("; ".join(scene.notes) or "no contact is strong enough to hear")
+        )
+    sound = struck.render(
+        bodies,
+        listener=someone,
+        room=room(options),
+        seconds=options.seconds + options.ring,
+        sample_rate=options.rate,
+    )
+    return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
+
+
+def _before(scene: Scene) -> tuple[float, float, float]:
+    """Return a place 1 m or more in front of a scene's moving bodies and somewhat above them, m."""
+    places = [body.origin.points for body in scene.bodies.values() if body.moves]
+    points = np.concatenate(places or [np.zeros((1, 3))])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    away = max(1.0, 1.5 * float(np.linalg.norm(np.ptp(points, axis=0))))
+    x, y, z = (middle + away * np.array([0.0, -1.0, 0.5])).tolist()
+    return x, y, z
+
+
+def _beside(
+    output: Path,
+    scene: Scene,
+    events: Events,
+    sound: Sound,
+    seconds: float,
+    progress: TerminalProgress,
+) -> Sequence[Path]:
+    """Write the list of events, the animation and the pictures, and return their files."""
+    table, motion, sheet = (
+        output.with_suffix(ending) for ending in (".events.csv", ".glb", ".png")
+    )
+    write_bytes(table, _lines(events.table()).encode())
+    progress("animation and pictures", 0.0)
+    save_animation(scene, motion, seconds=seconds)
+    save_picture(contact_sheet(scene, events.contacts, sound, seconds=seconds), sheet)
+    return table, motion, sheet
+
+
+def _stems(
+    output: Path, scene: Scene, options: argparse.Namespace, factor: float
+) -> Sequence[Path]:
+    """Write the sound of each body by itself, as loud as it is in the whole."""
+    written = []
+    for name, body in scene.bodies.items():
+        if body.silent or not body.actions:
+            continue
+        alone = _heard(Scene(bodies={name: body}), options)
+        safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+        path = output.with_name(f"{output.stem}.{safe}.wav")
+        replace(alone, samples=alone.samples * (factor * _FULL_SCALE)).save(path, level="absolute")
+        written.append(path)
+    return written
+
+
+def _lines(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return a table as CSV; what is a list in it, as JSON."""
+    columns = list(dict.fromkeys(name for row in rows for name in row)) or ["event", "time"]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        plain = {k: json.dumps(v) if isinstance(v, list) else v for k, v in row.items()}
+        writer.writerow(plain)
+    return text.getvalue()
+
+
+def _table(option: str, texts: Sequence[str], *, whole: bool = True) -> dict[str, str]:
+    """Return values by patterns; where `whole`, one without a pattern is everything's."""
+    table = {}
+    for text in texts:
+        pattern, equals, value = text.rpartition("=")
+        if not (equals or whole) or not value or (equals and not pattern):
+            raise OptionError(f"{option} {text}: give {_PATTERN}, as in mug*=...")
+        table[pattern if equals else "*"] = value
+    return table
+
+
+def _measures(option: str, texts: Sequence[str]) -> dict[str, float]:
+    return {k: _number(option, v) for k, v in _table(option, texts, whole=False).items()}
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise OptionError(f"{option} {text}: give a number") from None
+
+
+def _pairs(option: str, texts: Sequence[str]) -> PairValues | None:
+    """Return one value, "materials", or values of pairs."""
+    if not texts:
+        return None
+    if len(texts) == 1 and "=" not in texts[0]:
+        return texts[0] if texts[0] == "materials" else _number(option, texts[0])
+    found: dict[tuple[str, str], float] = {}
+    for pair, value in _table(option, texts, whole=False).items():
+        one, comma, other = pair.partition(",")
+        if not comma:
+            raise OptionError(f"{option} {pair}={value}: give two patterns, as ball,floor*={value}")
+        found[one, other] = _number(option, value)
+    return found

@@ -1,0 +1,333 @@
+"""Rapier: the bodies of a scene file moved by another engine, with the same log.
+
+MuJoCo reads the file; its free and fixed bodies and their shapes go to Rapier (rapier3d 0.36). Of
+each point of contact Rapier tells the impulse of the last step along the normal and two tangents.
+Points that have left the solver keep stale impulses: only those it names as solver contacts count.
+The tangents are those of its solver with the friction model of Coulomb: Duff et al., "Building an
+orthonormal basis, revisited" (Journal of Computer Graphics Techniques 6(1), 2017).
+"""
+
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from struck.errors import MissingDependencyError, OptionError, SimulationError
+from struck.model.arrays import Array, Index
+from struck.scene.contacts import Contacts, Poses
+from struck.scene.engines.explosion import free_masses
+from struck.scene.engines.links import (
+    Link,
+    geom_placement,
+    mass_properties,
+    touches,
+    triangles,
+)
+from struck.scene.engines.mujoco import MujocoEngine
+from struck.scene.engines.restitution import ContactLaws
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from struck.scene.engines.mujoco import Control
+
+POSES = 240.0  # Hz, at which bodies are placed that touch nothing
+_FASTEST, _FARTHEST = 1000.0, 1e5  # m/s and m, beyond which a simulation has exploded
+_PLANE, _FIELD, _SPHERE, _CAPSULE, _CYLINDER, _BOX = 0, 1, 2, 3, 5, 6
+# A cylinder of Rapier stands along y, MuJoCo's along z.
+_UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
+
+
+class RapierEngine:
+    """A simulation in Rapier from its beginning, with its log."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        links: Sequence[Link],
+        laws: ContactLaws,
+        keyframe: str | None,
+    ) -> None:
+        try:
+            import rapier3d
+        except ImportError:
+            raise MissingDependencyError('Rapier is an extra: pip install "struck[sim]"') from None
+        self._rapier, self._model, self._links, self._laws = rapier3d, model, links, laws
+        _require_free(model, links)
+        self.step = float(model.opt.timestep)
+        self._world = rapier3d.PhysicsWorld(gravity=np.array(model.opt.gravity))
+        self._world.set_num_threads(1)  # the same log on every machine
+        settings = self._world.integration_parameters
+        settings.dt = self.step
+        settings.length_unit = _size(model, links)
+        settings.friction_model = rapier3d.FrictionModel.COULOMB
+        if laws.said:
+            self._world.physics_hooks = self
+        self._said: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
+        self._begin(MujocoEngine(model, links, keyframe).data)
+        self._time, self._last = 0.0, -np.inf
+        self._rows: list[Array] = []
+        self._poses: list[tuple[float, Array, Array]] = []
+
+    def advance(self, control: Control | None = None) -> None:
+        """Take one step and note it."""
+        if control is not None:
+            raise OptionError('control= is MuJoCo\'s own: take engine="mujoco"')
+        state = self._state()
+        begin = self._time
+        self._world.step()
+        self._time += self.step
+        touched = self._note_contacts(begin, state)
+        if touched or begin - self._last >= 1 / POSES - 1e-9:
+            self._last = begin
+            self._poses.append((begin, state[0], state[1]))
+
+    def contacts(self) -> Contacts:
+        """Return the log so far."""
+        rows = np.concatenate([np.zeros((0, 16)), *self._rows])
+        time, step, body0, body1 = rows[:, :4].T
+        position, normal, velocity, impulse = np.split(rows[:, 4:], (3, 6, 9), axis=1)
+        return Contacts(
+            names=[link.name for link in self._links],
+            time=time,
+            dt=step,
+            body0=body0,
+            body1=body1,
+            position=position,
+            normal=normal,
+            impulse=impulse,
+            velocity=velocity,
+            poses=self._placed(),
+        )
+
+    def velocity(self, name: str) -> Array:
+        """Return how fast a body's centre of mass moves, m/s (3,)."""
+        names = [link.name for link in self._links]
+        return self._state()[2][names.index(name)]
+
+    # The world.
+
+    def _begin(self, data: mujoco.MjData) -> None:
+        """Make the bodies, where MuJoCo's stand."""
+        self._bodies, self._numbers = [], {}
+        self._centres = np.zeros((len(self._links), 3))  # of mass, in the frames
+        for number, link in enumerate(self._links):
+            place, turn = _frame(data, link)
+            maker = self._rapier.RigidBody
+            body = maker.fixed() if link.fixed else maker.dynamic()
+            body = body.translation(tuple(place.tolist())).rotation(_axis(turn))
+            if not link.fixed:
+                body = self._weighing(body, number, link).can_sleep(False)  # noqa: FBT003 - Rapier's own
+                at = self._model.body_dofadr[link.frame]
+                # MuJoCo turns a free body in its own coordinates, Rapier in the world's.
+                spin = turn.apply(data.qvel[at + 3 : at + 6])
+                body = body.linvel(tuple(data.qvel[at : at + 3].tolist()))
+                body = body.angvel(tuple(spin.tolist())).ccd_enabled(True)  # noqa: FBT003
+            colliders = [c for geom in link.geoms for c in self._colliders(int(geom), link)]
+            handle = self._world.add_body(body, colliders)
+            self._bodies.append(handle)
+            self._numbers[handle] = number
+
+    def _weighing(self, body: Any, number: int, link: Link) -> Any:  # noqa: ANN401 - of Rapier
+        """Return a body with its mass and moments of inertia."""
+        whole = mass_properties(self._model, link)
+        if whole is None:
+            raise SimulationError(f"{link.name!r} weighs nothing: give it a mass or a density")
+        own = whole.seen_from(link.placement)
+        self._centres[number] = own.centre
+        moments, axes = np.linalg.eigh(own.inertia)
+        if np.linalg.det(axes) < 0:
+            axes[:, 0] *= -1
+        frame = tuple(Rotation.from_matrix(axes).as_quat().tolist())
+        properties = self._rapier.MassProperties(
+            tuple(own.centre.tolist()), own.mass, tuple(moments.tolist()), frame
+        )
+        return body.additional_mass_properties(properties)
+
+    def _colliders(self, geom: int, link: Link) -> list[Any]:
+        """Return the colliders of a geom, in the coordinates of its body."""
+        model, kind = self._model, int(self._model.geom_type[geom])
+        if not touches(model, geom):
+            return []
+        size = [float(each) for each in model.geom_size[geom]]
+        make = self._rapier.Collider
+        turn = _UPRIGHT if kind == _CYLINDER else Rotation.identity()
+        if kind == _PLANE:
+            collider = make.halfspace((0.0, 0.0, 1.0))
+        elif kind == _FIELD:
+            raise SimulationError(f"{link.name!r} is a height field: take engine='mujoco'")
+        elif kind == _SPHERE:
+            collider = make.ball(size[0])
+        elif kind == _BOX:
+            collider = make.cuboid(*size)
+        elif kind == _CYLINDER:
+            collider = make.cylinder(size[1], size[0])
+        elif kind == _CAPSULE:
+            collider = make.capsule_z(size[1], size[0])
+        else:
+            points, _ = triangles(model, geom)
+            collider = make.convex_hull(np.ascontiguousarray(points, np.float32))
+        place = geom_placement(model, geom, link)
+        made = collider.translation(tuple(place.offset.tolist())).rotation(_axis(place.turn * turn))
+        made = made.density(0.0).friction(float(model.geom_friction[geom][0])).restitution(0.0)
+        made = made.friction_combine_rule(self._rapier.CoefficientCombineRule.MAX)
+        if self._laws.said:
+            made = made.active_hooks(self._rapier.ActiveHooks.MODIFY_SOLVER_CONTACTS)
+        return [made]
+
+    def modify_solver_contacts(self, context: Any) -> None:  # noqa: ANN401 - Rapier calls it
+        """Give two bodies the restitution and friction that were said of them."""
+        pair = context.rigid_body1, context.rigid_body2
+        if pair not in self._said:
+            one, other = (self._links[self._numbers[each]].name for each in pair)
+            self._said[pair] = self._laws.between(one, other)
+        restitution, friction = self._said[pair]
+        if restitution is not None:
+            context.restitution = restitution
+        if friction is not None:
+            context.friction = friction
+
+    # One step.
+
+    def _state(self) -> tuple[Array, Array, Array, Array]:
+        """Return places, turns (w, x, y, z), and speeds of the centres of mass and spins."""
+        found = np.zeros((len(self._bodies), 13))
+        for row, handle in zip(found, self._bodies, strict=True):
+            body = self._world.rigid_bodies[handle]
+            place, turn, speed, spin = body.translation, body.rotation, body.linvel, body.angvel
+            row[:3] = place.x, place.y, place.z
+            row[3:7] = turn.w, turn.i, turn.j, turn.k
+            row[7:10] = speed.x, speed.y, speed.z
+            row[10:] = spin.x, spin.y, spin.z
+        fast, far = np.abs(found[:, 7:]).max(), np.abs(found[:, :3]).max()
+        if not (fast < _FASTEST and far < _FARTHEST):
+            raise SimulationError(
+                f"the simulation exploded at {self._time:.4g} s (a velocity is {fast:.3g}, a "
+                f"position {far:.3g} m): take smaller steps, or start bodies apart"
+            )
+        places, turns, speeds, spins = np.split(found, (3, 7, 10), axis=1)
+        return places, turns, speeds, spins
+
+    def _note_contacts(self, begin: float, state: tuple[Array, ...]) -> bool:
+        """Keep the rows of one step; return whether there are any."""
+        rows = [row for pair in self._world.narrow_phase.contact_pairs() for row in self._of(pair)]
+        if not rows:
+            return False
+        table = np.array(rows)
+        bodies = table[:, :2].astype(np.int64)
+        # Rapier tells where points are when the step has ended: back to where they were before.
+        ended = self._state()
+        sides = [
+            _carried_back(table[:, 2 + 3 * side : 5 + 3 * side], bodies[:, side], state, ended)
+            for side in (0, 1)
+        ]
+        place = (sides[0] + sides[1]) / 2
+        velocity = self._speed(state, bodies[:, 1], place) - self._speed(state, bodies[:, 0], place)
+        clock = np.broadcast_to([begin, self.step], (len(table), 2))
+        columns = (clock, table[:, :2], place, table[:, 8:11], velocity, table[:, 11:])
+        self._rows.append(np.hstack(columns))
+        return True
+
+    def _of(self, pair: Any) -> Iterator[tuple[float, ...]]:  # noqa: ANN401 - of Rapier
+        """Yield bodies, place on each, normal and impulse of the points of a pair that push."""
+        for manifold in pair.manifolds:
+            data, points = manifold.data, manifold.points
+            solved = data.solver_contacts
+            if not solved:
+                continue
+            numbers = self._numbers[data.rigid_body1], self._numbers[data.rigid_body2]
+            normal = _array(data.normal)
+            tangents = _tangents(-normal)
+            for contact in solved:
+                point = points[_first(contact.contact_id)]
+                if point.impulse > 0:
+                    pushed = normal * point.impulse - np.array(point.tangent_impulse) @ tangents
+                    ends = data.solver_contact_world_points(contact, self._world.rigid_bodies)
+                    places = (_array(each) for each in ends)
+                    yield (*numbers, *next(places), *next(places), *normal, *pushed)
+
+    def _speed(self, state: tuple[Array, ...], bodies: Index, places: Array) -> Array:
+        """Return the velocities of points of bodies, m/s (K, 3)."""
+        origins, turns, speeds, spins = (each[bodies] for each in state)
+        frames = Rotation.from_quat(turns, scalar_first=True)
+        centres = origins + frames.apply(self._centres[bodies])
+        return speeds + np.cross(spins, places - centres)
+
+    def _placed(self) -> Poses:
+        times = np.array([time for time, _, _ in self._poses])
+        parts = []
+        for number, link in enumerate(self._links):
+            here = slice(0, 1 if link.fixed else None)
+            places = np.stack([place[number] for _, place, _ in self._poses[here]])
+            turns = np.stack([turn[number] for _, _, turn in self._poses[here]])
+            moved = link.placement.carried(places, turns)
+            parts.append((times[here], np.full(len(times[here]), number), *moved))
+        time, body, position, rotation = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return Poses(time=time, body=body, position=position, rotation=rotation)
+
+
+def _carried_back(
+    places: Array, bodies: Index, state: tuple[Array, ...], ended: tuple[Array, ...]
+) -> Array:
+    """Return where points of bodies that are there when a step ends were when it began (K, 3)."""
+    after = Rotation.from_quat(ended[1][bodies], scalar_first=True)
+    before = Rotation.from_quat(state[1][bodies], scalar_first=True)
+    return before.apply(after.inv().apply(places - ended[0][bodies])) + state[0][bodies]
+
+
+def _array(vector: Any) -> Array:  # noqa: ANN401 - of Rapier
+    return np.array([vector.x, vector.y, vector.z])
+
+
+def _tangents(direction: Array) -> Array:
+    """Return the two tangents along which Rapier counts friction (2, 3)."""
+    x, y, z = direction
+    sign = 1.0 if z >= 0 else -1.0
+    a = -1 / (sign + z)
+    first = np.array([x * y * a, sign + y * y * a, -y])
+    return np.stack([first, np.cross(direction, first)])
+
+
+def _first(number: Any) -> int:  # noqa: ANN401 - Rapier gives one, or several of a simplified point
+    return int(number[0]) if isinstance(number, list | tuple) else int(number)
+
+
+def _axis(turn: Rotation) -> tuple[float, ...]:
+    """Return a rotation as Rapier takes it: an axis as long as the angle."""
+    return tuple(turn.as_rotvec().tolist())
+
+
+def _frame(data: mujoco.MjData, link: Link) -> tuple[Array, Rotation]:
+    """Return where a link's frame is, m, and how it is turned."""
+    if link.frame_is_body:
+        turn = Rotation.from_quat(data.xquat[link.frame], scalar_first=True)
+        return np.array(data.xpos[link.frame]), turn
+    turn = Rotation.from_matrix(data.geom_xmat[link.frame].reshape(3, 3))
+    return np.array(data.geom_xpos[link.frame]), turn
+
+
+def _require_free(model: mujoco.MjModel, links: Sequence[Link]) -> None:
+    """Refuse what Rapier is not given here: joints, actuators, tendons and equalities."""
+    masses = free_masses(model, links)
+    held = [
+        link.name
+        for link, mass in zip(links, masses, strict=True)
+        if not (link.fixed or np.isfinite(mass))
+    ]
+    if held or model.nu or model.neq or model.ntendon:
+        what = f"{held[0]!r} has joints" if held else "the scene has actuators or constraints"
+        raise SimulationError(
+            f"{what}: Rapier gets free and fixed bodies alone; take engine='mujoco'"
+        )
+
+
+def _size(model: mujoco.MjModel, links: Sequence[Link]) -> float:
+    """Return the typical length of what moves, m, by which Rapier sets its tolerances."""
+    sizes = [float(model.geom_rbound[g]) for link in links if not link.fixed for g in link.geoms]
+    return float(np.clip(np.median(sizes or [1.0]), 1e-3, 10.0))
