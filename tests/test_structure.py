@@ -75,7 +75,6 @@ KEPT_ALONE: dict[str, str] = {
     "files/mesh_formats.py": "the formats; the worker is the process around them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",
-    "scene/engines/mujoco.py": "one engine, whose recorder people use by itself",
     "scene/engines/rapier.py": "one engine, loaded where it is asked for",
     "scene/engines/scene_file.py": "two formats, and what is read of them",
     "solids/turned.py": "solids that close on the axis or undercut, by a way of their own",

@@ -2,7 +2,6 @@ from . import analysis as analysis
 from . import ears as ears
 from . import errors as errors
 from . import excitation as excitation
-from . import explorer as explorer
 from . import files as files
 from . import live as live
 from . import model as model
