@@ -45,6 +45,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     bodies.add_argument("--wall", **many, help="of hollow ones, m")
     bodies.add_argument("--model", **many, help="a .struck or mesh file that sounds instead")
     bodies.add_argument("--roughness", **many, help="of their surfaces")
+    bodies.add_argument("--mute", action="append", default=[], help="those only touched")
     bodies.add_argument("--accuracy", default="standard", help="preview, standard or fine")
     bodies.add_argument("--damping", default="own", help="own (default) or heard")
     engine = parser.add_argument_group("engine")
@@ -107,6 +108,7 @@ def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple
         walls=_measures("--wall", options.wall),
         models=_table("--model", options.model, whole=False),
         roughness=_table("--roughness", options.roughness, whole=False),
+        mute=options.mute,
         restitution=_pairs("--restitution", options.restitution),
         friction=_pairs("--friction", options.friction),
         engine=options.engine,

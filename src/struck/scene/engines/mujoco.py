@@ -145,6 +145,7 @@ class MujocoRecorder:
         walls: Mapping[str, float] | None = None,
         fixed: Mapping[str, Fixed] | None = None,
         roughness: Mapping[str, str] | None = None,
+        mute: Sequence[str] = (),
         band: tuple[float, float] | None = None,
         accuracy: str = "standard",
         damping: str = "own",
@@ -155,7 +156,7 @@ class MujocoRecorder:
 
         Parameters
         ----------
-        materials, models, walls, fixed, roughness
+        materials, models, walls, fixed, roughness, mute
             As for `struck.simulate`.
         band, accuracy, damping, cache, progress
             As for `struck.analyze`.
@@ -176,6 +177,7 @@ class MujocoRecorder:
                 walls=walls or {},
                 fixed=fixed or {},
                 roughness=roughness or {},
+                mute=mute,
                 band=band,
                 accuracy=accuracy,
                 damping=damping,

@@ -62,6 +62,8 @@ class Simulation:
         Where bodies are held, as for `struck.analyze`.
     roughness : mapping of str to str, optional
         Of surfaces, by which sliding and rolling sound; else as their material has.
+    mute : sequence of str
+        Patterns of bodies that are only touched.
     restitution : float, "materials" or mapping, optional
         Of all pairs, of their materials, or by pairs of patterns, as in
         ``{("ball", "floor*"): 0.8}``; it replaces the file's solver settings of contacts, which
@@ -112,6 +114,7 @@ class Simulation:
         walls: Mapping[str, float] | None = None,
         fixed: Mapping[str, Fixed] | None = None,
         roughness: Mapping[str, str] | None = None,
+        mute: Sequence[str] = (),
         restitution: PairValues | None = None,
         friction: PairValues | None = None,
         engine: str = "mujoco",
@@ -139,6 +142,7 @@ class Simulation:
                 walls=walls or {},
                 fixed=fixed or {},
                 roughness=roughness or {},
+                mute=mute,
                 band=band,
                 accuracy=accuracy,
                 damping=damping,

@@ -40,6 +40,7 @@ class SoundOptions:
     walls: Mapping[str, float] = field(default_factory=dict)  # m, of hollow bodies
     fixed: Mapping[str, Fixed] = field(default_factory=dict)  # where bodies are held
     roughness: Mapping[str, str] = field(default_factory=dict)
+    mute: Sequence[str] = ()  # patterns of bodies that are only touched
     band: tuple[float, float] | None = None  # Hz, of the modes of all bodies
     accuracy: str = "standard"
     damping: str = "own"
@@ -54,6 +55,7 @@ class SoundOptions:
             "walls": self.walls,
             "fixed": self.fixed,
             "roughness": self.roughness,
+            "mute": dict.fromkeys(self.mute),
         }
         for option, table in tables.items():
             for pattern in table:
@@ -111,6 +113,8 @@ class SoundSources:
 
     def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
         """Return the model of a link's sound, or why there is none."""
+        if any(fnmatchcase(link.name, pattern) for pattern in self._options.mute):
+            return None, "mute= says so"
         given = _chosen(self._options.models, link.name)
         if isinstance(given, ModalModel):
             return given, ""
