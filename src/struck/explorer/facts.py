@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
 from struck.model.gains import Gains, ShapeGains
 from struck.model.material import Material, materials
 from struck.model.model import ModalModel
+from struck.model.recoil import Recoil
 from struck.scene.render import render
 
 POINTS = 10  # that keys strike: 1 to 9, and 0
@@ -245,6 +246,8 @@ def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> 
         "centre": None if after.centre is None else after.centre.tolist(),
         "inertia": None if after.inertia is None else after.inertia.tolist(),
         "material": material and {**(_material(material) or {}), **_elastic(material)},
+        "recoil": after.recoil
+        and {each.name: getattr(after.recoil, each.name).tolist() for each in fields(Recoil)},
         "complete_to": after.complete_to,
         "dropped": list(after.provenance.dropped[len(model.provenance.dropped) :]),
     }

@@ -45,9 +45,9 @@ export class Ringing {
   strike(contact, { impulse, duration }, time) {
     this.#decay(time);
     const drive = this.model.drive(contact);
-    drive.forEach((each, n) => {
-      const blow = Math.abs(each) * this.loudness[n] * impulse * pulseShare(this.model.frequencies[n], duration);
-      this.amplitudes[n] = Math.hypot(this.amplitudes[n], blow);
+    this.amplitudes.forEach((before, n) => {
+      const blow = Math.abs(drive[n]) * this.loudness[n] * impulse * pulseShare(this.model.frequencies[n], duration);
+      this.amplitudes[n] = Math.hypot(before, blow);
     });
     this.most = Math.max(...this.amplitudes, 1e-12);
   }
