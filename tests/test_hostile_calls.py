@@ -259,6 +259,7 @@ UNCALLED = {
     "of an engine": "MujocoRecorder Simulation",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
+    "on a port": "Explorer explore",
 }
 
 

@@ -402,6 +402,7 @@ def play(
     )
 
 
+@checked
 def explore(
     model: ModalModel | Sequence[ModalModel] | None = None,
     *,

@@ -143,7 +143,7 @@ def test_click_on_a_pixel_gives_the_gains_of_python(
     contact, drive = visit.page.evaluate(
         """() => {
           const model = struck.instrument.model(struck.struck);
-          return [struck.contact, [...model.drive(struck.contact)]];
+          return [struck.contact, [...model.drive(struck.contact)].slice(0, model.count)];
         }"""
     )
     point, direction = np.array(contact["point"]), np.array(contact["direction"])
@@ -266,7 +266,8 @@ def test_changes_go_to_what_rings(visit: Visit, models: dict[str, struck.ModalMo
         """() => {
           const model = struck.instrument.model('given_1');
           const contact = model.loudest();
-          return [[...model.frequencies], [...model.decays], contact, [...model.drive(contact)]];
+          return [[...model.frequencies], [...model.decays], contact,
+            [...model.drive(contact)].slice(0, model.count), [...model.recoil.levels]];
         }"""
     )
     np.testing.assert_allclose(model[0], truth.frequencies, rtol=1e-9)
@@ -274,6 +275,8 @@ def test_changes_go_to_what_rings(visit: Visit, models: dict[str, struck.ModalMo
     point, direction = np.array(model[2]["point"]), np.array(model[2]["direction"])
     drive = truth.gains.at(point[None], direction[None])[0, 0]
     np.testing.assert_allclose(model[3], drive, atol=1e-5 * np.abs(drive).max())
+    assert truth.recoil is not None
+    np.testing.assert_allclose(model[4], truth.recoil.levels, rtol=1e-9)
     visit.page.locator("#original").click()
     visit.wait("struck.instrument.model('given_1').size === undefined")
 

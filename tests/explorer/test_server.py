@@ -276,6 +276,8 @@ def test_names_and_models_are_as_many(bar: struck.ModalModel) -> None:
         struck.explore(bar, names=["a", "b"], browser=False)
     with pytest.raises(OptionError, match="65535"):
         struck.explore(bar, port=70_000, browser=False)
+    with pytest.raises(OptionError, match="model"):
+        struck.explore("bar.struck", browser=False)
 
 
 def test_browser_opens_where_there_is_a_display(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,12 @@ import numpy as np
 from struck.errors import ContactError, MaterialError, OptionError, StruckError
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Index
+from struck.model.contact import Place
 from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
 from struck.model.gains import Gains, ShapeGains
 from struck.model.material import Material, materials
 from struck.model.model import ModalModel
+from struck.model.recoil import Recoil
 from struck.scene.render import render
 
 POINTS = 10  # that keys strike: 1 to 9, and 0
@@ -26,6 +28,7 @@ _LEVEL_SECONDS = 0.25  # of a blow, in which any body reaches its peak
 def facts(model: ModalModel) -> dict[str, Any]:
     """Return what the page shows of a model, as JSON values."""
     surface = model.geometry
+    points = list(numbered(model))
     return {
         "modes": len(model.frequencies),
         "complete_to": model.complete_to,
@@ -37,8 +40,8 @@ def facts(model: ModalModel) -> dict[str, Any]:
         "tensioned": model.tensioned,
         "method": model.provenance.method,
         "dropped": list(model.provenance.dropped),
-        "points": list(numbered(model)),
-        "peak": peak(model),
+        "points": points,
+        "peak": max((peak(model, each["point"]) for each in points), default=0.0),
     }
 
 
@@ -49,15 +52,16 @@ def _material(material: Material | None) -> dict[str, Any] | None:
     return {"name": material.name, "group": known["group"] if known else "other"}
 
 
-def peak(model: ModalModel) -> float:
-    """Return the peak of the usual blow, wood at 1 m/s, at the loudest contact, Pa at 1 m, or 0."""
+def peak(model: ModalModel, at: Place) -> float:
+    """Return the peak of the usual blow, wood at 1 m/s, at a contact, Pa at 1 m, or 0."""
     if not len(model.frequencies):
         return 0.0
     try:
-        model.contact()
+        model.contact(at)
     except ContactError:  # a field of recordings has places by number, none of them the usual one
         return 0.0
-    blow = Strike(striker="wood", speed=1.0) if model.gains.of_surface else Strike(impulse=1.0)
+    how: dict[str, Any] = {"striker": "wood", "speed": 1.0}
+    blow = Strike(at=at, **(how if model.gains.of_surface else {"impulse": 1.0, "duration": 0.0}))
     where = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
     reach = model.gains.radius if isinstance(model.gains, ShapeGains) else 0.0
     away = max(1.0, 2 * reach)
@@ -72,7 +76,9 @@ def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
         return
     taken: list[Array] = []
     near = 0.02 * model.geometry.extent
-    for name, place in (*model.places.items(), *_spread(model)):
+    # Names of people first; those of axes may lie on top of them.
+    named = sorted(model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom")
+    for name, place in (*named, *_spread(model)):
         try:
             contact = model.contact(place)
         except StruckError:
@@ -245,6 +251,8 @@ def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> 
         "centre": None if after.centre is None else after.centre.tolist(),
         "inertia": None if after.inertia is None else after.inertia.tolist(),
         "material": material and {**(_material(material) or {}), **_elastic(material)},
+        "recoil": after.recoil
+        and {each.name: getattr(after.recoil, each.name).tolist() for each in fields(Recoil)},
         "complete_to": after.complete_to,
         "dropped": list(after.provenance.dropped[len(model.provenance.dropped) :]),
     }

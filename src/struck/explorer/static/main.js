@@ -1,9 +1,10 @@
 /** The page: it brings together the room, the instrument and the panels. */
 
+import { resolved } from './excitation/hertz.js';
 import { FormatError, readModel } from './model/model.js';
 import { LOST, fetchChange, fetchModel, fetchRoom, follow } from './connection.js';
 import { say, unsay } from './panel/messages.js';
-import { ModeList, Ringing } from './panel/modes.js';
+import { ModeList, Ringing, loudness } from './panel/modes.js';
 import { ObjectList } from './panel/objects.js';
 import { ObjectPanel } from './panel/object.js';
 import { Spectrum } from './panel/spectrum.js';
@@ -143,7 +144,7 @@ function strikeNumber(number) {
 function dampLast(on) {
   const id = page.chosen;
   if (!id) return;
-  if (on) instrument.hold(id, page.last.get(id) ?? instrument.model(id).loudest());
+  if (on) instrument.hold(id, page.last.get(id) ?? instrument.model(id).contact(loudestOf(id)));
   else instrument.release(id);
 }
 
@@ -259,10 +260,14 @@ const damp = get('damp');
 for (const name of ['pointerdown', 'keydown']) damp.addEventListener(name, (event) => (event.key ?? ' ') === ' ' && dampLast(true));
 for (const name of ['pointerup', 'pointercancel', 'keyup', 'blur']) damp.addEventListener(name, () => dampLast(false));
 
-/** Return the loudest of an object's numbered points. */
+/** Return that of an object's numbered points where the chosen striker sounds loudest. */
 function loudestOf(id) {
-  const contact = instrument.model(id).loudest();
-  return { point: contact.point, direction: instrument.model(id).recorded ? undefined : contact.direction };
+  const model = instrument.model(id);
+  const contacts = objects.told.get(id).facts.points.map(({ point, direction }) => (
+    model.contact({ point: scaled(id, point ?? [0, 0, 0]), direction: direction ?? undefined })));
+  const levels = contacts.map((contact) => loudness(model, contact, resolved(model, contact, { striker: heads.strikers[page.striker], speed: page.speed })));
+  const { point, direction } = contacts[levels.indexOf(Math.max(...levels))];
+  return { point, direction: model.recorded ? undefined : direction };
 }
 
 /** What keys do, wherever the focus is but in a field that needs them itself. */

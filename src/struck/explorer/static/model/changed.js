@@ -1,12 +1,14 @@
 /** A model of another material, size, damping or loudness: its shapes stay those of the original. */
 
+import { Recoil } from './recoil.js';
+
 const TIMES = (values, factor) => values.map((value) => value * factor);
 
 /**
  * What the server tells of a change; arrays have a row for each mode that is left.
  * @typedef {{modes: number[] | null, frequencies: number[], natural_frequencies: number[],
  *   decays: number[], outputs: number[][], factor: number, size: number, mass: number | null,
- *   centre: number[] | null, inertia: number[][] | null, material: object | null}} Change
+ *   recoil: object | null, centre: number[] | null, inertia: number[][] | null, material: object | null}} Change
  */
 
 /** It stands for a `Model` wherever one is struck, held or heard. */
@@ -32,6 +34,8 @@ export class ChangedModel {
     this.count = this.frequencies.length;
     this.outputs = change ? Float64Array.from(change.outputs.flat()) : original.outputs;
     this.outputs &&= TIMES(this.outputs, loudness);
+    const recoil = change ? change.recoil : original.recoil;
+    this.recoil = recoil && new Recoil({ ...recoil, levels: TIMES(recoil.levels, loudness) });
     this.material = change ? change.material : original.material;
     this.mass = change ? change.mass : original.mass;
     this.inertia = change ? change.inertia : original.inertia;
@@ -66,9 +70,11 @@ export class ChangedModel {
     return this.#after(this.original.loudest());
   }
 
-  /** Return how strongly each mode answers a push, kg^-1/2 (M,). */
-  drive(contact, direction = contact.direction) {
-    return TIMES(this.#chosen(this.original.drive(this.#before(contact), direction)), this.recorded ? 1 : this.factor);
+  /** Return how strongly each mode answers a push, kg^-1/2 (M,), then each axis of recoil. */
+  drive(contact) {
+    const before = this.original.drive(this.#before(contact)).subarray(0, this.original.count);
+    const modes = TIMES(this.#chosen(before), this.recorded ? 1 : this.factor);
+    return this.recoil ? Float64Array.of(...modes, ...this.recoil.drives(contact.direction)) : modes;
   }
 
   /** Return by how much a grip, N s/m, raises each decay, 1/s (M,). */
@@ -76,12 +82,11 @@ export class ChangedModel {
     return this.#chosen(this.original.raised(this.#before(contact), grip * (this.recorded ? 1 : this.factor ** 2)));
   }
 
-  /** The gains at 1 m from the body as a point source. */
-  get aside() {
-    return {
-      re: Float64Array.from({ length: this.count }, (_, n) => this.outputs[2 * n]),
-      im: Float64Array.from({ length: this.count }, (_, n) => this.outputs[2 * n + 1]),
-    };
+  /** Return the gains at 1 m from the body as a point source, those of recoil last. */
+  aside(sampleRate) {
+    const more = this.recoil ? this.recoil.outputs(sampleRate) : [];
+    const part = (k) => Float64Array.of(...Array.from({ length: this.count }, (_, n) => this.outputs[2 * n + k]), ...more.map((each) => each[k]));
+    return { re: part(0), im: part(1) };
   }
 
   /** Return the displacement of a mode at the vertices, in a unit of its own (3 V,). */

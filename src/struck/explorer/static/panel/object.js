@@ -4,7 +4,7 @@ const PAUSE = 40; // ms between two questions to the server while a slider moves
 const get = (id) => document.getElementById(id);
 
 const fields = {
-  panel: get('object'), title: get('object-title'), text: get('object-text'), facts: get('object-facts'),
+  panel: get('object'), title: get('object-title'), text: get('object-text'), facts: get('object-facts'), dropped: get('object-dropped'),
   changes: get('changes'), material: get('material'), size: get('size'), damping: get('damping'), original: get('original'),
 };
 
@@ -67,7 +67,10 @@ export class ObjectPanel {
     const { size, complete_to: complete, calibrated } = this.told.facts;
     const factor = this.#wishOf().size;
     const parts = [`${model.count} modes`];
-    if (complete) parts.push(`none missing up to ${((complete * model.frequencies[0]) / this.told.lowest / 1000).toFixed(1)} kHz`);
+    const dropped = model.metadata.provenance?.dropped ?? [];
+    fields.dropped.hidden = !dropped.length;
+    fields.dropped.textContent = `Left out: ${dropped.join('; ')}.`;
+    if (complete && model.count) parts.push(`none missing up to ${((complete * model.frequencies[0]) / this.told.lowest / 1000).toFixed(1)} kHz`);
     if (size) parts.push(`${length(Math.max(...size) * factor)} long`);
     if (model.mass) parts.push(model.mass < 1 ? `${(1000 * model.mass).toPrecision(3)} g` : `${model.mass.toPrecision(3)} kg`);
     if (!calibrated) parts.push('level relative');
