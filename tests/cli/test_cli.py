@@ -93,6 +93,8 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     assert analyzed["output"] == "tube.struck"
     assert analyzed["complete_to"] == told["complete_to"] < 5_000
     assert analyzed["errors"] == told["errors"]
+    assert analyzed["recoil"] == told["recoil"]
+    assert sorted(told["recoil"]) == ["axes", "corners", "dampings", "levels"]
     assert all(0 < error < 0.25 for error in told["errors"])
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+import struck
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
+from struck.report.charts import overview
 from struck.report.model_page import summary
 
 HEIGHTS = np.array([[0.2], [0.5], [0.9]])
@@ -86,3 +89,19 @@ def test_a_single_point_tells_what_is_assumed() -> None:
     assert lines[0] == "2 modes, none missing up to 5000 Hz"
     assert "1 m away" in line(lines, "recorded")
     assert line(lines, "gains") == "gains     relative"
+
+
+def test_a_body_that_only_recoils_is_summed_up_and_drawn() -> None:
+    die = struck.analyze(struck.solids.Block(size=(0.012,) * 3), "steel", accuracy="preview")
+    lines = summary(die)
+    assert lines[:2] == [
+        "0 modes, none missing up to 20000 Hz",
+        "recoil    of the body as a whole, over within some 0.15 ms",
+    ]
+    assert lines[-1].startswith("dropped   no mode lies below 20000 Hz: the lowest is at 1.191e")
+    assert lines[-1].endswith("what is heard is its recoil")
+    sound = struck.render(die, struck.Strike(striker="steel", speed=0.5))
+    figure = overview(die, sound, title="A die")
+    assert not figure.subfigs
+    spectrum = figure.axes[1]
+    assert spectrum.lines[0].get_ydata().max() == pytest.approx(0, abs=0.1)

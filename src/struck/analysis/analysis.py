@@ -239,7 +239,7 @@ class _Work:
                 self.material,
                 self.highest,
                 solver=self.solver,
-                why=str(error),
+                why=f"{str(error).partition(';')[0]}: what is heard is its recoil",
             )
             return elements, none
         found = self._judged(elements, modes, coarse, first)

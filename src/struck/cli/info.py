@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,8 @@ from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from struck.model.recoil import Recoil
 
 LISTED = 20  # modes, unless asked for more or fewer
 EXAMPLES = ("bell.struck", "kitchen.glb", "plates.stl --units mm")
@@ -71,6 +73,7 @@ def described(
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
+        recoil=None if model.recoil is None else _lists(model.recoil),
         places=sorted(model.places),
         provenance={
             "method": model.provenance.method,
@@ -80,6 +83,11 @@ def described(
         },
         **facts,
     )
+
+
+def _lists(recoil: Recoil) -> dict[str, list]:
+    """Return recoil for JSON: axes, levels in Pa s/N at 1 m, corners in Hz and damping ratios."""
+    return {each.name: getattr(recoil, each.name).tolist() for each in fields(recoil)}
 
 
 def _or_null(errors: np.ndarray | None) -> list[float | None] | None:

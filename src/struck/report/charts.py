@@ -54,16 +54,20 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
 @checked
 def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a sound (else how long modes ring)."""
-    if not len(model.frequencies):
+    if not len(model.frequencies) and model.recoil is None:
         sound = None  # nothing is heard
     title = _title(model) if title is None else title
     if not isinstance(model.gains, ShapeGains):  # of a body that was recorded
         return _unshaped_overview(model, sound, title)
     painter = Painter.of(model.gains.surface)
+    modes = min(_MODES, len(model.frequencies))
     height = float(np.clip(2.1 / painter.aspect, 1.2, 3.6)) + 1.3
-    figure = chart(11.0, 3.8 + height)
+    figure = chart(11.0, 3.8 + height * (modes > 0))
     figure.suptitle(plain(title), fontsize=13, color=INK)
-    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.8, height)).flat
+    above: Figure | SubFigure = figure
+    if modes:
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.8, height)).flat
+        _draw_modes(below, painter, model, model.gains, modes)
     body, levels = above.subplots(1, 2, width_ratios=(1.0, 1.9))
     painter.paint(body)
     body.set_title(_dimensions(model.gains), fontsize=9, color=FAINT)
@@ -71,8 +75,6 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
         _draw_ringing(levels, model)
     else:
         _draw_spectrum(levels, sound)
-    if len(model.frequencies):
-        _draw_modes(below, painter, model, model.gains, min(_MODES, len(model.frequencies)))
     return figure
 
 

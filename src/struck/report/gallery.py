@@ -46,7 +46,7 @@ from struck.shapes import (
 from struck.shapes.shape import Shape
 from struck.solids import Block, Tube
 from struck.solids.filling.stuffing import stuffed
-from struck.solids.revolution import bell, bowl, wine_glass
+from struck.solids.revolution import Revolution, bell, bowl, wine_glass
 
 # The bird: a closed surface around a few rounded parts melted together.
 
@@ -218,6 +218,22 @@ def _blow(time: float = 0.0) -> Strike:
     return Strike(at=_FROM, striker="wood", speed=1.0, time=time)
 
 
+def _thrown(blows: int, first: float, restitution: float) -> Sequence[Strike]:
+    """Return the blows of what bounces: `first` s between two of them, less each time."""
+    gaps = first * restitution ** np.arange(blows)
+    times, places = np.cumsum(gaps) - first, ("top", "+x", "bottom", "-y")
+    return [
+        Strike(at=places[n % 4], striker="steel", speed=float(gaps[n]), time=float(times[n]))
+        for n in range(blows)
+    ]
+
+
+def _half_circle(radius: float) -> Sequence[tuple[float, float]]:
+    """Return the profile (r, z) of a ball, from pole to pole."""
+    angles = np.linspace(0, np.pi, 33)
+    return [(round(radius * np.sin(a), 9), round(-radius * np.cos(a), 9)) for a in angles]
+
+
 SOLIDS = (
     Piece(
         name="chime",
@@ -279,6 +295,32 @@ SOLIDS = (
             ("wood on the head", Strike(at="top", striker="wood", speed=0.5)),
             ("steel on the head", Strike(at="top", striker="steel", speed=0.5)),
             ("fingertip on the tail", Strike(at="-x", striker="fingertip", speed=1.0)),
+        ),
+    ),
+    Piece(
+        name="die",
+        title="A steel die",
+        text="12 mm: its lowest mode is at 119 kHz, which nobody hears. What is heard is that it "
+        "is pushed as a whole (acceleration noise), in the tenth of a millisecond of the blow. "
+        "Thrown, it falls over a few times.",
+        body=lambda: Block(size=(0.012, 0.012, 0.012)),
+        material="steel",
+        sounds=(
+            ("steel, 0.5 m/s", Strike(at="top", striker="steel", speed=0.5)),
+            ("wood, 0.5 m/s", Strike(at="top", striker="wood", speed=0.5)),
+            ("thrown: blows that come faster and weaker", _thrown(12, 0.5, 0.8)),
+        ),
+    ),
+    Piece(
+        name="marble",
+        title="A glass marble",
+        text="16 mm across, as silent by its modes as the die, and lighter: a higher click. "
+        "Dropped, it bounces until it lies still.",
+        body=lambda: Revolution(profile=_half_circle(0.008)),
+        material="glass",
+        sounds=(
+            ("steel, 0.5 m/s", Strike(at="top", striker="steel", speed=0.5)),
+            ("dropped: blows that come faster and weaker", _thrown(20, 0.6, 0.85)),
         ),
     ),
     Piece(

@@ -42,6 +42,9 @@ def summary(model: ModalModel) -> list[str]:
     """Return what a model holds, a line each."""
     material = model.material
     lines = [f"{len(model.frequencies)} modes, {_completeness(model)}"]
+    if model.recoil is not None:
+        times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
+        lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
     if model.errors is not None and np.isfinite(model.errors).any():
         middle, worst = np.nanmedian(model.errors), np.nanmax(model.errors)
         lines.append(

@@ -118,7 +118,7 @@ class Shape(ABC):
             told = _silent(self, material, vibration, band)
             if not none:
                 raise NoModeError(told)
-            dropped = (told,)
+            dropped = (f"{told}: what is heard is its recoil",)
         _require_few(vibration.frequencies, band[1])
         # As far apart as the mode shapes need, within what a file should hold.
         wanted = vibration.half_wave / _ACROSS_A_HALF_WAVE
