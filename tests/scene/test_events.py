@@ -221,9 +221,9 @@ def test_a_box_that_slides_sweeps_the_floor_and_not_itself() -> None:
         contacts = landing(solver, slides=lambda t: 0.05 * np.clip(t - 0.1, 0, 1.0))
         (found,) = events_of(SCENE, contacts).sustained
         moving = (found.times > 0.2) & (found.times < 1.0)
-        np.testing.assert_allclose(found.sweeps[0][moving], 0.05, rtol=0.02)
-        np.testing.assert_array_equal(found.sweeps[1][moving], 0.0)
-        np.testing.assert_array_equal(found.sweeps[0][found.times > 1.2], 0.0)
+        np.testing.assert_allclose(found.speeds[0][moving], 0.05, rtol=0.02)
+        np.testing.assert_array_equal(found.speeds[1][moving], 0.0)
+        np.testing.assert_array_equal(found.speeds[0][found.times > 1.2], 0.0)
         np.testing.assert_allclose(found.load[moving], 9.81 * MASS, rtol=0.05)
 
 
@@ -251,7 +251,7 @@ def test_a_ball_that_rolls_sweeps_both_bodies() -> None:
     ball = Body(model=RigidBody(mass=0.2, material=Material.named("steel")), roughness="steel")
     scene = Scene(bodies={"board": Body(model=BOARD, fixed=True), "ball": ball})
     (found,) = events_of(scene, contacts).sustained
-    for sweep in found.sweeps:
+    for sweep in found.speeds:
         np.testing.assert_allclose(sweep[5:-5], speed, rtol=0.02)
     assert np.abs(heard_scene(scene, contacts)).max() > 0
 

@@ -151,7 +151,7 @@ def test_what_lands_and_slides_is_a_blow_and_a_load() -> None:
     assert rest.sum() > 30
     # The same box, with a sound, is heard to slide.
     (found,) = events_of(audible(scene), log).sustained
-    np.testing.assert_allclose(found.sweeps[0][20:-20], 0.4, rtol=0.05)
+    np.testing.assert_allclose(found.speeds[0][20:-20], 0.4, rtol=0.05)
 
 
 def audible(scene: Scene) -> Scene:

@@ -22,7 +22,7 @@ from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 
 if TYPE_CHECKING:
-    from struck.excitation.roughness import Roughness
+    from struck.excitation.roughness import Finish
     from struck.scene.contacts import Contacts
 
 Action = Excitation | Hold  # what may happen to a body
@@ -90,7 +90,7 @@ class Body:
         Where the origin of the body's coordinates is in the scene, m.
     rotation : array-like (3, 3) or (4,), (times, quaternions) or function of time
         From the body's coordinates to the scene's; see `Turning`. Quaternions are (w, x, y, z).
-    roughness : str, Roughness or None
+    roughness : str, Roughness, Profile or None
         Of its surface, by which sliding and rolling sound; None: as its material has.
     fixed : bool
         Whether it is held and does not give way as a whole when it is hit.
@@ -105,7 +105,7 @@ class Body:
     excitations: Action | Sequence[Action] = ()
     position: Course3 = (0.0, 0.0, 0.0)
     rotation: Turning = (1.0, 0.0, 0.0, 0.0)
-    roughness: str | Roughness | None = None
+    roughness: str | Finish | None = None
     fixed: bool = False
 
     def __post_init__(self) -> None:

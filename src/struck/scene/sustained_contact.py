@@ -3,8 +3,8 @@
 A load that lasts is silent; what sounds is the roughness that passes under it. How fast it passes
 is asked of each body apart, for a box that slides over a floor stands still on itself and sweeps
 the floor: the roughness of the floor is read at the speed of the box, that of the box not at all.
-Where a wheel rolls, both are read at the same speed. The sum of both is one force, which pushes the
-two bodies with opposite sign, each at its own place.
+Where a wheel rolls, both are read at the same speed. What both squeeze the dent by adds up to one
+force, which pushes the two bodies with opposite sign, each at its own place.
 
 The speed of sweeping is how fast the points of contact move in a body's own coordinates. A
 simulation moves its load from point to point as it likes, so only points that are there in both of
@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from struck.excitation.excitation import Push, drives_at
-from struck.excitation.friction import FADE, Reader, Rubbed, fading, limited
+from struck.excitation.friction import FADE, ROLLER, TIP, Reader, Rubbed, fading, limited
 from struck.excitation.hertz import contact_modulus
 from struck.excitation.roughness import Finish, finish
 from struck.excitation.texture import CHUNK
@@ -37,8 +37,8 @@ _CONTROL = 5e-3  # s, from one value of these to the next
 _STILL, _MOVING = 1e-3, 3e-3  # m/s: slower is at rest, faster sounds in full
 _LEAP = 3.0  # times the speed of the bodies there: faster points are others than before
 _SLACK = 0.02  # m/s, that a point may move beyond that
-_APART = 1e3  # m, between the places of a texture that contacts are read at
 _TIP = 5e-3  # m, radius of the bumps on which flat things touch
+_ROLLS = 0.5  # of the faster sweep: where the slower one is as fast as that, something rolls
 _NEAR = 1e-6  # of a body's extent: points as near as that are the same
 _GROUPS = {
     "metal": "steel",
@@ -66,8 +66,8 @@ class SustainedContact:
         N.
     normals, points : pairs of arrays (S, 3)
         Direction of the load and place of the contact in the coordinates of each body, m.
-    sweeps : pair of arrays (S,)
-        How fast the contact moves over each body, m/s.
+    sweeps : pair of arrays (S, 3)
+        How fast the contact moves over each body, in its coordinates, m/s.
     rubbed : pair of Rubbed
         Roughness of each body, with the spring that both make.
     """
@@ -92,9 +92,14 @@ class SustainedContact:
             "body0": names[self.first],
             "body1": names[self.second],
             "load": float(self.load.mean()),
-            "sweep0": float(self.sweeps[0].max()),
-            "sweep1": float(self.sweeps[1].max()),
+            "sweep0": float(self.speeds[0].max()),
+            "sweep1": float(self.speeds[1].max()),
         }
+
+    @property
+    def speeds(self) -> Sequence[Array]:
+        """How fast the contact moves over each body, m/s (S,)."""
+        return [np.linalg.norm(sweep, axis=1) for sweep in self.sweeps]
 
     def on(self, model: ModalModel, *, first: bool, seed: int) -> Rub:
         """Return what it does to one of its bodies."""
@@ -115,24 +120,49 @@ class SustainedContact:
 
     def _read(self, sample_rate: float, seed: int) -> Array:
         count = max(1, round((self.times[-1] - self.times[0]) * sample_rate))
-        samples, looks = np.arange(count), np.arange(0, count + 2 * CHUNK, CHUNK)
-        moments = self.times[0] + looks / sample_rate
-        loads = np.interp(moments, self.times, self.load)
-        squeezes, chance = np.zeros(count), np.random.default_rng(seed)
-        for rubbed, sweep in zip(self.rubbed, self.sweeps, strict=True):
-            begin = chance.uniform(0, _APART, 3)
-            if not sweep.any():
-                continue
-            speeds = np.interp(moments, self.times, sweep)
-            ways = np.cumsum(np.interp(samples, looks, speeds)) / sample_rate
-            # Each contact has a line of the texture to itself, as its own place is only a mean.
-            places = begin + ways[:, None] * np.array([1.0, 0.0, 0.0])
-            moving = np.clip((speeds - _STILL) / (_MOVING - _STILL), 0, 1)
-            read = Reader(rubbed, sample_rate).squeezes(0, places, ways, speeds, loads)
-            squeezes += read * np.interp(samples, looks, moving)
-        force = limited(squeezes, np.interp(samples, looks, loads))
+        looks = self.times[0] + np.arange(0, count + 2 * CHUNK, CHUNK) / sample_rate
+        loads = np.interp(looks, self.times, self.load)
+        squeezes = np.zeros(count)
+        for number, rubbed, sweep, points in zip(
+            (self.first, self.second), self.rubbed, self.sweeps, self.points, strict=True
+        ):
+            if sweep.any():
+                reader = Reader(replace(rubbed, seed=seed + number), sample_rate)
+                # The way is that of the sweep: it leaps with no load that changes its point.
+                steps = np.diff(self.times)[:, None] * (sweep[1:] + sweep[:-1]) / 2
+                way = points[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+                self._squeeze(reader, sample_rate, way, sweep, loads, squeezes)
+        moments = self.times[0] + np.arange(count) / sample_rate
         fade = max(1, round(FADE * sample_rate))
-        return force * fading(samples.astype(np.float64), fade, max(0, count - fade))
+        faded = fading(np.arange(count, dtype=np.float64), fade, max(0, count - fade))
+        return limited(squeezes, np.interp(moments, self.times, self.load)) * faded
+
+    def _squeeze(
+        self,
+        reader: Reader,
+        sample_rate: float,
+        way: Array,
+        sweep: Array,
+        loads: Array,
+        out: Array,
+    ) -> None:
+        """Add to `out` (n,) what a body's surface squeezes the dent by, a second at a time."""
+        speeds = np.linalg.norm(sweep, axis=1)
+        long = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        for first in range(0, len(out), _AT_ONCE):
+            part = slice(first, min(first + _AT_ONCE, len(out)))
+            moments = self.times[0] + np.arange(part.start, part.stop) / sample_rate
+            rows = slice(first // CHUNK, -(-part.stop // CHUNK) + 1)
+            looks = self.times[0] + np.arange(rows.start, rows.stop) * (CHUNK / sample_rate)
+            pace = np.interp(looks, self.times, speeds)
+            moving = np.clip((pace - _STILL) / (_MOVING - _STILL), 0, 1)
+            places = np.stack([np.interp(moments, self.times, axis) for axis in way.T], axis=1)
+            ways = np.interp(moments, self.times, long)
+            read = reader.squeezes(0, places, ways, pace, loads[rows])
+            out[part] += read * np.interp(moments, looks, moving)
+
+
+_AT_ONCE = 750 * CHUNK  # samples, so that memory does not grow with how long a contact lasts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,7 +281,7 @@ def _one(
         normals=[_unit(track.smooth(track.mean(each), times)) for each in turned],
         points=[track.smooth(track.mean(each), times) for each in sides],
         sweeps=sweeps,
-        rubbed=_rubbed(bodies),
+        rubbed=_rubbed(bodies, sweeps),
     )
 
 
@@ -313,7 +343,7 @@ class _Track:
         return np.where(np.isfinite(apart), partner, -1)
 
     def sweep(self, points: Array, partners: Index, fastest: Array, times: Array) -> Array:
-        """Return how fast the contact moves over a body, m/s (S,)."""
+        """Return how fast the contact moves over a body, in its coordinates, m/s (S, 3)."""
         rows = np.flatnonzero(partners >= 0)
         gap = self.moments[self.step[partners[rows]]] - self.moments[self.step[rows]]
         speeds = (points[partners[rows]] - points[rows]) / gap[:, None]
@@ -324,8 +354,8 @@ class _Track:
         np.add.at(known, self.step[rows], self.weights[rows])
         np.add.at(means, self.step[rows], self.weights[rows, None] * speeds)
         means /= np.maximum(known, 1e-300)[:, None]
-        found = np.linalg.norm(self.smooth(means, times, known), axis=1)
-        return np.where(found > _STILL, found, 0.0)
+        found = self.smooth(means, times, known)
+        return np.where(np.linalg.norm(found, axis=1, keepdims=True) > _STILL, found, 0.0)
 
 
 def _fastest(bodies: Sequence[Body], track: _Track, velocity: Array | None) -> Array:
@@ -355,17 +385,26 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
-def _rubbed(bodies: Sequence[Body]) -> Sequence[Rubbed]:
+def _rubbed(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[Rubbed]:
+    """Return the roughness of each body, felt by a tip where one slides, else by what rolls."""
     solids = [body.model.material for body in bodies if body.model.material is not None]
-    modulus = contact_modulus(*solids)
-    return [Rubbed(roughness=roughness_of(each), modulus=modulus, radius=_TIP) for each in bodies]
+    least, most = sorted(float(np.linalg.norm(sweep, axis=1).mean()) for sweep in sweeps)
+    extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]
+    rolls = least > _ROLLS * most
+    return [
+        Rubbed(
+            roughness=_finish(body),
+            modulus=contact_modulus(*solids),
+            radius=max(_TIP, min(extents, default=0.0) / 2) if rolls else _TIP,
+            share=ROLLER if rolls else TIP,
+        )
+        for body in bodies
+    ]
 
 
-def roughness_of(body: Body) -> Finish:
+def _finish(body: Body) -> Finish:
     """Return the roughness of a body's surface: its own, or as its material has."""
-    if body.roughness is not None:
-        return finish(body.roughness)
-    return finish(_usual(body.model.material))
+    return finish(_usual(body.model.material) if body.roughness is None else body.roughness)
 
 
 def _usual(material: Material | None) -> str:
