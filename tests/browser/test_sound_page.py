@@ -419,7 +419,7 @@ LIVE = """
   await wait(0.3);
   const struck = { ...reports.at(-1), peak: Math.max(...reports.map(({ peak }) => peak)) };
   engine.node.port.postMessage({ burn: given.burn });
-  await wait(0.7);
+  await wait(1.2);
   const burnt = reports.at(-1);
   const told = { note: engine.note, kind: engine.kind, ears: engine.ears, struck, burnt };
   told.shared = !!engine.ring;

@@ -25,6 +25,7 @@ export async function readContainer(buffer, { kind = 'struck', newest = 1 } = {}
   const metadata = entries.__metadata__;
   requireVersion(metadata, kind, newest);
   await requireSeal(buffer, end);
+  /** @type {Record<string, Tensor>} */
   const tensors = {};
   for (const [name, entry] of Object.entries(entries))
     if (name !== '__metadata__') tensors[name] = tensorOf(buffer, end, name, entry);

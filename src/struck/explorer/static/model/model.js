@@ -73,8 +73,8 @@ export class Model {
   #weights = new Float64Array(0);
   #size = 1;
   #plan = 2;
-  /** @type {ArrayLike<number>} of modes known by their mesh alone, 1/m */
-  #waveNumbers = [];
+  /** @type {Float64Array} of modes known by their mesh alone, 1/m */
+  #waveNumbers = new Float64Array(0);
 
   #readGains(tensors) {
     const shaped = this.kind === 'ShapeGains';
@@ -101,10 +101,11 @@ export class Model {
     const parts = partsOf(shapes, tensors);
     const [kind, given] = Object.entries(shapes.forms)[0];
     this.#forms = formsOf(kind, partsOf(given, tensors));
-    [this.#weights, this.#size] = [parts.weights, parts.size];
+    this.#weights = parts.weights;
+    this.#size = parts.size;
     this.#plan = this.metadata.coordinates.length;
     this.formula = kind;
-    if (!this.#forms) this.#waveNumbers = partsOf(given, tensors).wavenumbers ?? [];
+    if (!this.#forms) this.#waveNumbers = partsOf(given, tensors).wavenumbers;
   }
 
   /**

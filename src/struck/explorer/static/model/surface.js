@@ -132,7 +132,8 @@ function combined(corners, weights) {
 }
 
 /** Return the weights of the corners of a triangle that make a point in its plane, none below 0. */
-export function barycentric([a, b, c], point) {
+export function barycentric(corners, point) {
+  const [a, b, c] = corners;
   const first = subtract(b, a);
   const second = subtract(c, a);
   const offset = subtract(point, a);
@@ -148,7 +149,8 @@ export function barycentric([a, b, c], point) {
  * Return the point of a triangle nearest to a place, by the region that the place lies in
  * (Ericson, "Real-Time Collision Detection", 2005, section 5.1.5).
  */
-function nearestOfTriangle([a, b, c], point) {
+function nearestOfTriangle(corners, point) {
+  const [a, b, c] = corners;
   const ab = subtract(b, a);
   const ac = subtract(c, a);
   const ap = subtract(point, a);

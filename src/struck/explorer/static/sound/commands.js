@@ -15,11 +15,9 @@ export const AT_ONCE = -1; // in place of a sample
  * @param {...(number | ArrayLike<number>)} brought numbers and arrays of them, one after the other
  */
 export function command(kind, body, sample, ...brought) {
-  const size = brought.reduce(
-    (sum, each) => sum + (typeof each === 'number' ? 1 : each.length),
-    BROUGHT,
-  );
-  const words = new Float64Array(/** @type {number} */ (size));
+  let size = BROUGHT;
+  for (const each of brought) size += typeof each === 'number' ? 1 : each.length;
+  const words = new Float64Array(size);
   words.set([words.length, kind, body, sample ?? AT_ONCE]);
   let place = BROUGHT;
   for (const each of brought) {

@@ -131,7 +131,10 @@ const WIDE_BLOCK = BigInt(BLOCK);
 /** The modes of one body; see `PlainBank`, which has the same calls. */
 export class WasmBank {
   constructor(kit, count, voices) {
-    [this.kit, this.count, this.modes, this.slots] = [kit, count, row(lines(count)), voices + 1];
+    this.kit = kit;
+    this.count = count;
+    this.modes = row(lines(count));
+    this.slots = voices + 1;
     const { modes, slots } = this;
     this.drives = (MODE_ROWS + OUTPUT_LAYERS) * modes;
     this.forces = this.drives + DRIVE_LAYERS * slots * modes;
@@ -239,15 +242,24 @@ export class WasmBank {
 export class WasmLine {
   constructor(kit, taps, half) {
     const ears = kit.session.channels;
-    [this.kit, this.taps, this.half, this.ears, this.now] = [kit, taps, half, ears, 0];
+    this.kit = kit;
+    this.taps = taps;
+    this.half = half;
+    this.ears = ears;
+    this.now = 0;
     const room = taps - 1 + BLOCK;
     this.sizes = [8 * half, 48 * ears, 8 * ears * taps, 4 * ears * room, 16 * ears];
     this.places = this.sizes.map((each) => kit.take(each));
-    [this.line, this.ways, this.responses, this.history, this.numbers] = this.places;
+    const [line, ways, responses, history, numbers] = this.places;
+    this.line = line;
+    this.ways = ways;
+    this.responses = responses;
+    this.history = history;
+    this.numbers = numbers;
     kit.keep(this);
     this.view();
-    const numbers = new Int32Array(kit.buffer, this.numbers, 4 * ears); // lines, then ears
-    for (let ear = 0; ear < ears; ear++) numbers[2 * (ears + ear)] = ear;
+    const table = new Int32Array(kit.buffer, numbers, 4 * ears); // lines, then ears
+    for (let ear = 0; ear < ears; ear++) table[2 * (ears + ear)] = ear;
     // Whole numbers of 64 bits are made once: each would else be an object more.
     this.wide = {
       half: BigInt(half),

@@ -90,7 +90,10 @@ async function headTables(url, notes) {
 
 /** What sounds. Bodies are numbers, contacts come from their models. */
 export class Engine {
-  /** @type {Map<number, {model: Model, holds: Map<number, {contact: Contact, grip: number}>}>} */
+  /**
+   * @type {Map<number, {model: Model, place: {position?: number[], rotation?: number[][]},
+   *   holds: Map<number, {contact: Contact, grip: number}>}>}
+   */
   #bodies = new Map();
   #next = 0;
   #adding = 0; // bodies that the worklet does not have yet

@@ -111,7 +111,8 @@ class Measured {
     this.text = text;
     this.far = { delays: tensors.far_delays.data, responses: tensors.far_responses.data };
     this.near = { delays: tensors.near_delays.data, responses: tensors.near_responses.data };
-    [this.long, this.short] = [tensors.far_responses.shape[2], tensors.near_responses.shape[2]];
+    this.long = tensors.far_responses.shape[2];
+    this.short = tensors.near_responses.shape[2];
     this.taps = padded(this.long);
     this.points = sides(HEAD_RADIUS);
     this.weights = new Float64Array(8);

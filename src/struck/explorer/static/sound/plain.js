@@ -38,10 +38,19 @@ export class PlainBank {
   constructor(count, voices, sampleRate) {
     this.count = count;
     this.rate = sampleRate;
-    const rows = [...'abcdefghijklmno'].map(() => new Float64Array(count));
-    [this.logRe, this.logIm, this.turnRe, this.turnIm] = rows;
-    [this.holdRe, this.holdIm, this.re, this.im] = rows.slice(4);
-    [this.outRe, this.outIm, this.targetRe, this.targetIm, this.still] = rows.slice(8);
+    this.logRe = new Float64Array(count);
+    this.logIm = new Float64Array(count);
+    this.turnRe = new Float64Array(count);
+    this.turnIm = new Float64Array(count);
+    this.holdRe = new Float64Array(count);
+    this.holdIm = new Float64Array(count);
+    this.re = new Float64Array(count);
+    this.im = new Float64Array(count);
+    this.outRe = new Float64Array(count);
+    this.outIm = new Float64Array(count);
+    this.targetRe = new Float64Array(count);
+    this.targetIm = new Float64Array(count);
+    this.still = new Float64Array(count);
     this.sound = new Float64Array(BLOCK);
     this.voices = Array.from({ length: voices }, () => ({
       active: 0,
@@ -53,7 +62,11 @@ export class PlainBank {
     }));
     /** @type {typeof this.voices} */
     this.pushing = [];
-    [this.moved, this.first, this.asleep, this.slept, this.loudest] = [true, true, false, 0, 0];
+    this.moved = true;
+    this.first = true;
+    this.asleep = false;
+    this.slept = 0;
+    this.loudest = 0;
   }
 
   force(voice) {
@@ -84,7 +97,8 @@ export class PlainBank {
     this.targetRe.set(words.subarray(at, at + this.count));
     this.targetIm.set(words.subarray(at + this.count, at + 2 * this.count));
     if (this.first) this.#arrive();
-    [this.first, this.moved] = [false, true];
+    this.first = false;
+    this.moved = true;
   }
 
   /** Begin a push whose drive stands at a place of some words. */
@@ -185,7 +199,8 @@ export class PlainBank {
         this.re[n] = size * (re * c - im * s);
         this.im[n] = size * (re * s + im * c);
       }
-    [this.asleep, this.slept] = [false, 0];
+    this.asleep = false;
+    this.slept = 0;
   }
 }
 
@@ -193,7 +208,11 @@ export class PlainBank {
 export class PlainLine {
   constructor(kit, taps, half) {
     const ears = kit.session.channels;
-    [this.kit, this.taps, this.half, this.ears, this.now] = [kit, taps, half, ears, 0];
+    this.kit = kit;
+    this.taps = taps;
+    this.half = half;
+    this.ears = ears;
+    this.now = 0;
     this.samples = new Float32Array(half);
     this.delays = new Float64Array(3 * ears);
     this.gains = new Float64Array(3 * ears);

@@ -87,7 +87,8 @@ export class Propagation {
    * @param {number} sampleRate Hz
    */
   constructor(head, sampleRate) {
-    [this.head, this.rate] = [head, sampleRate];
+    this.head = head;
+    this.rate = sampleRate;
     this.lead = leadOf(sampleRate);
     this.start = -this.lead / sampleRate;
     this.stretches = 0;

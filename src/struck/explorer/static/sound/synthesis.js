@@ -134,12 +134,18 @@ export class Synthesis {
    * @param {{voices?: number, start?: number}} session `start`: first sample of the context
    */
   constructor(kit, head, { voices = 16, start = 0 } = {}) {
-    [this.kit, this.voices, this.now, this.start] = [kit, voices, start, start];
+    this.kit = kit;
+    this.voices = voices;
+    this.now = start;
+    this.start = start;
     this.channels = head.ears;
     this.propagation = new Propagation(head, kit.session.sampleRate);
     this.propagation.start += start / kit.session.sampleRate;
-    [this.since, this.opened, this.ready] = [STRETCH, true, BLOCK]; // `ready`: read of the block
-    [this.gain, this.wanted] = [1, 1];
+    this.since = STRETCH;
+    this.opened = true;
+    this.ready = BLOCK; // `ready`: read of the block
+    this.gain = 1;
+    this.wanted = 1;
     this.struck = false; // whether a strike has begun, for whoever has a clock
     this.report = new Float64Array(REPORT.SIZE);
     this.take = (words, at) => this.#run(words, at, true);
