@@ -311,8 +311,9 @@ SOLIDS = (
         title="Surfaces that never repeat",
         text="An oak board of 300 x 200 x 8 mm under a steel tip, 2 N. Surfaces used to be "
         "profiles of 5 to 27 cm that were read over and over: ground steel had a rhythm of 6 Hz. "
-        "They are random textures now, in the coordinates of the body: a place sounds the same whenever it "
-        "is touched, and no stretch of the way is another's. Rougher is louder, and so is faster.",
+        "They are random textures now, in the coordinates of the body: a place sounds the same "
+        "whenever it is touched, and no stretch of the way is another's. Rougher is louder, and so "
+        "is faster.",
         body=lambda: Block(size=(0.3, 0.2, 0.008)),
         material="oak",
         damping="heard",
