@@ -56,7 +56,7 @@ _SPARED = 0.6  # power of X by which a rough surface acts less than in proportio
 FOLLOWED = 5e-4  # m, waves from which on the tip follows
 # Spacings a sample between which layers fade out: their waves are two spacings long and longer.
 _SLOW, _FAST = 0.45, 0.8
-_FAINT = 1e-3  # of the loudest layer's weight: a layer below is left out
+_FAINT = 3e-3  # of the loudest layer's weight: a layer below is left out
 _POINTS_A_WAVE = 6  # of the shortest wave of a level
 _FLAT = 2 / 3  # share of a level's band that passes whole
 _RESOLVED = 3.3  # q a of the shortest wave that a contact feels
@@ -246,8 +246,8 @@ def patch_mean(radii: Array) -> Array:
 @cache
 def _patch_mean() -> tuple[Array, Array]:
     radii = np.geomspace(1e-3, 1e3, 181)
-    waves = np.geomspace(1e-4, 3.0, 1500)
-    spectrum = hump(waves)
+    waves = np.geomspace(1e-3, 3.0, 800)
+    spectrum = hump(waves) * np.square(waves)  # longer waves are those of coarser layers
     felt = np.square(pressure_mean(2 * np.pi * waves * radii[:, None])) * spectrum
     powers = np.trapezoid(felt, waves, axis=1) / np.trapezoid(spectrum, waves)
     return np.log(radii), np.sqrt(powers)

@@ -10,17 +10,21 @@ steady load itself is silent; what is heard is how it changes.
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
-from struck.excitation.excitation import HEAVIEST, Push, drive
+from struck.errors import ContactError, OptionError
+from struck.excitation.excitation import HEAVIEST, Push, drive, drive_at, drives_at
 from struck.excitation.friction import FADE, Reader, Tool, fading, limited
 from struck.excitation.texture import CHUNK
-from struck.model.arrays import Array, checked
+from struck.model.arrays import Array, Index, Mask, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
@@ -30,15 +34,18 @@ USUAL = 100.0  # Hz, expected before there were two updates
 _WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+_LOAD, _SPEED, _PRESSED, _MOVING, _PLACE, _NUMBERS = 0, 1, 2, 3, 4, 7  # columns of ramps
+_STRETCH, _MOST_BLOCKS = 2048, 16  # samples, and blocks, of a log that are computed at once
 _MOVES = 0.5  # share of the speed by which a place must move to be where the surface is felt
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Update:
+class Update(NamedTuple):
     """Place, load and speed of a touch from one sample on."""
 
     sample: int  # number of the first sample that it holds for
-    contact: Contact  # place, and direction of the load
+    point: list[float]  # coordinates of the place, m
+    direction: Array  # (3,), of the load
+    normal: Array  # (3,), of the surface there
     drive: Array  # (M,), kg^-1/2, of each mode there
     force: float  # N, at least 0
     speed: float  # m/s, at least 0
@@ -55,10 +62,10 @@ class Touching:
         self._tool = tool or Tool()
         self._updates: deque[Update] = deque()
         self._heard: Update | None = None
-        self._said: tuple[ModalModel, Update] | None = None
+        self._said: tuple[ModalModel, Contact, Array] | None = None
         self._interval = sample_rate / USUAL
-        self._load, self._speed, self._pressed, self._moving = Ramp(), Ramp(), Ramp(), Ramp()
-        self._drive, self._place = Blend(), Places()
+        self._ramps, self._drive = Ramps(start), Blend()
+        self._spot = [0.0, 0.0, 0.0]  # where on its surface it is felt next, m
         hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
         self._window: Array = hann / hann.sum()
         self._before: Array = np.zeros(len(self._window) - 1)
@@ -116,14 +123,34 @@ class Touching:
         speed = float(np.linalg.norm(vector))
         model, said = self._model, self._said  # `change` may be called from another thread
         contact = at if isinstance(at, Contact) else model.contact(at, direction)
-        if said is not None and said[0] is model and said[1].contact is contact:
-            drives = said[1].drive
+        if said is not None and said[0] is model and said[1] is contact:
+            drives = said[2]
         else:
             drives = drive(model, contact, radius=self._tool.patch)
         number = self.now if sample is None else sample
-        word = Update(sample=number, contact=contact, drive=drives, force=load, speed=speed)
-        self._said = model, word
-        return word
+        point = contact.point.tolist()
+        self._said = model, contact, drives
+        return Update(number, point, contact.direction, contact.normal, drives, load, speed)
+
+    def grasps(
+        self, points: Array, directions: Array | None
+    ) -> Iterator[tuple[list[float], Array, Array, Array]]:
+        """Yield point, direction, normal and drive of contacts at points (K, D)."""
+        model, patch = self._model, self._tool.patch
+        places, ways, normals = model.contacts(points, directions)
+        if patch:
+            rows = zip(places, normals, ways, strict=True)
+            drives = np.array([drive_at(model, *row, radius=patch) for row in rows])
+        else:
+            drives = drives_at(model, places, ways)
+        return zip(places.tolist(), ways, normals, drives, strict=True)
+
+    def copied(self) -> Touching:
+        """Return a copy that goes on by itself from here."""
+        other = copy(self)
+        other._updates, other._drive = deque(self._updates), copy(self._drive)  # noqa: SLF001
+        other._ramps = self._ramps.copied()  # noqa: SLF001
+        return other
 
     def follow(self, word: Update) -> None:
         """Follow an update from its sample on."""
@@ -132,58 +159,98 @@ class Touching:
     def change(self, model: ModalModel) -> None:
         """Go on with a body that has changed: drives move to those of the new one."""
         self._model = model
-        if self._heard is not None:
-            drives = drive(model, self._heard.contact, radius=self._tool.patch)
+        held = self._heard
+        if held is not None:
+            place, patch = np.array(held.point), self._tool.patch
+            drives = drive_at(model, place, held.normal, held.direction, radius=patch)
             self._drive.toward(drives, max(1, round(self._interval)))
 
     @property
     def load(self) -> float:
         """Load at the end of the last block, N."""
-        return self._load.value * self._pressed.value
+        now = self._ramps.at(self.now)
+        return now[_LOAD] * now[_PRESSED]
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
-        loads, speeds, pressed, moving = courses = np.empty((4, length))
-        places = np.empty((length, 3))
-        first, done = 0 if self._heard else length, 0
-        while self._updates and self._updates[0].sample < self.now + length:
-            word = self._updates.popleft()
-            begin = max(done, word.sample - self.now)
-            self._fill(courses[:, done:begin], places[done:begin])
-            first, done = min(first, begin), begin
-            self._take(word)
-        self._fill(courses[:, done:], places[done:])
-        self.now += length
-        if self._heard is None or self._rests(length, pressed):
-            return None
+        return self.stretch(length, 1)[0]
+
+    def stretch(self, length: int, count: int) -> list[Push | None]:
+        """Return the pushes of the next `count` blocks of `length` samples, computed together."""
+        begin, done = self.now, self.now
+        first = 0 if self._heard else length * count
+        drives: list[Array] = []
+        for end in range(begin + length, begin + length * count + 1, length):
+            while self._updates and self._updates[0].sample < end:
+                word = self._updates.popleft()
+                sample = max(done, word.sample)
+                self._drive.go(sample - done)
+                first, done = min(first, sample - begin), sample
+                self._take(word, sample)
+            self._drive.go(end - done)
+            drives.append(self._drive.now)
+            done = end
+        self.now = done
+        courses = self._ramps.take(begin, done)
+        if count == 1 or courses[_PRESSED].all():
+            forces = self._forces(courses, first, length)
+        else:
+            forces = [
+                force
+                for block in range(0, length * count, length)
+                for force in self._forces(
+                    courses[:, block : block + length], min(max(first - block, 0), length), length
+                )
+            ]
+        return [
+            None if force is None else Push(force=force, drive=drive)
+            for force, drive in zip(forces, drives, strict=True)
+        ]
+
+    def _forces(self, courses: Array, first: int, length: int) -> list[Array | None]:
+        """Return the force of each block of a stretch; None in place of one that is silent."""
+        count = courses.shape[1] // length
+        if first >= courses.shape[1] or self._rests(length, courses[_PRESSED]):
+            return [None] * count
+        loads, speeds, pressed, moving = courses[:_PLACE]
         longer = np.concatenate([self._before, loads * pressed])
-        self._before = longer[length:]
+        self._before = longer[len(loads) :]
         force = np.convolve(longer, self._window, "valid")
-        rubbing = self._rub(places[first:], loads[first:], speeds[first:])
-        force[first:] += rubbing * moving[first:]
-        return Push(force=force, drive=self._drive.now)
+        places = np.ascontiguousarray(courses[_PLACE:, first:].T)
+        force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
+        return list(force.reshape(count, length))
 
-    def _fill(self, courses: Array, places: Array) -> None:
-        ramps = (self._load, self._speed, self._pressed, self._moving)
-        for course, ramp in zip(courses, ramps, strict=True):
-            course[:] = ramp.take(courses.shape[1])
-        places[:] = self._place.take(len(places))
-        self._drive.go(courses.shape[1])
-
-    def _take(self, word: Update) -> None:
+    def _take(self, word: Update, sample: int) -> None:
         """Set the ramps for an update."""
-        gap = self._gap(word.sample)
-        jump = self._is_off()
-        if word.force > 0:
-            self._load.toward(word.force, 0 if jump else gap)
-        self._pressed.toward(1.0 if word.force > 0 else 0.0, gap)
-        speed = word.speed if word.force > 0 else 0.0
-        self._speed.toward(speed, 0 if jump else gap)
-        self._moving.toward(1.0 if speed else 0.0, gap)  # at rest the force is the load
+        gap, pressed = self._gap(word.sample), word.force > 0
+        now, target = self._ramps.at(sample), self._ramps.target
+        jump = now[_PRESSED] == 0.0 == target[_PRESSED]
+        speed = word.speed if pressed else 0.0
+        load = word.force if pressed else target[_LOAD]
+        self._move(word, speed)
+        # At rest the force is the load.
+        wanted = [load, speed, 1.0 if pressed else 0.0, 1.0 if speed else 0.0, *self._spot]
+        if jump:
+            now = [load, speed, now[_PRESSED], now[_MOVING], *self._spot]
+        self._ramps.toward(wanted, now, sample, gap)
         self._drive.toward(word.drive, 0 if jump else gap)
-        between = 0 if self._heard is None else word.sample - self._heard.sample
-        self._place.toward(word.contact.point, speed * between / self._rate, 0 if jump else gap)
         self._heard = word
+
+    def _move(self, word: Update, speed: float) -> None:
+        """Set where on its surface it is felt next: at the point said, where that moves.
+
+        Where a speed is said and the point stands still, the surface moves past under it: it goes
+        on by the distance, along a line of its own.
+        """
+        if self._heard is None:
+            self._spot = [*word.point, 0.0, 0.0][:3]
+            return
+        step = [end - begin for begin, end in zip(self._heard.point, word.point, strict=True)]
+        way = speed * (word.sample - self._heard.sample) / self._rate
+        if math.hypot(*step) < _MOVES * way:
+            step = [way]
+        step += [0.0] * (3 - len(step))
+        self._spot = [at + by for at, by in zip(self._spot, step, strict=True)]
 
     def _gap(self, sample: int) -> int:
         """Return how many samples there are likely to be until the next update."""
@@ -194,10 +261,10 @@ class Touching:
         return max(1, round(self._interval))
 
     def _is_off(self) -> bool:
-        return self._pressed.value == 0.0 == self._pressed.target
+        return self._ramps.at(self.now)[_PRESSED] == 0.0 == self._ramps.target[_PRESSED]
 
     def _rests(self, length: int, pressed: Array) -> bool:
-        """Tell whether it is silent, smoothing included; count silent samples."""
+        """Tell whether a block is silent, smoothing included; count silent samples."""
         if pressed.any():
             self._still = 0
             return False
@@ -286,77 +353,165 @@ class TouchLog:
 
     def place(self, number: int) -> tuple[Array, Array | None]:
         """Return point and direction (3,) of an update."""
-        directions = None if self.directions is None else np.asarray(self.directions)[number]
-        return np.asarray(self.points)[number], directions
+        points, directions = self.places(np.array([number]))
+        return points[0], None if directions is None else directions[0]
+
+    def places(self, numbers: Index) -> tuple[Array, Array | None]:
+        """Return points and directions (K, 3) of updates."""
+        directions = None if self.directions is None else np.asarray(self.directions)[numbers]
+        return np.asarray(self.points)[numbers], directions
+
+    def moves(self) -> Mask:
+        """Tell which updates (K,) have another place or direction than the one before."""
+        given = [np.asarray(each) for each in (self.points, self.directions) if each is not None]
+        changed = [np.any(rows[1:] != rows[:-1], axis=1) for rows in given]
+        return np.concatenate([[True], np.any(changed, axis=0)])
 
 
 class Replay:
     """A `Pushing` that plays the touch of a log."""
 
+    # Some blocks are computed at once, and the contacts and drives of all updates in them. Where
+    # the next block has another length, or the body changes, it goes back to the last block that
+    # was asked for.
+
     def __init__(
         self, log: TouchLog, model: ModalModel, sample_rate: float, *, start: int = 0
     ) -> None:
         self._touching = Touching(model, sample_rate, tool=log.tool, start=start)
-        self._log, self._model, self._now, self._next = log, model, start, 0
+        self._log, self._model, self._next = log, model, 0
         self._samples = np.round(np.asarray(log.times) * sample_rate).astype(np.int64)
-        self._contact: Contact | None = None
+        self._moved = log.moves()
+        self._last: Update | None = None
+        self._ready: deque[Push | None] = deque()
+        self._length, self._given = 0, 0  # of blocks, samples, and how many of a stretch were given
+        self._before = self._kept()
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples; ContactError off the body."""
-        self._now += length
-        last = int(np.searchsorted(self._samples, self._now))
-        for number in range(self._next, last):
-            self._say(number)
-        self._next = last
-        return self._touching.advance(length)
+        if length != self._length:
+            self._return()
+            self._length = length
+        if not self._ready:
+            self._before, self._given = self._kept(), 0
+            count = max(1, min(_MOST_BLOCKS, _STRETCH // length))
+            try:
+                self._ready.extend(self._stretch(count))
+            except ContactError:  # perhaps not of this block
+                self._restore()
+                self._ready.extend(self._stretch(1))
+        self._given += 1
+        return self._ready.popleft()
 
     def change(self, model: ModalModel) -> None:
         """Go on with a body that has changed."""
-        self._model, self._contact = model, None
+        self._return()
+        self._model, self._last = model, None
         self._touching.change(model)
+        self._before = self._kept()
 
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""
-        return self._touching.finished
+        return not self._ready and self._touching.finished
 
-    def _say(self, number: int) -> None:
-        log = self._log
-        (point, way), (before, way_before) = log.place(number), log.place(number - 1)
-        turned = way is not None and way_before is not None and not np.array_equal(way, way_before)
-        if self._contact is None or turned or not np.array_equal(point, before):
-            self._contact = self._model.contact(point, way)
-        self._touching.update(
-            self._contact,
-            float(np.asarray(log.forces)[number]),
-            float(np.asarray(log.speeds)[number]),
-            sample=int(self._samples[number]),
-        )
-        self._touching.ended = number == len(self._samples) - 1
+    def _stretch(self, count: int) -> list[Push | None]:
+        end = self._touching.now + count * self._length
+        last = int(np.searchsorted(self._samples, end))
+        if last > self._next:
+            self._say(self._next, last)
+        self._next = last
+        return self._touching.stretch(self._length, count)
+
+    def _return(self) -> None:
+        """Go back to where what was given ends."""
+        if self._ready:
+            given = self._given
+            self._restore()
+            if given:
+                self._stretch(given)
+
+    def _kept(self) -> tuple[Touching, int, Update | None]:
+        return self._touching.copied(), self._next, self._last
+
+    def _restore(self) -> None:
+        self._touching, self._next, self._last = self._before
+        self._before = self._kept()
+        self._ready.clear()
+        self._given = 0
+
+    def _say(self, begin: int, end: int) -> None:
+        """Let the touch follow the updates of some numbers."""
+        log, last = self._log, self._last
+        forces, speeds = (np.asarray(each)[begin:end].tolist() for each in (log.forces, log.speeds))
+        moved = self._moved[begin:end].copy()
+        moved[0] |= last is None
+        chosen = begin + np.flatnonzero(moved)
+        found = self._touching.grasps(*log.places(chosen)) if len(chosen) else iter(())
+        samples = self._samples[begin:end].tolist()
+        for number, new in enumerate(moved.tolist()):
+            held = next(found) if new or last is None else last[1:5]
+            last = Update(samples[number], *held, forces[number], speeds[number])
+            self._touching.follow(last)
+        self._last = last
+        self._touching.ended = end == len(self._samples)
 
 
-class Ramp:
-    """A number that moves to its target in a straight line, sample by sample."""
+class Ramps:
+    """Numbers that move to their targets in straight lines, sample by sample.
 
-    def __init__(self, value: float = 0.0) -> None:
-        self.value = self.target = value
-        self._left = 0
+    They are load, N, speed, m/s, how far it is pressed and how far it moves, 0 to 1, and place, m.
+    """
 
-    def toward(self, target: float, samples: int) -> None:
-        """Set a target, to be reached after some samples; 0 is at once."""
-        self.target, self._left = target, samples
-        if samples == 0:
-            self.value = target
+    def __init__(self, start: int) -> None:
+        # Where a line begins, how long it is, and its ends.
+        self._lines = [(start - 1, 1, [0.0] * _NUMBERS, [0.0] * _NUMBERS)]
 
-    def take(self, count: int) -> Array:
-        """Return the next values (count,)."""
-        if self._left == 0 or count == 0:
-            return np.full(count, self.value)
-        shares = np.minimum(np.arange(1, count + 1) / self._left, 1.0)
-        values = self.value + shares * (self.target - self.value)
-        self._left = max(0, self._left - count)
-        self.value = float(values[-1]) if self._left else self.target
-        return values
+    @property
+    def target(self) -> list[float]:
+        """Where the numbers go."""
+        return self._lines[-1][3]
+
+    def at(self, sample: int) -> list[float]:
+        """Return the numbers before a sample that has not been taken yet."""
+        begin, length, low, high = self._lines[-1]
+        if sample - begin >= length:
+            return high
+        share = (sample - begin) / length
+        return [one + share * (other - one) for one, other in zip(low, high, strict=True)]
+
+    def toward(self, target: list[float], now: list[float], sample: int, length: int) -> None:
+        """Go from numbers to others within `length` samples from one on."""
+        self._lines.append((sample, length, now, target))
+
+    def copied(self) -> Ramps:
+        """Return a copy that goes on by itself."""
+        other = Ramps(0)
+        other._lines = list(self._lines)
+        return other
+
+    def take(self, begin: int, end: int) -> Array:
+        """Return the numbers (_NUMBERS, end - begin) of samples, and forget how they came about."""
+        found = np.empty((_NUMBERS, end - begin))
+        if len(self._lines) == 1 and begin >= sum(self._lines[0][:2]):
+            found[:] = np.array(self.target)[:, None]
+            return found
+        begins, lengths, lows, highs = zip(*self._lines, strict=True)
+        # Corners of each line: its begin, its end, and where the next one begins. What is exactly
+        # there belongs to the line before.
+        numbers = np.arange(begin + 1.0, end + 1.0) - 1e-9
+        nexts = np.array([*begins[1:], end + 1.0])
+        ends = np.minimum(np.add(begins, lengths), nexts)
+        shares = (ends - begins) / np.array(lengths)
+        corners = np.stack([begins, ends, nexts], axis=1).ravel()
+        for row, low, high in zip(found, np.transpose(lows), np.transpose(highs), strict=True):
+            last = np.where(shares < 1, low + shares * (high - low), high)
+            if np.all(low == low[0]) and np.all(last == low[0]):
+                row[:] = low[0]
+            else:
+                row[:] = np.interp(numbers, corners, np.stack([low, last, last], axis=1).ravel())
+        self._lines = self._lines[-1:]
+        return found
 
 
 class Blend:
@@ -380,41 +535,6 @@ class Blend:
         share = min(count / self._left, 1.0)
         self._left = max(0, self._left - count)
         self.now = self.now + share * (self._target - self.now) if self._left else self._target
-
-
-class Places:
-    """Where on its surface a touch is felt: the point that was said, where that moves as it should.
-
-    Where a speed is said and the point stands still, the surface moves past under it: it goes on by
-    the distance, along a line of its own.
-    """
-
-    def __init__(self) -> None:
-        self._now, self._target = np.zeros(3), np.zeros(3)
-        self._said: Array | None = None
-        self._left = 0
-
-    def toward(self, point: Array, way: float, samples: int) -> None:
-        """Set the next point (D,), after `way` m, to be reached after some samples."""
-        said = np.zeros(3)
-        said[: len(point)] = point
-        step = said if self._said is None else said - self._said
-        if self._said is not None and np.linalg.norm(step) < _MOVES * way:
-            step = np.array([way, 0.0, 0.0])
-        self._target = self._target + step
-        self._said, self._left = said, samples
-        if samples == 0:
-            self._now = self._target
-
-    def take(self, count: int) -> Array:
-        """Return the next places (count, 3), m."""
-        if self._left == 0 or count == 0:
-            return np.broadcast_to(self._now, (count, 3))
-        shares = np.minimum(np.arange(1, count + 1) / self._left, 1.0)
-        found = self._now + shares[:, None] * (self._target - self._now)
-        self._left = max(0, self._left - count)
-        self._now = found[-1] if self._left else self._target
-        return found
 
 
 def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:

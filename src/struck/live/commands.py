@@ -228,7 +228,7 @@ class Host:
             touching.resume(self.now)
             if not self._add(touching, body, key):
                 return
-        touching.follow(replace(update, sample=sample))
+        touching.follow(update._replace(sample=sample))
         notes.add(sample / self._rate, update)
 
     def _change(self, body: int, model: ModalModel, poles: Complex, outputs: Complex) -> None:
@@ -389,7 +389,7 @@ class Notes:
         """Note an update that takes effect at a time, s; when full it replaces the oldest."""
         row = self._rows[self._count % MOST_NOTED]
         row[0] = time
-        row[1:4], row[4:7] = update.contact.point, update.contact.direction
+        row[1:4], row[4:7] = update.point, update.direction
         row[7:] = update.force, update.speed
         self._count += 1
 

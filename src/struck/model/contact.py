@@ -46,17 +46,11 @@ class Contact:
         ContactError
             When it is farther than 2 % of the body's extent, or the direction is no direction.
         """
+        push = None if direction is None else _three(direction, "direction")[None]
         wanted = _three(point, "contact")
-        lengths, faces, nearest = locator.closest(wanted[None])
-        distance, reach = float(lengths[0]), _SNAP * mesh.extent
-        if distance > reach:
-            raise ContactError(
-                f"the contact {_text(wanted)} is {distance:.3g} m off the body, more than "
-                f"{reach:.3g} m: the nearest point is {_text(nearest[0])}"
-            )
-        normal = mesh.face_normals[faces[0]]
-        push = -normal if direction is None else _unit(_three(direction, "direction"))
-        return cls(point=nearest[0], direction=push, normal=normal, distance=distance)
+        (nearest,), (way,), (normal,) = nearest_contacts(locator, mesh, wanted[None], push)
+        distance = float(np.linalg.norm(nearest - wanted))
+        return cls(point=nearest, direction=way, normal=normal, distance=distance)
 
     @classmethod
     def recorded(
@@ -77,6 +71,29 @@ class Contact:
         if point.shape != (len(coordinates),) or not np.isfinite(point).all():
             raise ContactError(f"contact is {at!r}: {_choice(coordinates, places)}")
         return cls(point=point, direction=np.zeros(3), normal=np.zeros(3), distance=0.0)
+
+
+def nearest_contacts(
+    locator: Surface, mesh: Mesh, points: Array, directions: Array | None
+) -> tuple[Array, Array, Array]:
+    """Return points on a surface, unit pushes and normals (K, 3) of contacts at points (K, 3).
+
+    Raises
+    ------
+    ContactError
+        When one is farther than 2 % of the body's extent, or a direction is no direction.
+    """
+    lengths, faces, nearest = locator.closest(points)
+    reach, off = _SNAP * mesh.extent, int(np.argmax(lengths))
+    if lengths[off] > reach:
+        raise ContactError(
+            f"the contact {_text(points[off])} is {lengths[off]:.3g} m off the body, more than "
+            f"{reach:.3g} m: the nearest point is {_text(nearest[off])}"
+        )
+    normals = mesh.face_normals[faces]
+    if directions is None:
+        return nearest, -normals, normals
+    return nearest, np.array([_unit(way) for way in directions]), normals
 
 
 def raised(mesh: Mesh, place: Array) -> Array:

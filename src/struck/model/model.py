@@ -10,7 +10,7 @@ import numpy as np
 
 from struck.errors import MaterialError, OptionError
 from struck.model.arrays import Array, Index, checked, require_number, require_numbers
-from struck.model.contact import Contact, Place, located
+from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
 from struck.model.material import Material
@@ -169,6 +169,24 @@ class ModalModel:
         else:
             point = located(self.geometry, self.places, at, len(self.coordinates))
         return Contact.on(self.gains.locator, self.geometry, point, direction)
+
+    def contacts(
+        self, points: Array, directions: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return points (K, D), unit pushes and normals (K, 3) of contacts found as `contact` does.
+
+        Raises
+        ------
+        ContactError
+            When one is off the body.
+        """
+        if self.geometry is None or not isinstance(self.gains, ShapeGains) or points.shape[1] != 3:
+            ways = [None] * len(points) if directions is None else directions
+            found = [self.contact(at, way) for at, way in zip(points, ways, strict=True)]
+            rows = [(each.point, each.direction, each.normal) for each in found]
+            nearest, pushes, normals = (np.array(column) for column in zip(*rows, strict=True))
+            return nearest, pushes, normals
+        return nearest_contacts(self.gains.locator, self.geometry, points, directions)
 
     @checked
     def damped(self, damping: Damping) -> ModalModel:
