@@ -112,6 +112,19 @@ def test_a_wrong_contact_takes_no_mode_for_a_stranger(bar: ModalModel) -> None:
     assert not len(found.extra)
 
 
+def test_a_click_of_the_body_as_a_whole_is_no_stranger(bar: ModalModel) -> None:
+    clicking = struck.analyze(BAR, bar.material, band=(100, 20_000))
+    wood = Strike(at=(0.02, 0.0, 0.0025), striker="wood")
+    sound = struck.render(clicking, replace(wood, time=0.35), seconds=2.0, sample_rate=RATE)
+    chance = np.random.default_rng(0)
+    noise = 1e-3 * sound.peak * chance.standard_normal(sound.samples.shape)
+    found = compare(
+        clicking, replace(sound, samples=sound.samples + np.float32(noise)), strike=wood
+    )
+    assert len(found.pairs) >= 11
+    assert not len(found.extra)
+
+
 @pytest.mark.prove
 def test_takes_and_files_are_as_good_as_sounds(bar: ModalModel, tmp_path: Path) -> None:
     sound = struck.render(bar, replace(ONE, time=0.3), seconds=1.2, sample_rate=RATE)

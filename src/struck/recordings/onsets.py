@@ -78,7 +78,7 @@ def _risen(energy: Array, onset: int, end: int, size: int) -> int:
         return onset
     following = uniform_filter1d(energy[onset:last], size, origin=-(size // 2), mode="constant")
     risen = int(np.argmax(following >= 0.5 * following.max(initial=0.0)))
-    return min(onset + risen + size // 2, end)
+    return min(onset + risen + size, end)  # blow and recoil of what is struck are over as well
 
 
 def _energy(take: Take, start: int, seconds: float) -> float:
