@@ -49,7 +49,12 @@ class Poles:
     """The poles of one body at a sample rate: those of its modes, then of its recoil, if any."""
 
     values: Complex  # (M,), -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate
-    modes: int  # how many of them are modes
+    recoils: bool = False  # whether the last three are those of recoil
+
+    @property
+    def modes(self) -> int:
+        """How many of them are modes, M."""
+        return len(self.values) - 3 * self.recoils
 
     @classmethod
     def of(cls, model: Ringing, sample_rate: float) -> Poles:
@@ -69,7 +74,7 @@ class Poles:
         values = np.where(kept, -decays + 2j * np.pi * frequencies, 0)
         if recoil is not None:
             values = np.concatenate([values, recoil.poles(sample_rate)])
-        return cls(values=values, modes=len(frequencies))
+        return cls(values=values, recoils=recoil is not None)
 
     def raised(self, more: Array) -> Complex:
         """Return the poles when decays are higher by `more`, 1/s (M,), those of modes alone."""
