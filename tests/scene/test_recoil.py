@@ -153,6 +153,14 @@ def test_a_scrape_is_heard_by_recoil_as_well(die: ModalModel) -> None:
     assert passed.samples.any()
 
 
+def test_a_fixed_body_does_not_recoil(die: ModalModel) -> None:
+    bodies = [Body(model=die, excitations=Strike(at="top"), fixed=held) for held in (False, True)]
+    free, fixed = (struck.render([body], seconds=0.05) for body in bodies)
+    assert free.samples.any()
+    assert not fixed.samples.any()
+    assert "it is silent" in fixed.notes[0]
+
+
 BALL = Recoil(axes=np.eye(3), levels=np.ones(3), corners=np.full(3, 1e3), dampings=np.full(3, 0.7))
 
 
