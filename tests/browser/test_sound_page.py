@@ -441,6 +441,57 @@ def test_on_the_clock_a_strike_sounds_and_an_overloaded_worklet_counts_underruns
     assert told["burnt"]["load"] > 0.5
 
 
+REFUSED = """
+  const { createEngine } = await import('/static/sound/engine.js');
+  const { readModel } = await import('/static/model/model.js');
+  const read = async (name) => readModel(await (await fetch(name)).arrayBuffer());
+  const models = await Promise.all(['/model0', '/model1'].map(read));
+  const context = new OfflineAudioContext(1, 9600, 48000);
+  const said = async (action) => {
+    try {
+      await action();
+      return 'nothing';
+    } catch (error) {
+      return `${error.name}: ${error.message}`;
+    }
+  };
+  const engine = await createEngine(context, {});
+  const body = engine.addModel(models[0], {});
+  const told = {
+    ears: await said(() => createEngine(context, { ears: 'three' })),
+    body: await said(() => engine.strike({ body: 7, contact: models[0].loudest() })),
+    change: await said(() => engine.changeModel(body, models[1])),
+    worklet: await said(() => createEngine({}, {})),
+  };
+  engine.replaceModel(body, models[1]);
+  engine.strike({ body, contact: models[1].loudest(), striker: given.striker, time: 0.02 });
+  engine.node.connect(context.destination);
+  await engine.settled();
+  const samples = (await context.startRendering()).getChannelData(0);
+  engine.removeModel(body);
+  told.removed = await said(() => engine.changeModel(body, models[0]));
+  return { ...told, dropped: engine.counts().dropped, heard: samples.some((each) => each !== 0) };
+"""
+
+
+def test_what_cannot_be_is_refused_in_a_sentence_and_another_body_takes_the_place(
+    visit: Visit, models: list[ModalModel]
+) -> None:
+    for number, model in enumerate(models):
+        visit.site.given[f"/model{number}"] = to_bytes(model)
+    told = visit.run(REFUSED, striker=dict(strikers()["wood"]))
+    few, many = (len(model.frequencies) for model in models)
+    assert told["ears"] == "RangeError: ears are 'three': give mono, stereo or binaural"
+    assert told["body"] == "RangeError: there is no body 7: add a model first"
+    assert told["change"] == (
+        f"RangeError: the changed model has {many} modes, the body {few} modes and recoil: "
+        "replace it"
+    )
+    assert told["worklet"].startswith("Error: this browser has no AudioWorklet here: open")
+    assert told["removed"] == "RangeError: there is no body 0: add a model first"
+    assert (told["dropped"], told["heard"]) == (0, True)
+
+
 def test_without_isolation_core_or_head_sound_goes_on_and_the_page_says_so(
     browser: Browser, models: list[ModalModel]
 ) -> None:

@@ -230,6 +230,22 @@ def test_a_body_at_rest_costs_no_work_until_it_is_pushed() -> None:
     assert not resonators.asleep[0]
 
 
+def test_what_has_died_away_becomes_zero_before_its_numbers_are_the_least_there_are() -> None:
+    # Sums of numbers near 1e-308 take tenfold the time.
+    modes = Bank(frequencies=np.array([440.0, 3000.0]), decays=np.array([0.1, 2000.0]))
+    resonators = Resonators([modes], sample_rate=RATE, block=128)
+    push = Push(force=np.eye(1, 128)[0], drive=np.ones(2))
+    resonators.process([push], [np.ones((1, 2), complex)])
+    sizes = []
+    for _ in range(round(0.3 * RATE / 128)):
+        resonators.process()
+        sizes.append(np.abs(resonators.states(0)))
+    slow, fast = np.array(sizes).T
+    assert slow.min() > 1e-6
+    assert fast[-1] == 0
+    assert 1e-220 < fast[fast > 0].min() < 1e-190
+
+
 def test_a_steady_load_is_silent_and_its_end_is_heard() -> None:
     modes = bank(np.random.default_rng(8), 30, decays=(50.0, 200.0))
     resonators, drive = Resonators([modes], voices=1), np.ones(30)

@@ -10,6 +10,7 @@
 #include "memory.h"
 
 #define FAINTEST 1e-100 /* stands in for a zero drive gain: states may be divided by it */
+#define GONE 1e-200 /* a smaller state is 0: numbers near the least there are cost tenfold */
 
 /* Turn states into the pairs that kernels take. */
 static void unpack(const struct memory *m, const int64_t *b) {
@@ -115,14 +116,15 @@ void block_wake(const struct memory *m, int64_t number) {
   b[ASLEEP] = b[SLEPT] = 0;
 }
 
-/* Let modes ring for a block. */
+/* Let modes ring for a block; what has died away becomes 0. */
 static void leap(const struct memory *m, const int64_t *b) {
   const double *turn_re = mode(m, LEAP_RE), *turn_im = mode(m, LEAP_IM);
   double *restrict re = mode(m, STATE_RE), *restrict im = mode(m, STATE_IM);
   VECTORS for (int64_t n = b[FIRST]; n < b[LAST]; n++) {
-    const double before = re[n];
-    re[n] = before * turn_re[n] - im[n] * turn_im[n];
-    im[n] = before * turn_im[n] + im[n] * turn_re[n];
+    const double left = fabs(re[n]) + fabs(im[n]) > GONE ? 1.0 : 0.0;
+    const double before = left * re[n], beside = left * im[n];
+    re[n] = before * turn_re[n] - beside * turn_im[n];
+    im[n] = before * turn_im[n] + beside * turn_re[n];
   }
 }
 

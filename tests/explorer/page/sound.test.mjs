@@ -69,6 +69,21 @@ for (const [name, kit] of Object.entries(KITS)) {
     }
   });
 
+  test(`${name}: what has died away becomes 0 while other modes ring on`, () => {
+    const bank = kit().bank(2, 1);
+    const modes = { frequencies: Float64Array.of(440, 3000), decays: Float64Array.of(0.1, 2000) };
+    bank.setPoles(logarithms(modes, null, RATE), 0);
+    bank.setOutputs(Float64Array.of(1, 1, 0, 0), 0);
+    bank.start(0, Float64Array.of(1, 1), 0);
+    bank.force(0).fill(0)[0] = 1;
+    bank.make();
+    bank.stop(0);
+    for (let k = 0; k < 120; k++) bank.make();
+    const [re, im] = bank.state(1);
+    assert.ok(re === 0 && im === 0);
+    assert.ok(Math.hypot(...bank.state(0)) > 1e-6);
+  });
+
   test(`${name}: a limiter that opens, and a sample that is no number`, async () => {
     const { before, after } = await goldenOf('limited.golden');
     const made = kit(2);

@@ -227,6 +227,11 @@ export class WasmBank {
     this.#voice(voice, ACTIVE, 0);
   }
 
+  /** Return real and imaginary part of the state of a mode that nothing pushes. */
+  state(n) {
+    return [STATE_RE, STATE_IM].map((each) => this.reals[each * this.modes + n]);
+  }
+
   /** Make the next block in `sound`. */
   make() {
     this.kit.calls.bank_make_block(this.places[0], this.places[1]);

@@ -7,6 +7,7 @@ import { READ, betweenSamples } from './weights.js';
 
 export const BLOCK = 128; // samples that are made at a time
 const QUIET = 1e-6; // of its loudest, at which a body falls asleep
+const GONE = 1e-200; // a smaller state is 0: numbers near the least there are cost fifty times more
 
 /** What makes sound without WebAssembly; see `WasmKit`. */
 export class PlainKit {
@@ -116,6 +117,11 @@ export class PlainBank {
     this.voices[voice].active = 0;
   }
 
+  /** Return real and imaginary part of the state of a mode. */
+  state(n) {
+    return [this.re[n], this.im[n]];
+  }
+
   /** Make the next block in `sound`. */
   make() {
     this.sound.fill(0);
@@ -149,6 +155,10 @@ export class PlainBank {
     if (!this.logIm[n]) return;
     const [turnRe, turnIm, sound] = [this.turnRe[n], this.turnIm[n], this.sound];
     let [re, im, outRe, outIm] = [this.re[n], this.im[n], this.outRe[n], this.outIm[n]];
+    if (!pushing.length && Math.abs(re) + Math.abs(im) <= GONE) {
+      this.re[n] = this.im[n] = 0;
+      return;
+    }
     const stepRe = (this.targetRe[n] - outRe) / BLOCK;
     const stepIm = (this.targetIm[n] - outIm) / BLOCK;
     for (let k = 0; k < BLOCK; k++) {
