@@ -37,10 +37,10 @@ def sliding(pairs: list[tuple[int, int]], steps: int) -> Contacts:
     chance = np.random.default_rng(0)
     times, corners = STEP * np.arange(steps), np.array([[x, y] for x in (-1, 1) for y in (-1, 1)])
     bodies = 1 + max(max(pair) for pair in pairs)
-    way = 0.02 * np.sin(2 * np.pi * times)
+    way = 0.003 * np.sin(2 * np.pi * times)  # of a body on the one before it
     places = np.zeros((steps, bodies, 3))
     places[:, :, 2] = 0.02 * np.arange(bodies)
-    places[:, 1::2, 0] = way[:, None]
+    places[:, :, 0] = np.outer(way, np.arange(bodies))
     count = steps * len(corners)
     load = chance.dirichlet(np.ones(4), steps).ravel() * 9.81 * STEP
     load[chance.integers(0, count, count // 4000)] += 0.2
@@ -48,11 +48,11 @@ def sliding(pairs: list[tuple[int, int]], steps: int) -> Contacts:
     for first, second in pairs:
         place = np.tile(np.column_stack([0.03 * corners, np.full(4, 0.01)]), (steps, 1))
         place += np.repeat(places[:, second] - [0, 0, 0.02], 4, axis=0)
-        columns.append((np.full(count, first), np.full(count, second), place))
-    first, second, place = (np.concatenate(each) for each in zip(*columns, strict=True))
+        pace = (second - first) * np.repeat(np.gradient(way, STEP), 4)
+        columns.append((np.full(count, first), np.full(count, second), place, pace))
+    first, second, place, pace = (np.concatenate(each) for each in zip(*columns, strict=True))
     rows = np.tile(np.repeat(np.arange(steps), 4), len(pairs))
     order = np.argsort(rows, kind="stable")
-    pace = np.gradient(way, STEP)
     return Contacts(
         names=[f"block {k}" for k in range(bodies)],
         time=times[rows[order]],
@@ -61,7 +61,7 @@ def sliding(pairs: list[tuple[int, int]], steps: int) -> Contacts:
         body1=second[order],
         position=place[order],
         impulse=np.outer(np.tile(load, len(pairs))[order], [0, 0, 1]),
-        velocity=np.outer(pace[rows[order]], [1, 0, 0]),
+        velocity=np.outer(pace[order], [1, 0, 0]),
         poses=Poses.together(times, places, np.tile([1.0, 0, 0, 0], (steps, bodies, 1))),
     )
 
@@ -90,13 +90,14 @@ def main() -> None:
     some = [(a, b) for a in range(BODIES) for b in range(a + 1, BODIES)]
     some = [some[k] for k in np.linspace(0, len(some) - 1, TOUCHES).astype(int)]
     log = sliding(some, round(SECONDS / STEP))
-    excited = events_of(scene(model, BODIES), log).on()
+    events = events_of(scene(model, BODIES), log)
+    excited = events.on()
     begun = time.process_time()
     struck.render(excited, listener=Mono(position=(0, 1, 1)), seconds=SECONDS)
     taken = time.process_time() - begun
     print(
-        f"{TOUCHES} sustained contacts among {BODIES} bodies of {len(model.frequencies)} modes: "
-        f"{SECONDS / taken:.2f} times real time"
+        f"{len(events.sustained)} sustained contacts among {BODIES} bodies of "
+        f"{len(model.frequencies)} modes: {SECONDS / taken:.2f} times real time"
     )
 
 

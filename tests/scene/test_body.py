@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.ears.listeners import Mono, Stereo
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, MeshError, OptionError
 from struck.excitation.strike import Strike
 from struck.model.material import AIR
 from struck.model.model import ModalModel
@@ -137,6 +137,12 @@ def test_bodies_may_be_silent_or_at_peace() -> None:
         render(others, listener=listener)
     with pytest.raises(OptionError, match="1 excitations on a body without sound"):
         Body(model=RigidBody(), excitations=STRIKE)
+
+
+def test_a_body_that_is_inside_out_is_refused() -> None:
+    mesh = BLOCK.geometry
+    with pytest.raises(MeshError, match=r"encloses -0\.002 m\^3: it is inside out"):
+        RigidBody(geometry=replace(mesh, faces=mesh.faces[:, ::-1]))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.orientation import Carried, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
-from struck.errors import OptionError
+from struck.errors import MeshError, OptionError
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.gains import ShapeGains
@@ -51,6 +51,8 @@ class RigidBody:
     ------
     OptionError
         On a mass that does not exceed 0.
+    MeshError
+        On a surface that is inside out.
     """
 
     geometry: Mesh | None = None
@@ -66,6 +68,11 @@ class RigidBody:
                 array = np.array(value, np.float64)
                 require_numbers(name, array, shape)
                 object.__setattr__(self, name, array)
+        if self.geometry is not None and self.geometry.volume < 0:
+            raise MeshError(
+                f"its surface encloses {self.geometry.volume:.3g} m^3: it is inside out; turn its "
+                "faces round"
+            )
         if self.mass is not None and not 0 < self.mass < np.inf:
             raise OptionError(f"mass is {self.mass} kg: it must exceed 0; None does not give way")
 

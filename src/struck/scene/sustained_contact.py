@@ -196,7 +196,9 @@ class Playing:
     def __init__(self, rub: Rub, model: ModalModel, sample_rate: float, *, start: int) -> None:
         self._rub, self._rate, self._now = rub, sample_rate, start
         self._force = rub.contact.force(sample_rate, rub.seed)
-        self._first = round(float(rub.contact.times[0]) * sample_rate)
+        times = rub.contact.times
+        self._start, self._every = float(times[0]), float(times[1] - times[0])
+        self._first = round(self._start * sample_rate)
         self.change(model)
 
     def advance(self, length: int) -> Push | None:
@@ -216,15 +218,14 @@ class Playing:
         points, ways = self._rub.points, self._rub.ways
         steps = np.abs(np.diff(np.hstack([points, ways]), axis=0)).max(axis=1, initial=0)
         moved = np.concatenate([[True], steps > _NEAR])
-        self._drives = list(drives_at(model, points[moved], ways[moved]))
-        self._number = np.cumsum(moved) - 1
+        drives = list(drives_at(model, points[moved], ways[moved]))
+        self._places = [drives[number] for number in (np.cumsum(moved) - 1).tolist()]
 
     def _drive_at(self, time: float) -> Array:
         """Return how strongly each mode answers at the place of a time, s (M,)."""
-        times = self._rub.contact.times
-        place = float(np.clip((time - times[0]) / (times[1] - times[0]), 0, len(times) - 1))
-        low = min(int(place), len(times) - 2)
-        before, after = (self._drives[self._number[each]] for each in (low, low + 1))
+        place = min(max((time - self._start) / self._every, 0.0), len(self._places) - 1.0)
+        low = min(int(place), len(self._places) - 2)
+        before, after = self._places[low], self._places[low + 1]
         if before is after:
             return before
         share = place - low
