@@ -163,6 +163,50 @@ def test_a_log_is_rendered_like_any_excitation() -> None:
     assert np.abs(sound.samples).max() > 0
 
 
+def test_a_log_that_leaves_the_body_says_so_when_it_does() -> None:
+    points = [TOP, TOP, TOP, (1.0, 0.0, 0.0)]
+    pushing = TouchLog(times=[0.0, 0.01, 0.02, 0.03], points=points, forces=1.0).begin(
+        plate(8), RATE
+    )
+    for _ in range(11):  # blocks before 30 ms
+        assert pushing.advance(128) is not None
+    with pytest.raises(ContactError, match="off the body"):
+        pushing.advance(128)
+
+
+def test_drives_of_a_log_do_not_depend_on_blocks_and_are_those_of_its_places() -> None:
+    times = np.arange(60) / 500
+    points = np.column_stack([np.linspace(-0.1, 0.1, 60), np.zeros(60), np.full(60, 0.01)])
+    log = TouchLog(times=times, points=points, forces=1.0, speeds=0.8)
+    model = plate(8)
+    even, uneven = log.begin(model, RATE), log.begin(model, RATE)
+    for _ in range(20):
+        push = even.advance(240)
+        parts = [uneven.advance(length) for length in (100, 17, 123)]
+        assert push is not None
+        assert parts[-1] is not None
+        assert parts[-1].drive == pytest.approx(push.drive, rel=1e-12, abs=1e-15)
+        whole = np.concatenate([part.force for part in parts if part is not None])
+        assert np.abs(whole - push.force).max() < 1e-9
+    way = np.array([[0.0, 0.0, -1.0]])
+    # An update is 10 ms unless known, then 2: in the end the last place but one is reached.
+    ends = [model.gains.at(points[n : n + 1], way)[0, 0] for n in (46, 50)]
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    assert np.all((push.drive >= low - 1e-9) & (push.drive <= high + 1e-9))
+
+
+def test_where_the_point_stands_the_surface_moves_past() -> None:
+    """A place that moves is felt where it is, one that stands at a speed all along a line."""
+    model, count = plate(8), 400
+    standing = TouchLog(
+        times=np.arange(count) / 200, points=np.tile(TOP, (count, 1)), forces=1.0, speeds=0.3
+    ).begin(model, RATE)
+    force = np.concatenate([standing.advance(480).force for _ in range(190)])[RATE // 5 :]
+    assert force.std() > 1e-3
+    found = np.fft.irfft(np.abs(np.fft.rfft(force - force.mean(), 1 << 18)) ** 2)
+    assert np.abs(found[2400:60_000]).max() < 0.15 * found[0]
+
+
 @pytest.mark.parametrize("force", [np.nan, np.inf, -1.0, 1e7])
 def test_impossible_loads_are_refused(force: float) -> None:
     with pytest.raises(OptionError, match="force"):

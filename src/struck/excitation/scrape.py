@@ -30,7 +30,7 @@ from struck.model.model import ModalModel
 
 _GRAVITY = 9.81  # m/s^2
 _APART = 1 << 32  # a roller of the same seed has another texture than the surface
-_AHEAD = 16  # chunks that are computed at once
+_AHEAD = 32  # chunks that are computed at once
 _SHARES = np.arange(1, CHUNK + 1) / CHUNK
 
 
