@@ -48,6 +48,7 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/synthesis.py
 	$(BIN)/python bench/ears.py
 	$(BIN)/python bench/page.py
+	$(BIN)/python bench/chimes.py
 	$(BIN)/python bench/shapes.py
 	$(BIN)/python bench/fitting.py
 
