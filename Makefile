@@ -50,6 +50,7 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/scenes.py
 	$(BIN)/python bench/touch.py
 	$(BIN)/python bench/page.py
+	$(BIN)/python bench/chimes.py
 	$(BIN)/python bench/shapes.py
 	$(BIN)/python bench/fitting.py
 

@@ -54,7 +54,7 @@ def contact_sheet(scene: Scene, contacts: Contacts, sound: Sound, *, seconds: fl
         raise OptionError("no body of the scene has a surface: there is nothing to draw")
     times = np.linspace(0.0, seconds, _MOMENTS)
     view = _view()
-    low, high = _window(shown, times, view)
+    low, high = _window(shown, contacts, view)
     surfaces = [_drawn(body, float(np.max(high - low)) / _FINEST) for body in shown]
     figure = Figure(figsize=(13, 11.5), layout="constrained")
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(3, 1.1)).flat
@@ -87,17 +87,17 @@ def _view() -> Array:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def _window(bodies: Sequence[Body], times: Array, view: Array) -> tuple[Array, Array]:
-    """Return the corners (2,) of what must be seen: where bodies move, or all that stand."""
+def _window(bodies: Sequence[Body], contacts: Contacts, view: Array) -> tuple[Array, Array]:
+    """Return the corners (2,) of what must be seen: where bodies begin, and where they touch."""
     moving = [body for body in bodies if body.moves] or list(bodies)
-    corners = []
+    corners = [np.asarray(contacts.position)]
     for body in moving:
         box = _geometry(body).bounds
         grid = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
-        places, turns = course_of(body, times)
-        corners.append((np.einsum("tij,kj->tki", turns, grid) + places[:, None]).reshape(-1, 3))
+        place, turn = course_of(body, np.zeros(1))
+        corners.append(grid @ turn[0].T + place[0])
     flat = np.concatenate(corners) @ view[:2].T
-    margin = 0.06 * np.ptp(flat, axis=0).max()
+    margin = 0.08 * np.ptp(flat, axis=0).max()
     return flat.min(axis=0) - margin, flat.max(axis=0) + margin
 
 

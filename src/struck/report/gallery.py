@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
-
-import numpy as np
 
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
@@ -20,8 +20,8 @@ from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array
 from struck.model.damping import InternalFriction
+from struck.model.html import document
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -29,8 +29,10 @@ from struck.model.provenance import Progress, silent
 from struck.recordings.fit import fit_recordings
 from struck.report.charts import overview, spectrogram
 from struck.report.charts import save as save_picture
+from struck.report.figurine import bird, written
 from struck.report.fit_page import report
 from struck.report.model_page import Exhibit, page
+from struck.report.obrien2002 import scenes_page
 from struck.scene.body import Action
 from struck.scene.render import render
 from struck.shapes import (
@@ -45,68 +47,7 @@ from struck.shapes import (
 )
 from struck.shapes.shape import Shape
 from struck.solids import Block, Tube
-from struck.solids.filling.stuffing import stuffed
 from struck.solids.revolution import Revolution, bell, bowl, wine_glass
-
-# The bird: a closed surface around a few rounded parts melted together.
-
-# Parts as rounded cones from one ball to another: (centre, radius) twice, m.
-_PARTS = (
-    (((-0.012, 0.0, 0.0), 0.028), ((0.010, 0.0, 0.004), 0.031)),
-    (((0.024, 0.0, 0.036), 0.019), ((0.026, 0.0, 0.037), 0.019)),
-    (((0.040, 0.0, 0.036), 0.008), ((0.052, 0.0, 0.033), 0.004)),
-    (((-0.030, 0.0, 0.006), 0.016), ((-0.066, 0.0, 0.022), 0.008)),
-)
-_MELT, _FLOOR, _SPACING = 0.012, -0.024, 0.002
-_BOUNDS = np.array([(-0.08, -0.035, -0.024), (0.06, 0.035, 0.06)])
-
-
-def bird() -> Mesh:
-    """Return the bird, 13 cm long, standing on a flat base; z points up."""
-    surface, _ = stuffed(_depth, _BOUNDS, _SPACING).surface()
-    points = surface.points
-    for _ in range(4):
-        points = points - _depth(points)[:, None] * _gradients(points)
-    return Mesh(points=points, faces=surface.faces, up="z")
-
-
-def written(mesh: Mesh, path: Path) -> Path:
-    """Write a surface as an OBJ file and return its path."""
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.points]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    write_bytes(path, ("\n".join(lines) + "\n").encode("ascii"))
-    return path
-
-
-def _depth(points: Array) -> Array:
-    """Return a 1-Lipschitz function, negative inside the bird, m."""
-    depth = _cone(points, *_PARTS[0])
-    for part in _PARTS[1:]:
-        depth = _melted(depth, _cone(points, *part))
-    return np.maximum(depth, _FLOOR - points[:, 2])
-
-
-def _cone(points: Array, first: tuple, second: tuple) -> Array:
-    """Return the depth in balls swept along a segment, their radius changing linearly."""
-    (start, r0), (end, r1) = first, second
-    axis = np.subtract(end, start)
-    share = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
-    length = np.linalg.norm(points - start - share[:, None] * axis, axis=1)
-    slope = abs(r1 - r0) / np.linalg.norm(axis)
-    return (length - r0 - share * (r1 - r0)) / np.hypot(1.0, slope)
-
-
-def _melted(a: Array, b: Array) -> Array:
-    """Return the smooth minimum of two depths."""
-    blend = np.maximum(_MELT - np.abs(a - b), 0.0)
-    return np.minimum(a, b) - blend**2 / (4 * _MELT)
-
-
-def _gradients(points: Array) -> Array:
-    step = 1e-6
-    parts = [_depth(points + step * e) - _depth(points - step * e) for e in np.eye(3)]
-    gradients = np.stack(parts, axis=1) / (2 * step)
-    return gradients / np.maximum(np.square(gradients).sum(axis=1, keepdims=True), 0.25)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -502,6 +443,13 @@ SHAPES = (
 )
 
 
+SCENES_TITLE = "Scenes that sound"
+SCENES_INTRODUCTION = (
+    "The five scenes of O'Brien, Shen and Gatchalian (2002), with the constants of their Table 1: "
+    "rigid bodies are simulated, and every contact excites both. Listen with headphones."
+)
+
+
 # The pages.
 
 _TITLE = "struck: a gallery"
@@ -516,12 +464,22 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
         raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
     links = _pages_of_shapes(folder, progress)
     _written(folder / f"{NAME}.html", recording(folder, progress))
-    links = {**links, f"{NAME}.html": TITLE}
+    links = {**links, f"{NAME}.html": TITLE, **_page_of_scenes(folder, progress)}
     exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS]
     first = _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
     made = sorted(path.name for path in folder.iterdir() if path.name != LIST)
     _written(folder / LIST, "\n".join(made) + "\n")
     return first
+
+
+def _page_of_scenes(folder: Path, progress: Progress) -> Mapping[str, str]:
+    """Write the page of the five scenes of 2002; nothing where MuJoCo is not installed."""
+    if find_spec("mujoco") is None:
+        return {}
+    head = f'<p>{html.escape(SCENES_INTRODUCTION)}</p><nav><a href="index.html">{_TITLE}</a></nav>'
+    text = document(f"struck: {SCENES_TITLE}", head + scenes_page(folder, progress))
+    _written(folder / "scenes.html", text)
+    return {"scenes.html": SCENES_TITLE}
 
 
 def _pages_of_shapes(folder: Path, progress: Progress) -> Mapping[str, str]:

@@ -259,6 +259,21 @@ def test_impossible_simulations_are_refused(
         Simulation(path).run(0.3)
 
 
+def test_a_row_of_touching_bodies_that_is_hit_does_not_explode(tmp_path: Path) -> None:
+    row = "".join(
+        f'<body name="b{n}" pos="{0.02 * n} 0 .0101"><freejoint/>'
+        f'<geom size=".01" mass="{mass}"/></body>'
+        for n, mass in enumerate((0.05, 0.02, 0.01))
+    )
+    hit = '<body name="hammer" pos="-.05 0 .0101"><freejoint/><geom size=".01" mass=".2"/></body>'
+    still = "0 " * 18
+    key = f'<keyframe><key name="k" qvel="{still}3 0 0 0 0 0"/></keyframe>'
+    path = written(tmp_path, FLOOR.format(3) + row + hit, options='timestep=".001"')
+    path.write_text(path.read_text().replace("</mujoco>", f"{key}</mujoco>"))
+    _, contacts = Simulation(path, restitution=0.8, keyframe="k").run(0.1)
+    assert np.linalg.norm(contacts.impulse, axis=1).max() > 0.02
+
+
 def test_dead_contacts_are_told(tmp_path: Path) -> None:
     dull = '<geom name="floor" type="plane" size="1 1 .1" solref=".05 2"/>'
     ball = '<body name="ball" pos="0 0 .1"><freejoint/><geom size=".01" solref=".05 2"/></body>'

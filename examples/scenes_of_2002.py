@@ -1,0 +1,15 @@
+"""The five scenes of O'Brien et al. (2002): python examples/scenes_of_2002.py chimes bowl.
+
+Sounds, contact logs, animations (GLB) and pictures are left in the folder `scenes`. The names are
+chimes, bowl, chute, blocks, boxes and the_end; without one the stack of blocks falls.
+"""
+
+import sys
+from pathlib import Path
+
+from struck.report import scene2002
+
+SCENES = ("chimes", "bowl", "chute", "blocks", "boxes", "the_end")
+for name in [word for word in sys.argv[1:] if word in SCENES] or ["blocks"]:
+    for path in scene2002(name, Path("scenes"), accuracy="preview"):
+        print("wrote", path)
