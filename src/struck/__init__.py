@@ -21,6 +21,7 @@ __getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 _ROOMS = {
     "analysis",
     "ears",
+    "errors",
     "excitation",
     "explorer",
     "files",

@@ -216,7 +216,7 @@ instrument.onReady = () => {
 instrument.onReport = (report) => {
   page.report = report;
   const words = [`${report.modes} modes ring`];
-  words.push(report.reduction > 0.5 ? `limiter at −1 dB takes ${report.reduction.toFixed(0)} dB away` : 'limiter at −1 dB');
+  words.push(report.reduction < -0.5 ? `limiter at −1 dB takes ${(-report.reduction).toFixed(0)} dB away` : 'limiter at −1 dB');
   if (report.dropped) words.push(`${report.dropped} strikes dropped`);
   if (report.underruns) words.push(`${report.underruns} gaps`);
   get('counts').textContent = words.join(' · ');
