@@ -28,6 +28,7 @@ from struck import (
     solids,
     synth,
 )
+from tests.excitation.recordings import recorded
 from tests.scene.tumbling import cube, tumble, write_glb
 from tests.yardstick import seconds_foretold, slowness
 
@@ -534,6 +535,20 @@ def _models(folder: Path) -> dict[str, Call]:
         "model.ModalModel.tuned": Call(made=bar().tuned, given={"lowest": 440.0}, use=sounding),
         "model.ModalModel.made_of": Call(
             made=bar().made_of, given={"material": "glass"}, use=sounding
+        ),
+        "model.ModalModel.charted": Call(
+            made=recorded("round", charted=False).charted,
+            given={"pitch": [0.2, 0.1], "geometry": None},
+            use=sounding,
+        ),
+        "model.Chart": Call(
+            made=model.Chart,
+            given={
+                "pitch": np.ones(2),
+                "around": True,
+                "outline": np.array([[0.0, 0.1], [1.0, 0.2]]),
+            },
+            use=lambda chart: chart.places(np.ones((3, 2))),
         ),
         "model.SinglePoint": Call(
             made=model.SinglePoint, given={"outputs": np.ones(3, complex), "centre": np.zeros(3)}

@@ -28,6 +28,7 @@ BROUGHT = {
     "touch: textures and envelopes": (500, 2),
     "scene: bodies that turn, contact logs, impulses of trajectories, events": (3_000, 8),
     "explorer: what the page is sent": (250, 2),
+    "touch: recorded bodies, their charts and blows": (1_000, 1),
     "touch: the recoil of free bodies": (500, 2),
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
     "explorer: its server, its objects and its command": (1_500, 6),

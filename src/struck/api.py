@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from struck.live.player import Player
     from struck.model.contact import Place
     from struck.model.material import Material
+    from struck.model.mesh import Mesh
     from struck.model.model import ModalModel
     from struck.perception.sound_map import SoundMap
     from struck.recordings.takes import Recording
@@ -147,6 +148,9 @@ def fit(
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
     room: float | Recording | None = None,
+    pitch: ArrayLike | None = None,
+    geometry: Mesh | str | os.PathLike[str] | None = None,
+    blow: Strike | None = None,
     residual: bool = False,
     force: bool = False,
     report: str | os.PathLike[str] | None = None,
@@ -186,6 +190,12 @@ def fit(
     room : float, path or Sound, optional
         Reverberation time T60 of the room, s, or a recording of a clap in it: modes that die away
         nearly as fast, or faster, are told in the report and in `provenance` as perhaps its own.
+    pitch, geometry : optional
+        Where contacts lie, in m, as of `ModalModel.charted`, for what scrapes or rolls along them;
+        the surface may be a mesh file in m.
+    blow : Strike, optional
+        With which it was struck, by impulse and duration or by striker and speed. It is divided
+        out, so that forces in N drive the model; without it gains hold the blow.
     residual : bool
         Keep the loudest hit's attack and noise, less its modes: `render` adds it to each strike.
     force : bool
@@ -207,28 +217,14 @@ def fit(
     RecordingError, FileFormatError, OptionError
         With the value, the bound and the way out.
     """
+    given = locals()  # all goes on under its own name, but for the page
+    told = {name: given[name] for name in given if name not in {"recordings", "report"}}
+
     from struck.files.atomic import writable
     from struck.recordings.fit import files_read, fit_recordings
 
     page = None if report is None else writable(report, unlike=files_read(recordings, manifest))
-    fitting = fit_recordings(
-        recordings,
-        contacts=contacts,
-        listeners=listeners,
-        manifest=manifest,
-        symmetry=symmetry,
-        centre=centre,
-        radius=radius,
-        way=way,
-        method=method,
-        modes=modes,
-        onsets=onsets,
-        room=room,
-        residual=residual,
-        force=force,
-        cache=cache,
-        progress=progress,
-    )
+    fitting = fit_recordings(recordings, **told)
     if page is not None:
         from struck.report.fit_page import save_report
 

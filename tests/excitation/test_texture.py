@@ -73,11 +73,12 @@ def test_on_a_path_that_returns_the_profile_returns() -> None:
     points = np.stack([0.1 * np.cos(turned), 0.1 * np.sin(turned), 0.02 * turned], axis=1)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     lengths = np.concatenate([[0.0], np.cumsum(steps)])
-    path = Path(points=points, normals=points, lengths=lengths, repeat="back")
+    path = Path(points=points, spots=points, normals=points, lengths=lengths, repeat="back")
     ways = np.random.default_rng(1).uniform(0, path.length, 2000)
     layers = FINISH.layers(0)
     out, home, again = (
-        layers.at(path.at(each)) for each in (ways, 2 * path.length - ways, ways + 8 * path.length)
+        layers.at(path.spot(each))
+        for each in (ways, 2 * path.length - ways, ways + 8 * path.length)
     )
     assert out.std() > 1e-6
     assert np.abs(home - out).max() < 1e-12

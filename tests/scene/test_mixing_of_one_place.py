@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo
-from struck.errors import ContactError
-from struck.excitation.scrape import Roll, Scrape
+from struck.excitation.scrape import Scrape
 from struck.excitation.strike import Strike
 from struck.scene.render import render
 from tests.model.test_single_point import RATE, model
@@ -31,9 +30,10 @@ def test_every_listener_hears_it(listener: Listener | None, channels: int) -> No
         assert spectrum.argmax() == 440
 
 
-def test_recorded_bodies_know_no_way_to_scrape_or_roll() -> None:
-    scrape = Scrape(path=["recorded", "recorded"], speed=0.1, load=1.0)
-    roll = Roll(path=[(0.1,), (0.2,)], speed=0.1, radius=0.01, mass=0.02)
-    for touch in (scrape, roll):
-        with pytest.raises(ContactError, match="knows places that were struck and no way between"):
-            render(model(), touch, seconds=0.1)
+def test_every_listener_hears_it_scraped() -> None:
+    scrape = Scrape(path=[(0.0,), (0.1,)], speed=0.2, load=1.0, seconds=0.2)
+    near, far = (
+        render(model(), scrape, seconds=0.3, listener=Mono(position=(0, distance, 0))).samples[0]
+        for distance in (1.0, 2.0)
+    )
+    assert np.abs(far).max() == pytest.approx(np.abs(near).max() / 2, rel=1e-3)

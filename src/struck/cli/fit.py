@@ -12,13 +12,17 @@ from struck.cli.command import Result
 from struck.cli.info import described
 from struck.cli.options import numbers
 from struck.errors import OptionError
+from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 from struck.recordings.fit import Fitting, files_read, fit_recordings
 from struck.report.fit_page import save_report
 
-_SAME = ("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache")
+_SAME = (
+    *("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache"),
+    *("pitch", "geometry"),
+)
 
 
 EXAMPLES = (
@@ -37,6 +41,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--centre", type=numbers(3), help="x,y,z the sound seems to come from, m")
     parser.add_argument(
         "--radius", type=float, default=0.0, help="of a ball that holds the body, m"
+    )
+    parser.add_argument(
+        "--pitch", type=numbers(1, 2), help="metres a unit of each coordinate of the contacts"
+    )
+    parser.add_argument("--geometry", help="mesh file, m, of a body round about the z axis")
+    parser.add_argument(
+        "--blow",
+        type=numbers(2),
+        metavar="N_S,SECONDS",
+        help="impulse and duration of the blows, to be divided out",
     )
     parser.add_argument("--way", default="field", help="field (default) or table")
     parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
@@ -66,6 +80,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         several[0] if len(several) == 1 else several,
         modes=_budget(options.modes),
         room=_room(options.room),
+        blow=_blow(options.blow),
         progress=progress,
         **{name: getattr(options, name) for name in _SAME},
     )
@@ -101,6 +116,10 @@ def _room(text: str | None) -> float | str | None:
         return None if text is None else float(text)
     except ValueError:
         return text
+
+
+def _blow(given: tuple[float, ...] | None) -> Strike | None:
+    return None if given is None else Strike(impulse=given[0], duration=given[1])
 
 
 def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:

@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
 
 
-def numbers(count: int) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of `count` numbers between commas."""
+def numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
+    """Return a parser of so many numbers between commas, of one of some counts."""
 
     def parse(text: str) -> tuple[float, ...]:
         values = tuple(map(float, text.split(",")))
-        if len(values) != count:
-            raise argparse.ArgumentTypeError(f"{text!r}: give {count} numbers with commas between")
+        if len(values) not in counts:
+            many = " or ".join(map(str, counts))
+            raise argparse.ArgumentTypeError(f"{text!r}: give {many} numbers with commas between")
         return values
 
     return parse

@@ -33,6 +33,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck render`."""
     parser.add_argument("model")
     add_touches(parser)
+    parser.add_argument(
+        "--pitch",
+        type=numbers(1, 2),
+        help="metres a unit of a recorded body's coordinates, for ways over it",
+    )
     add_listener(parser)
     add_room(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
@@ -47,6 +52,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     read = filter(None, (options.model, options.walk, options.hrtf))
     output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
     model = struck.load(options.model)
+    if options.pitch is not None:
+        model = model.charted(pitch=options.pitch)
     progress("render", 0.0)
     sound = struck.render(
         model,

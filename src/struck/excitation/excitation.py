@@ -164,7 +164,8 @@ class Hold:
 
     A grip of c N s/m resists motion at its place in every direction. It raises the decay of a mode
     by c / 2 times the square of its mass-normalised shape there: modes with a node under the hand
-    ring on.
+    ring on. Of a recorded body shapes are known but for their size: where a mode moves most it
+    counts as 1 kg.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ class Hold:
         return self.time <= time < self.time + (np.inf if self.seconds is None else self.seconds)
 
     def raised(self, model: ModalModel) -> Array:
-        """Return by how much it raises each decay, 1/s (M,).
+        """Return by how much it raises each decay, 1/s (M,); of R products (R M,), as expanded.
 
         Raises
         ------
@@ -209,12 +210,9 @@ class Hold:
             When it touches no body.
         """
         contact = model.contact(self.at)
-        moved = [
-            drive_at(model, contact.point, contact.normal, axis, radius=self.patch)
-            for axis in np.eye(3)
-        ]
-        modes = len(model.decays)  # no hand is quick enough for a recoil
-        return self.grip / 2 * np.square(moved)[:, :modes].sum(axis=0)
+        points, weights = _patch(contact.point, contact.normal, self.patch)
+        moved = np.tensordot(weights, model.gains.motion(points), 1)
+        return _finite_gains(self.grip / 2 * np.square(moved).sum(axis=0)).reshape(-1)
 
 
 def drive(model: ModalModel, contact: Contact, *, radius: float = 0.0) -> Array:
@@ -229,8 +227,14 @@ def drive_at(
     model: ModalModel, point: Array, normal: Array, direction: Array, *, radius: float = 0.0
 ) -> Array:
     """Return `drive` of a disc about `point`, in the plane whose unit normal is `normal`."""
+    points, weights = _patch(point, normal, radius)
+    return weights @ _drives(model, points, direction)
+
+
+def _patch(point: Array, normal: Array, radius: float) -> tuple[Array, Array]:
+    """Return points (K, D) and weights (K,) that average over a disc; of a point, itself."""
     if not radius:
-        return _rank_one(model, point[None], direction)[0]
+        return point[None], np.ones(1)
     if not normal.any():
         raise OptionError(
             f"the area of contact has a radius of {radius} m, but this body was recorded and has "
@@ -241,35 +245,42 @@ def drive_at(
     axis[np.argmin(np.abs(normal))] = 1.0
     first: Array = np.cross(normal, axis)
     first /= np.linalg.norm(first)
-    offsets = places @ np.stack([first, np.cross(normal, first)]) * radius
-    return weights @ _rank_one(model, point + offsets, direction)
+    return point + places @ np.stack([first, np.cross(normal, first)]) * radius, weights
 
 
 def drives_at(model: ModalModel, points: Array, directions: Array, *, radius: float = 0.0) -> Array:
     """Return drives (K, M) of pushes at points along directions (K, 3): over discs, straight in."""
     if not radius:
-        return _rank_one(model, points, directions)
+        return _drives(model, points, directions)
     places = zip(points, directions, strict=True)
     return np.stack([drive_at(model, at, -way, way, radius=radius) for at, way in places])
 
 
-def _rank_one(model: ModalModel, points: Array, direction: Array) -> Array:
-    drives = model.gains.at(points, np.broadcast_to(direction, (len(points), 3)))
+def _drives(model: ModalModel, points: Array, directions: Array) -> Array:
+    """Return the drives (K, M) of pushes at points (K, D) along directions (3,) or (K, 3)."""
+    drives = model.gains.at(points, np.broadcast_to(directions, (len(points), 3)))
     if drives.shape[1] != 1:
         raise OptionError(
             f"the gains are a sum of {drives.shape[1]} products of contact and listener, and a "
-            "push needs one: use the model's expanded() gains"
+            "push needs one: begin on the model's expanded() copy, as render and play do"
         )
-    if not np.isfinite(drives).all():
-        wrong = np.count_nonzero(~np.isfinite(drives).all(axis=(0, 1)))
-        raise OptionError(
-            f"{wrong} of {drives.shape[2]} modes have gains that are not finite: analyze the body "
-            "again, or look at its model file"
-        )
+    driven = _finite_gains(drives)[:, 0]
     if model.recoil is None:
-        return drives[:, 0]
-    recoiling = np.broadcast_to(model.recoil.drives(direction), (len(points), 3))
-    return np.concatenate([drives[:, 0], recoiling], axis=1)
+        return driven
+    recoiling = np.broadcast_to(model.recoil.drives(directions), (len(points), 3))
+    return np.concatenate([driven, recoiling], axis=1)
+
+
+def _finite_gains(drives: Array) -> Array:
+    """Return drives (..., M), or raise an OptionError unless all are finite."""
+    finite = np.isfinite(drives)
+    if not finite.all():
+        wrong = np.count_nonzero(~finite.all(axis=tuple(range(drives.ndim - 1))))
+        raise OptionError(
+            f"{wrong} of {drives.shape[-1]} modes have gains that are not finite: "
+            "analyze the body again, or look at its model file"
+        )
+    return drives
 
 
 @cache

@@ -1,4 +1,8 @@
-"""A path over a body's surface, from place to place the shortest way."""
+"""A path over a body, from place to place the shortest way.
+
+Over a computed body it follows the surface; over a recorded one it goes straight from place to
+place in the coordinates of its contacts, and its length in metres is what the body's chart says.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from struck.errors import ContactError, OptionError
 from struck.excitation.excitation import coordinates
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Mask
+from struck.model.chart import Chart
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
@@ -31,10 +36,11 @@ _EVEN = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Path:
-    """A curve on a surface, by the length travelled along it."""
+    """A curve on a body, by the length travelled along it."""
 
-    points: Array  # (N, 3), on the surface, m
-    normals: Array  # (N, 3), outward, of length 1
+    points: Array  # (N, D): on the surface, m; of a recorded body its contacts' coordinates
+    spots: Array  # (N, 3), where they lie, m
+    normals: Array  # (N, 3), outward, of length 1; 0 of a recorded body
     lengths: Array  # (N,), distance from the start, m; ascending from 0
     repeat: str = "once"  # one of `REPEATS`; a loop ends where it starts
 
@@ -43,11 +49,8 @@ class Path:
         """Return the path through two or more places; ContactError where the surface has none."""
         require_waypoints(places, repeat)
         mesh = model.geometry
-        if mesh is None:
-            raise ContactError(
-                "a model of recordings knows places that were struck and no way between them: "
-                "strike it, or scrape and roll on a computed model"
-            )
+        if mesh is None or model.recorded:
+            return _recorded(model, places, repeat)
         stops = [model.contact(place).point for place in places]
         if repeat == "loop":
             stops.append(stops[0])
@@ -56,11 +59,11 @@ class Path:
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         moving = np.concatenate([[True], steps > 0])
-        if not moving[1:].any():
-            raise OptionError("the places of the path are one and the same: set them apart")
+        _require_moving(moving)
         _, faces, _ = surface.closest(points[moving])
         return cls(
             points=points[moving],
+            spots=points[moving],
             normals=mesh.face_normals[faces],
             lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
             repeat=repeat,
@@ -72,8 +75,12 @@ class Path:
         return float(self.lengths[-1])
 
     def at(self, travelled: ArrayLike) -> Array:
-        """Return the points (..., 3) after distances (...) of `travelled` m."""
+        """Return the points (..., D) after distances (...) of `travelled` m."""
         return self._read(self.points, travelled)
+
+    def spot(self, travelled: ArrayLike) -> Array:
+        """Return where in space (..., 3), m, those points are."""
+        return self._read(self.spots, travelled)
 
     def normal(self, travelled: ArrayLike) -> Array:
         """Return the outward unit normals (..., 3) after distances (...) of `travelled` m."""
@@ -92,6 +99,51 @@ class Path:
         if self.repeat == "back":
             return self.length - np.abs(travelled % (2 * self.length) - self.length)
         return travelled  # held at its ends
+
+
+def _recorded(model: ModalModel, places: Waypoints, repeat: str) -> Path:
+    """Return the path through places of a recorded body, straight in their coordinates."""
+    stops, chart = _stops(model, places)
+    stops += stops[:1] * (repeat == "loop")
+    legs = [np.linspace(*ends, _PIECES + 1) for ends in pairwise(stops)]
+    points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+    model.gains.at(points, np.zeros((len(points), 3)))  # refuses what was not recorded
+    spots = chart.places(points)
+    steps = np.linalg.norm(np.diff(spots, axis=0), axis=1)
+    moving = np.concatenate([[True], steps > 0])
+    _require_moving(moving)
+    return Path(
+        points=points[moving],
+        spots=spots[moving],
+        normals=np.zeros((np.count_nonzero(moving), 3)),
+        lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
+        repeat=repeat,
+    )
+
+
+def _stops(model: ModalModel, places: Waypoints) -> tuple[list[Array], Chart]:
+    """Return places of a recorded body in coordinates, and where these lie."""
+    if model.coordinates:
+        stops = [model.contact(place).point for place in places]
+        if model.chart is None:
+            raise ContactError(
+                "speed is in m/s, and nobody told how long a unit of "
+                f"{' and of '.join(model.coordinates)} is: say it in metres by pitch=, as in "
+                "model.charted(pitch=0.25), or to fit"
+            )
+        return stops, model.chart
+    stops = [np.zeros(0) if isinstance(place, str) else np.asarray(place) for place in places]
+    if not len(stops[0]) or any(stop.shape != stops[0].shape for stop in stops):
+        raise ContactError(
+            f"the path is {places!r}: the body was recorded at one place, which sounds alike "
+            "however far one goes, so give a path of that length in m, such as [(0,), (0.1,)]"
+        )
+    return stops, Chart(pitch=np.ones(len(stops[0])))
+
+
+def _require_moving(moving: Mask) -> None:
+    if not moving[1:].any():
+        raise OptionError("the places of the path are one and the same: set them apart")
 
 
 def require_waypoints(places: Waypoints, repeat: str) -> None:

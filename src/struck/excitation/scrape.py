@@ -246,7 +246,7 @@ class Roll:
             seed=self.roller_seed,
         )
         return Envelope(
-            rubbed, sample_rate, lambda ways: below.at(path.at(ways)) + ball.heights(ways), load
+            rubbed, sample_rate, lambda ways: below.at(path.spot(ways)) + ball.heights(ways), load
         )
 
 
@@ -333,7 +333,7 @@ class Rubbing:
         within = (speeds[:-1, None] + rising * _SHARES) * (_SHARES * (CHUNK / self._rate))
         ways = (before[:-1, None] + within).reshape(-1)
         held = (loads[:-1, None] + np.diff(loads)[:, None] * _SHARES).reshape(-1)
-        squeezes = self._reader.squeezes(0, self._path.at(ways), ways, speeds, loads)
+        squeezes = self._reader.squeezes(0, self._path.spot(ways), ways, speeds, loads)
         self._chunk += self._ahead
         self._looked, self._begun = looks[-1], float(before[-1])
         return limited(squeezes, held), ways

@@ -43,7 +43,7 @@ class Update(NamedTuple):
     """Place, load and speed of a touch from one sample on."""
 
     sample: int  # number of the first sample that it holds for
-    point: list[float]  # coordinates of the place, m
+    point: list[float]  # of the contact, m, or in coordinates of recordings
     direction: Array  # (3,), of the load
     normal: Array  # (3,), of the surface there
     drive: Array  # (M,), kg^-1/2, of each mode there
@@ -242,15 +242,24 @@ class Touching:
         Where a speed is said and the point stands still, the surface moves past under it: it goes
         on by the distance, along a line of its own.
         """
+        place = self._placed(word.point)
         if self._heard is None:
-            self._spot = [*word.point, 0.0, 0.0][:3]
+            self._spot = [*place, 0.0, 0.0, 0.0][:3]
             return
-        step = [end - begin for begin, end in zip(self._heard.point, word.point, strict=True)]
+        before = self._placed(self._heard.point)
+        step = [end - begin for begin, end in zip(before, place, strict=True)]
         way = speed * (word.sample - self._heard.sample) / self._rate
         if math.hypot(*step) < _MOVES * way:
             step = [way]
         step += [0.0] * (3 - len(step))
         self._spot = [at + by for at, by in zip(self._spot, step, strict=True)]
+
+    def _placed(self, point: list[float]) -> list[float]:
+        """Return where in space a contact is, m; nothing on a recorded body without a chart."""
+        if not self._model.recorded:
+            return point
+        chart = self._model.chart
+        return [] if chart is None else chart.places(np.array([point]))[0].tolist()
 
     def _gap(self, sample: int) -> int:
         """Return how many samples there are likely to be until the next update."""
@@ -304,8 +313,9 @@ class TouchLog:
     ----------
     times : array-like (K,)
         When each update takes effect, ascending, s; moved to the nearest sample.
-    points : array-like (K, 3)
-        On the body, m.
+    points : array-like (K, 3), (K, D) or None
+        On the body, m; of a recorded body its D contact coordinates. None: one place throughout,
+        the model's loudest, or the first that was recorded.
     forces : array-like (K,)
         Loads, N, at least 0.
     speeds : array-like (K,) or float
@@ -322,7 +332,7 @@ class TouchLog:
     """
 
     times: ArrayLike
-    points: ArrayLike
+    points: ArrayLike | None = None
     forces: ArrayLike
     speeds: ArrayLike = 0.0
     directions: ArrayLike | None = None
@@ -333,11 +343,12 @@ class TouchLog:
         if not len(times) or times[0] < 0 or np.any(np.diff(times) < 0):
             raise OptionError(f"times are {times}: give at least one, ascending from 0 s on")
         object.__setattr__(self, "times", times)
-        object.__setattr__(self, "points", _rows("points", self.points, len(times)))
+        if self.points is not None:
+            object.__setattr__(self, "points", _rows("points", self.points, len(times), (1, 2, 3)))
         object.__setattr__(self, "forces", _column("forces", self.forces, len(times), HEAVIEST))
         object.__setattr__(self, "speeds", _column("speeds", self.speeds, len(times), np.inf))
         if self.directions is not None:
-            directions = _rows("directions", self.directions, len(times))
+            directions = _rows("directions", self.directions, len(times), (3,))
             object.__setattr__(self, "directions", directions)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Replay:
@@ -351,21 +362,29 @@ class TouchLog:
         model.contact(*self.place(0))
         return Replay(self, model, sample_rate, start=start)
 
-    def place(self, number: int) -> tuple[Array, Array | None]:
-        """Return point and direction (3,) of an update."""
+    def place(self, number: int) -> tuple[Array | None, Array | None]:
+        """Return point (D,) and direction (3,) of an update, where they were told."""
         points, directions = self.places(np.array([number]))
-        return points[0], None if directions is None else directions[0]
+        return (
+            None if points is None else points[0],
+            None if directions is None else directions[0],
+        )
 
-    def places(self, numbers: Index) -> tuple[Array, Array | None]:
-        """Return points and directions (K, 3) of updates."""
-        directions = None if self.directions is None else np.asarray(self.directions)[numbers]
-        return np.asarray(self.points)[numbers], directions
+    def places(self, numbers: Index) -> tuple[Array | None, Array | None]:
+        """Return points (K, D) and directions (K, 3) of updates, where they were told."""
+        given = (self.points, self.directions)
+        points, ways = (None if rows is None else np.asarray(rows)[numbers] for rows in given)
+        return points, ways
 
     def moves(self) -> Mask:
         """Tell which updates (K,) have another place or direction than the one before."""
-        given = [np.asarray(each) for each in (self.points, self.directions) if each is not None]
-        changed = [np.any(rows[1:] != rows[:-1], axis=1) for rows in given]
-        return np.concatenate([[True], np.any(changed, axis=0)])
+        moved = np.zeros(len(np.asarray(self.times)), np.bool_)
+        moved[0] = True
+        for rows in (
+            np.asarray(each) for each in (self.points, self.directions) if each is not None
+        ):
+            moved[1:] |= np.any(rows[1:] != rows[:-1], axis=1)
+        return moved
 
 
 class Replay:
@@ -447,7 +466,10 @@ class Replay:
         moved = self._moved[begin:end].copy()
         moved[0] |= last is None
         chosen = begin + np.flatnonzero(moved)
-        found = self._touching.grasps(*log.places(chosen)) if len(chosen) else iter(())
+        points, ways = log.places(chosen)
+        if points is None:
+            points = np.tile(self._model.contact().point, (len(chosen), 1))
+        found = self._touching.grasps(points, ways) if len(chosen) else iter(())
         samples = self._samples[begin:end].tolist()
         for number, new in enumerate(moved.tolist()):
             held = next(found) if new or last is None else last[1:5]
@@ -549,9 +571,10 @@ def _column(name: str, values: ArrayLike, count: int | None, most: float = np.in
     return column
 
 
-def _rows(name: str, values: ArrayLike, count: int) -> Array:
+def _rows(name: str, values: ArrayLike, count: int, widths: tuple[int, ...]) -> Array:
     rows = np.array(values, np.float64)
-    if rows.shape != (count, 3) or not np.isfinite(rows).all():
-        raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows (x, y, z)")
+    if rows.shape not in {(count, width) for width in widths} or not np.isfinite(rows).all():
+        wanted = "coordinates" if len(widths) > 1 else "(x, y, z)"
+        raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows of {wanted}")
     rows.setflags(write=False)
     return rows

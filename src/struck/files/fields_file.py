@@ -53,6 +53,7 @@ def _keep_field(field: TimbreField) -> tuple[dict[str, Any], Arrays]:
         "turned": bool(listener.turned),
         "notes": list(field.notes),
         "calibrated": bool(field.is_calibrated),
+        "deconvolved": bool(field.is_deconvolved),
     }
     return text, {}
 
@@ -68,6 +69,7 @@ def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
         unmeasured=_below(tensors["field_unmeasured"], modes, "field_unmeasured", "modes"),
         notes=texts(text["notes"], "notes"),
         is_calibrated=flag(text["calibrated"], "calibrated"),
+        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
     )
 
 
@@ -128,6 +130,7 @@ def _keep_table(table: TimbreTable) -> tuple[dict[str, Any], Arrays]:
         "contacts": axes(table.contacts),
         "listeners": axes(table.listeners),
         "calibrated": bool(table.is_calibrated),
+        "deconvolved": bool(table.is_deconvolved),
     }
     return text, {}
 
@@ -143,6 +146,7 @@ def _make_table(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreTable:
         centre=near(vector(text["centre"]), "centre"),
         size=number(text["size"], "size", _LEAST, _MOST),
         is_calibrated=flag(text["calibrated"], "calibrated"),
+        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
     )
 
 
@@ -176,6 +180,7 @@ def _make_point(text: Text, tensors: Tensors, _: Mesh | None) -> SinglePoint:
         outputs=from_pairs(tensors["field_outputs"]),
         centre=near(vector(text["centre"]), "centre"),
         is_calibrated=flag(text["calibrated"], "calibrated"),
+        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
     )
 
 
@@ -226,7 +231,11 @@ FIELDS: dict[str, Kind] = {
         made=SinglePoint,
         layout={"field_outputs": Tensor("float64", ("M", 2), "outputs")},
         keep=lambda point: (
-            {"centre": _list(point.centre), "calibrated": bool(point.is_calibrated)},
+            {
+                "centre": _list(point.centre),
+                "calibrated": bool(point.is_calibrated),
+                "deconvolved": bool(point.is_deconvolved),
+            },
             {},
         ),
         make=_make_point,

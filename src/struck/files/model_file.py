@@ -50,6 +50,7 @@ from struck.radiation import by_name
 
 if TYPE_CHECKING:
     from struck.files.sofa_fields import Places
+    from struck.model.chart import Chart
 
 
 # Gains: mode shapes on a surface; those of recordings by name, from `fields_file`.
@@ -411,6 +412,7 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
         "places": {name: _list(point) for name, point in model.places.items()},
+        "chart": _chart_to_json(model.chart),
         "provenance": {
             "method": model.provenance.method,
             "references": list(model.provenance.references),
@@ -429,6 +431,13 @@ def _recoil_to_json(recoil: Recoil | None) -> dict[str, Any]:
     if recoil is None:
         return {}
     return {"recoil": {each.name: _list(getattr(recoil, each.name)) for each in fields(Recoil)}}
+
+
+def _chart_to_json(chart: Chart | None) -> dict[str, Any] | None:
+    if chart is None:
+        return None
+    outline = _list(chart.outline)
+    return {"pitch": _list(chart.pitch), "around": bool(chart.around), "outline": outline}
 
 
 def _list(array: Array | None) -> list[Any] | None:
@@ -477,6 +486,7 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         errors=tensors.get("errors"),
         places={name: _array(place) for name, place in text["places"].items()},
         coordinates=texts(text["coordinates"], "coordinates"),
+        chart=_chart(text.get("chart")),
         residual=_make_residual(text, tensors),
         recoil=_recoil(text.get("recoil")),
         provenance=Provenance(
@@ -501,6 +511,18 @@ def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
         points=near(tensors["vertices"], "tensor 'vertices'"),
         faces=tensors["faces"].astype(np.int64),
         up=one_of(text["up"], "up", ("x", "y", "z")),
+    )
+
+
+def _chart(text: Text | None) -> Chart | None:
+    if text is None:
+        return None
+    from struck.model.chart import Chart  # computed bodies need none
+
+    return Chart(
+        pitch=_array(text["pitch"]),
+        around=flag(text["around"], "chart's around"),
+        outline=_array(text["outline"]),
     )
 
 

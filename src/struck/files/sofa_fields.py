@@ -497,6 +497,7 @@ def left_out(model: ModalModel) -> tuple[str, ...]:
         "its residual (attack and noise)": model.residual,
         "its recoil": model.recoil,
         "its shape": model.geometry,
+        "its chart (where contacts lie, in m)": model.chart,
         "its material": model.material,
     }
     return tuple(name for name, part in parts.items() if part is not None)

@@ -29,7 +29,7 @@ from struck.live.voices import Blows, LastError, Started, Voices
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
-from struck.scene.body import away_from, centre_of, place_beside, radius_of
+from struck.scene.body import away_from, centre_of, place_beside, radius_of, unknowns
 from struck.synth.memory import BodyColumn
 from struck.synth.poles import Poles, require_session, with_recoil
 from struck.synth.resonators import Resonators, Stepped
@@ -81,6 +81,7 @@ class Host:
         self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
         self._first = True
         self._dropped = self.now = 0
+        self._done: dict[tuple[int, type], None] = {}  # kinds of action on each body, in order
 
     def _prepare(self, voices: int, ahead: int) -> None:
         """Lay out all memory; later only excitations allocate."""
@@ -111,6 +112,14 @@ class Host:
         """Commands and excitations left out for want of room or a voice."""
         return self.queue.refused + self._dropped
 
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """What recorded bodies could not know of what was done to them, each said once."""
+        done, many = list(self._done), len(self._bodies) > 1
+        every = ((n, unknowns(self._bodies[n].model, [kind])) for n, kind in done)
+        told = (f"body {n}: {note}" if many else note for n, notes in every for note in notes)
+        return tuple(dict.fromkeys(told))
+
     def body(self, number: int) -> PlayedBody:
         """Return a body; OptionError where there is none of that number."""
         if not 0 <= number < len(self._bodies):
@@ -121,8 +130,9 @@ class Host:
         """Strike a body with a pulse whose first sample counts from now."""
         self.queue.add(lambda sample: self._strike(body, drive, pulse, sample))
 
-    def start(self, body: int, started: Started) -> None:
+    def start(self, body: int, started: Started, kind: type) -> None:
         """Start an excitation with the next block; it has ended at once where there is no room."""
+        self._done[body, kind] = None
         if not self.queue.add(lambda _: self._add(started, body, started) or started.end()):
             started.end()
 
@@ -131,6 +141,7 @@ class Host:
         key = (body, finger)
         if key not in self._touches:
             chosen = tool or Tool()
+            self._done[body, TouchLog] = None
             touching = Touching(self.body(body).model, self._rate, tool=chosen)
             self._touches.setdefault(key, (touching, Notes(chosen)))
         return self._touches[key]
@@ -150,6 +161,7 @@ class Host:
         with self._changing:
             held = self.body(body)
             held.hold(at, grip)
+            self._done[body, Hold] = None
             logarithms = held.logarithms
             self.queue.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
 
@@ -159,7 +171,9 @@ class Host:
             other = self.body(body).changed(model)
             poles, outputs = other.logarithms, self._heard(other)
             self._bodies[body] = other
-            self.queue.put(("change", body), lambda _: self._change(body, model, poles, outputs))
+            self.queue.put(
+                ("change", body), lambda _: self._change(body, other.model, poles, outputs)
+            )
 
     def listen(self, listener: Array | Listener) -> None:
         """Move the listener; OptionError on ears of another kind."""
@@ -313,8 +327,8 @@ class PlayedBody:
     """A model that is played, with the hands that hold it and the contacts looked up so far."""
 
     def __init__(self, model: ModalModel, sample_rate: float) -> None:
-        self.model = model
-        self.free = Poles.of(model, sample_rate)
+        self.model = model.expanded()  # resonators need one product of contact and listener
+        self.free = Poles.of(self.model, sample_rate)
         self._rate = sample_rate
         self._contacts: dict[Hashable, Contact] = {}
         self._drives: dict[Hashable, Array] = {}
@@ -363,10 +377,9 @@ class PlayedBody:
     def outputs(self, listener: Array) -> Complex:
         """Return the output gain of each mode at a position (M,)."""
         gains = self.model.gains.toward(listener[None])[0]
-        if len(gains) != 1 or not np.isfinite(gains).all():
+        if not np.isfinite(gains).all():
             raise OptionError(
-                f"the gains are a sum of {len(gains)} products of contact and listener, or not "
-                "finite: playing needs one product; use the model's expanded() gains"
+                "the gains are not finite: fit or analyze the body again, or look at its model file"
             )
         away = away_from(self.model, listener[None])
         return with_recoil(gains, self.model.recoil, away, self._rate)[0]
@@ -383,13 +396,14 @@ class Notes:
     def __init__(self, tool: Tool) -> None:
         self._tool = tool
         self._rows: Array = np.full((MOST_NOTED, 9), 0.0)
-        self._count = 0
+        self._count, self._axes, self._directed = 0, 3, True
 
     def add(self, time: float, update: Update) -> None:
         """Note an update that takes effect at a time, s; when full it replaces the oldest."""
         row = self._rows[self._count % MOST_NOTED]
+        self._axes, self._directed = len(update.point), bool(update.direction.any())
         row[0] = time
-        row[1:4], row[4:7] = update.point, update.direction
+        row[1 : 1 + self._axes], row[4:7] = update.point, update.direction
         row[7:] = update.force, update.speed
         self._count += 1
 
@@ -401,8 +415,8 @@ class Notes:
         rows = rows if self._count > MOST_NOTED else self._rows[: self._count]
         return TouchLog(
             times=rows[:, 0],
-            points=rows[:, 1:4],
-            directions=rows[:, 4:7],
+            points=rows[:, 1 : 1 + self._axes] if self._axes else None,
+            directions=rows[:, 4:7] if self._directed else None,
             forces=rows[:, 7],
             speeds=rows[:, 8],
             tool=self._tool,

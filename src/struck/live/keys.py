@@ -15,6 +15,7 @@ import numpy as np
 
 from struck.excitation.scrape import Scrape
 from struck.live.player import Player
+from struck.model.arrays import Array
 from struck.model.contact import Place
 from struck.model.model import ModalModel
 
@@ -46,7 +47,7 @@ def places_by_key(model: ModalModel) -> dict[str, Place]:
     """Return what each key strikes: digits the named places, letters vertices all over."""
     places: dict[str, Place] = {DEFAULT: None}
     places |= dict(zip(_NUMBERS, model.places, strict=False))
-    if model.geometry is not None:
+    if model.geometry is not None and not model.recorded:
         count = len(model.geometry.points)
         chosen = np.unique(np.linspace(0, count - 1, len(_LETTERS)).astype(int))
         names = (f"vertex:{number}" for number in chosen.tolist())
@@ -141,14 +142,21 @@ class Robot:
         self.strikes += 1
 
     def _scrape(self, models: Sequence[ModalModel], body: int) -> None:
-        mesh = models[body].geometry
-        if mesh is None:
-            return
+        ends = _far_apart(models[body])
+        if ends:
+            scrape = Scrape(path=ends, speed=0.2, load=2.0, repeat="back")
+            self._player.start(scrape, body=body)
+
+
+def _far_apart(model: ModalModel) -> list[str] | list[Array]:
+    """Return two places between which to scrape; none where nobody knows the way."""
+    mesh, bounds = model.geometry, model.gains.bounds
+    if mesh is not None and not model.recorded:
         far = np.argmax(np.linalg.norm(mesh.points - mesh.points[0], axis=1))
-        self._player.start(
-            Scrape(path=["vertex:0", f"vertex:{far}"], speed=0.2, load=2.0, repeat="back"),
-            body=body,
-        )
+        return ["vertex:0", f"vertex:{far}"]
+    if model.chart is None or bounds is None:
+        return []
+    return [np.where(np.isfinite(end), end, 0.0) for end in bounds]
 
 
 def repeated(models: Sequence[ModalModel], modes: int) -> list[ModalModel]:

@@ -159,7 +159,7 @@ class Player:
         rate = self._outlet.sample_rate
         pushing = excitation.begin(self._host.body(body).model, rate, start=-LEAD)
         started = Started(pushing, rate)
-        self._host.start(body, started)
+        self._host.start(body, started, type(excitation))
         return started
 
     def touch(
@@ -341,6 +341,11 @@ class Player:
     def dropped(self) -> int:
         """Strikes, excitations and updates left out, as there was no voice or no room."""
         return self._host.dropped
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What recorded bodies could not know of what was done to them, as a sound's notes say."""
+        return self._host.unknowns
 
     @property
     def peak(self) -> float:

@@ -1,3 +1,4 @@
+from .chart import Chart as Chart
 from .damping import Damping as Damping
 from .damping import InternalFriction as InternalFriction
 from .damping import Measured as Measured

@@ -12,7 +12,7 @@ from struck.model.arrays import Array, numbers
 from struck.model.mesh import Mesh, Surface
 
 Place = str | Sequence[float] | Array | None
-# Share of the body's extent within which a given point is moved onto the surface.
+# Share of the body's extent, or of a coordinate's range, within which a point counts as on it.
 _SNAP = 0.02
 
 
@@ -54,15 +54,25 @@ class Contact:
 
     @classmethod
     def recorded(
-        cls, at: Place, places: Mapping[str, Array], coordinates: tuple[str, ...]
+        cls,
+        at: Place,
+        places: Mapping[str, Array],
+        coordinates: tuple[str, ...],
+        direction: Place = None,
     ) -> Contact:
         """Find a contact of a body without a surface, by the coordinates that recordings have.
 
         Raises
         ------
         ContactError
-            When it is no name of `places`, nor a number for each of `coordinates`.
+            When it is no name of `places`, nor a number for each of `coordinates`, or has a
+            direction, of which recordings know nothing.
         """
+        if direction is not None:
+            raise ContactError(
+                f"direction is {direction!r}: this body was recorded as it was struck and knows no "
+                "other way to push; leave direction= out"
+            )
         if at is None and places:
             at = next(iter(places))
         if isinstance(at, str) and at not in places:
@@ -94,6 +104,19 @@ def nearest_contacts(
     if directions is None:
         return nearest, -normals, normals
     return nearest, np.array([_unit(way) for way in directions]), normals
+
+
+def require_recorded(points: Array, lowest: Array, highest: Array) -> None:
+    """Refuse contacts (K, D) more than 2 % of a coordinate's range outside of it."""
+    reach = _SNAP * (highest - lowest)
+    outside = (points < lowest - reach) | (points > highest + reach)
+    if np.isnan(points).any() or outside.any():
+        wrong = points[np.argmax(outside.any(axis=1))]
+        nearest = np.clip(wrong, lowest, highest)
+        raise ContactError(
+            f"the contact {wrong.tolist()} lies outside of what was recorded: the nearest is "
+            f"{nearest.tolist()}"
+        )
 
 
 def raised(mesh: Mesh, place: Array) -> Array:

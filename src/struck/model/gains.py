@@ -106,10 +106,35 @@ class Gains(ABC):
     def toward(self, listeners: Array) -> Complex:
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
 
+    def motion(self, points: Array) -> Array:
+        """Return how far each mode moves along A axes at `points` (K, D): (K, A, R, M)."""
+        return self.at(points, np.zeros((len(points), 3)))[:, None]
+
+    def deconvolved(self, spectrum: Complex) -> Gains:
+        """Return gains for forces in N, from those of a blow with this spectrum (M,) at each pole.
+
+        Raises
+        ------
+        OptionError
+            Where no blow is part of the gains.
+        """
+        del spectrum
+        raise OptionError(f"{type(self).__name__} hold no recorded blow: leave blow= out")
+
     @property
     def directional(self) -> bool:
         """Whether places of the same distance hear differently: whether there is a timbre field."""
         return False
+
+    @property
+    def axial(self) -> bool:
+        """Whether it was recorded as round about the z axis through its centre."""
+        return False
+
+    @property
+    def bounds(self) -> tuple[Array, Array] | None:
+        """Lowest and highest contact coordinates (D,) that were recorded; None without any."""
+        return None
 
     @property
     def of_surface(self) -> bool:
@@ -148,6 +173,16 @@ class ExpandedGains(Gains):
         return self.products.directional
 
     @property
+    def axial(self) -> bool:
+        """Whether the products are those of a round body."""
+        return self.products.axial
+
+    @property
+    def bounds(self) -> tuple[Array, Array] | None:
+        """Lowest and highest contact coordinates (D,)."""
+        return self.products.bounds
+
+    @property
     def of_surface(self) -> bool:
         """Whether the products are those of a surface."""
         return self.products.of_surface
@@ -176,6 +211,11 @@ class ExpandedGains(Gains):
         """Return the drive of unit impulses (K, 1, R M)."""
         drives = self.products.at(points, directions)
         return drives.reshape(len(drives), 1, -1)
+
+    def motion(self, points: Array) -> Array:
+        """Return how far each mode moves (K, A, 1, R M)."""
+        moved = self.products.motion(points)
+        return moved.reshape(*moved.shape[:2], 1, -1)
 
     def toward(self, listeners: Array) -> Complex:
         """Return the output at listeners (L, 1, R M)."""
@@ -300,6 +340,10 @@ class ShapeGains(Gains):
         """Return the mode shapes at the nearest surface points along unit `directions`."""
         pushes = np.reshape(directions, (-1, 3))
         return np.einsum("kd,kdm->km", pushes, self.shapes_at(points))[:, None, :]
+
+    def motion(self, points: Array) -> Array:
+        """Return the mode shapes at the nearest surface points along x, y and z: (K, 3, 1, M)."""
+        return self.shapes_at(points)[:, :, None]
 
     def shapes_at(self, points: Array) -> Array:
         """Return the mode shapes at the surface points nearest to `points`: (K, 3, M)."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError, OptionError
 from struck.model.arrays import Array, Index, checked, require_number, require_numbers
@@ -20,6 +21,7 @@ from struck.model.provenance import Provenance
 from struck.model.recoil import Recoil
 
 if TYPE_CHECKING:
+    from struck.model.chart import Chart
     from struck.model.residual import Residual
 
 XYZ = ("x (m)", "y (m)", "z (m)")
@@ -61,6 +63,9 @@ class ModalModel:
         Contacts by name, m, each (3,).
     coordinates : tuple of str
         Names and units of a contact's axes.
+    chart : Chart or None
+        Where the contact coordinates of recordings lie, m; known by itself where all name a unit
+        of length, else None until `charted` tells.
     residual, recoil, provenance
         What recordings, and free computed bodies, have beside their modes; method, versions, what
         was dropped, references.
@@ -82,6 +87,7 @@ class ModalModel:
     errors: Array | None = None
     places: Mapping[str, Array] = field(default_factory=dict)
     coordinates: tuple[str, ...] = XYZ
+    chart: Chart | None = None
     residual: Residual | None = None
     recoil: Recoil | None = None
     provenance: Provenance = field(default_factory=Provenance)
@@ -89,6 +95,8 @@ class ModalModel:
     def __post_init__(self) -> None:
         _require_modes(self)
         _require_body(self)
+        if self.recorded:
+            object.__setattr__(self, "chart", _chart(self))
 
     @classmethod
     def of(
@@ -139,6 +147,11 @@ class ModalModel:
         return self.gains.calibrated
 
     @property
+    def recorded(self) -> bool:
+        """Whether its contacts are coordinates of recordings, not points of a surface."""
+        return self.geometry is None or not isinstance(self.gains, ShapeGains)
+
+    @property
     def t60(self) -> Array:
         """Times to fall by 60 dB, s (M,)."""
         return np.log(1000) / np.maximum(self.decays, np.finfo(float).tiny)
@@ -160,7 +173,7 @@ class ModalModel:
             When there is no such place, or the point is off the body.
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
-            return Contact.recorded(at, self.places, self.coordinates)
+            return Contact.recorded(at, self.places, self.coordinates, direction)
         if at is None and not len(self.decays):
             point = places_of(self.geometry)["top"]
         elif at is None:  # what a mode gives off until it has died away goes with 1 / decay
@@ -251,6 +264,45 @@ class ModalModel:
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
         return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
 
+    @checked
+    def charted(
+        self, *, pitch: ArrayLike | None = None, geometry: Mesh | None = None
+    ) -> ModalModel:
+        """Return a copy of a recorded body that knows the way over it, for what moves along it.
+
+        Parameters
+        ----------
+        pitch : float or array-like (D,), optional
+            Metres a unit of each contact coordinate; of an azimuth, rad, the radius of the body.
+            May be left out where the coordinates name a unit: "height (m)".
+        geometry : Mesh, optional
+            Surface of a round body, in m, about the z axis through its centre: the first
+            coordinate times its pitch is the height z. An azimuth then needs no pitch.
+
+        Raises
+        ------
+        OptionError
+            When a pitch is missing, the surface does not fit what was recorded, or the body was
+            not recorded at several places.
+        """
+        from struck.model.chart import Chart
+
+        bounds = self.gains.bounds
+        if not self.recorded or bounds is None or not self.coordinates:
+            raise OptionError(
+                "pitch and geometry tell the way between places that were recorded: "
+                + ("it was recorded at one" if self.recorded else "it has a surface")
+            )
+        middle = np.zeros(3) if self.centre is None else self.centre
+        chart = Chart.of(
+            self.coordinates,
+            pitch=pitch,
+            geometry=geometry,
+            round_about=middle if self.gains.axial else None,
+            heights=(float(bounds[0][0]), float(bounds[1][0])),
+        )
+        return replace(self, chart=chart)
+
     def expanded(self) -> ModalModel:
         """Return the model with a mode for each product of its gains, as resonators need them."""
         if self.gains.rank == 1:
@@ -292,6 +344,7 @@ class ModalModel:
             inertia=None if self.inertia is None else self.inertia * weight * size**2,
             geometry=None if self.geometry is None else self.geometry.scaled(size),
             places={name: point * step for name, point in self.places.items()},
+            chart=None if self.chart is None else self.chart.scaled(size),
             residual=None,
             recoil=None if self.recoil is None else self.recoil.changed(size, density),
         )
@@ -362,3 +415,19 @@ def _require_body(model: ModalModel) -> None:
     count = 3 if isinstance(model.gains, ShapeGains) else len(names)
     for name, place in model.places.items():
         require_numbers(f"place {name!r}", place, (count,))
+
+
+def _chart(model: ModalModel) -> Chart | None:
+    """Return where the contacts of recordings lie: as given, or as their units tell."""
+    from struck.model.chart import Chart  # computed bodies need none
+
+    chart, names = model.chart, model.coordinates
+    if chart is None:
+        return Chart.named(names)
+    if not isinstance(chart, Chart):
+        raise TypeError(f"chart is a {type(chart).__name__}: give a Chart")
+    if len(chart.pitch) != len(names):
+        raise OptionError(
+            f"its chart has {len(chart.pitch)} pitches for {len(names)} coordinates: give as many"
+        )
+    return chart

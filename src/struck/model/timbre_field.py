@@ -9,6 +9,7 @@ import numpy as np
 
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, checked
+from struck.model.contact import require_recorded
 from struck.model.gains import Gains
 from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
@@ -163,7 +164,6 @@ def _part_errors(weights: Array, variance: float, powers: Array) -> Array:
 # Distances over which shapes may stay alike, as shares of the range of a coordinate.
 LENGTHS = (0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5)
 _NOISES = (1e-8, 1.0)  # the least keeps what is known twice over solvable
-SNAP = 0.02  # share of its range by which a coordinate may lie outside of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,24 +197,13 @@ class ContactPart:
 
     def at(self, points: Array) -> Array:
         """Return drives (K, M) at points (K, D); ContactError more than 2 % out of range."""
-        self._require_inside(points)
+        require_recorded(points, self.lowest, self.lowest + self.spans)
         places = np.clip((points - self.lowest) / np.where(self.spans > 0, self.spans, 1.0), 0, 1)
         return np.einsum("knp,npm->km", _likenesses(places, self.contacts), self.factors)
 
     def chosen(self, modes: Index, factor: float = 1.0) -> ContactPart:
         """Return the drives of some modes, times a factor."""
         return replace(self, factors=np.ascontiguousarray(self.factors[:, :, modes] * factor))
-
-    def _require_inside(self, points: Array) -> None:
-        highest, reach = self.lowest + self.spans, SNAP * self.spans
-        outside = (points < self.lowest - reach) | (points > highest + reach)
-        if np.isnan(points).any() or outside.any():
-            wrong = points[np.argmax(outside.any(axis=1))]
-            nearest = np.clip(wrong, self.lowest, highest)
-            raise ContactError(
-                f"the contact {wrong.tolist()} lies outside of what was recorded: the nearest is "
-                f"{nearest.tolist()}"
-            )
 
 
 def _likenesses(some: Array, others: Array) -> Array:
@@ -257,7 +246,7 @@ class Inside:
         """Return the correction at places (L, 3): (L, M)."""
         return _closeness(places, self.places, self.reach) @ self.corrections
 
-    def chosen(self, modes: Index, size: float, factor: float) -> Inside:
+    def chosen(self, modes: Index, size: float, factor: complex | Complex) -> Inside:
         """Return some modes of a body `size` times as large, times a factor."""
         return Inside(
             places=self.places * size,
@@ -316,8 +305,8 @@ class ListenerPart:
         heard[:, 0] += self.inside.at(self._folded(places))
         return heard
 
-    def chosen(self, modes: Index, size: float, factor: float) -> ListenerPart:
-        """Return some modes of a body `size` times as large, times a factor."""
+    def chosen(self, modes: Index, size: float, factor: complex | Complex) -> ListenerPart:
+        """Return some modes of a body `size` times as large, times a factor or one for each."""
         waves, inside = (part.chosen(modes, size, factor) for part in (self.waves, self.inside))
         return replace(self, waves=waves, inside=inside)
 
@@ -374,6 +363,8 @@ class TimbreField(Gains):
         were recorded best.
     notes : tuple of str
         What a person should know: which modes are unmeasured, and the way out.
+    is_calibrated, is_deconvolved : bool
+        Whether gains are Pa/(N s), not relative; whether the blow was divided out.
     """
 
     contact_part: ContactPart
@@ -384,6 +375,7 @@ class TimbreField(Gains):
     unmeasured: Index
     notes: tuple[str, ...]
     is_calibrated: bool
+    is_deconvolved: bool = False
 
     @classmethod
     @checked
@@ -434,9 +426,27 @@ class TimbreField(Gains):
         return self.is_calibrated
 
     @property
+    def of_surface(self) -> bool:
+        """Whether drives take a force in N."""
+        return self.is_deconvolved
+
+    @property
     def directional(self) -> bool:
         """Directions differ."""
         return True
+
+    @property
+    def axial(self) -> bool:
+        """Whether it was recorded as round about the z axis."""
+        return self.listener_part.mirrored
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest contact coordinates (D,); azimuths have none."""
+        part = self.contact_part
+        endless = np.full(self.axes - len(part.spans), np.inf)
+        highest = part.lowest + part.spans
+        return np.append(part.lowest, -endless), np.append(highest, endless)
 
     @property
     def count(self) -> int:
@@ -488,6 +498,12 @@ class TimbreField(Gains):
                 f"radius of {self.radius:.3g} m, where nothing was recorded: move it away"
             )
         return self.listener_part.at(places)
+
+    def deconvolved(self, spectrum: Complex) -> TimbreField:
+        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        every = np.arange(self.count)
+        part = self.listener_part.chosen(every, 1.0, 1 / spectrum)
+        return replace(self, listener_part=part, is_deconvolved=True)
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> TimbreField:
         """Return the gains of chosen `modes` of a body with other frequencies, size or density.

@@ -8,6 +8,7 @@ import numpy as np
 
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, Mask, checked
+from struck.model.contact import require_recorded
 from struck.model.gains import Gains
 from struck.model.survey import Survey, from_spherical
 
@@ -90,16 +91,28 @@ class SinglePoint(Gains):
         Where the sound seems to come from, body coordinates, m.
     is_calibrated : bool
         Whether outputs are Pa/(N s), not relative.
+    is_deconvolved : bool
+        Whether the blow of the recording was divided out.
     """
 
     outputs: Complex
     centre: Array = field(default_factory=lambda: np.zeros(3))
     is_calibrated: bool = False
+    is_deconvolved: bool = False
 
     @property
     def calibrated(self) -> bool:
         """Whether gains are Pa/(N s), not relative."""
         return self.is_calibrated
+
+    @property
+    def of_surface(self) -> bool:
+        """Whether drives take a force in N."""
+        return self.is_deconvolved
+
+    def deconvolved(self, spectrum: Complex) -> SinglePoint:
+        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        return replace(self, outputs=self.outputs / spectrum, is_deconvolved=True)
 
     @property
     def count(self) -> int:
@@ -135,10 +148,10 @@ class SinglePoint(Gains):
         was heard at 1 m is heard at `size` m.
         """
         del frequencies
-        return SinglePoint(
+        return replace(
+            self,
             outputs=self.outputs[modes] * (size / (density * size**3)),
             centre=self.centre * size,
-            is_calibrated=self.is_calibrated,
         )
 
 
@@ -151,8 +164,8 @@ class TimbreTable(Gains):
     """Gains of a body as recorded for every contact with every listener, each its own.
 
     A product for each contact: drives are the weights of linear interpolation over contacts,
-    outputs the gains from each, interpolated linearly over listeners (2007, section 2). Beyond the
-    grid counts its nearest place, from where sound falls as 1/r.
+    outputs the gains from each, interpolated linearly over listeners (2007, section 2). For
+    listeners beyond the grid counts its nearest place, from where sound falls as 1/r.
 
     Parameters
     ----------
@@ -170,6 +183,8 @@ class TimbreTable(Gains):
         Body coordinates, m.
     size : float
         How many times larger the body has become.
+    is_calibrated, is_deconvolved : bool
+        As in `SinglePoint`.
     """
 
     contacts: Grid
@@ -180,6 +195,7 @@ class TimbreTable(Gains):
     centre: Array
     size: float = 1.0
     is_calibrated: bool = False
+    is_deconvolved: bool = False
 
     @classmethod
     def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
@@ -218,9 +234,25 @@ class TimbreTable(Gains):
         return self.is_calibrated
 
     @property
+    def of_surface(self) -> bool:
+        """Whether drives take a force in N."""
+        return self.is_deconvolved
+
+    @property
     def directional(self) -> bool:
         """Directions differ."""
         return True
+
+    @property
+    def axial(self) -> bool:
+        """Whether it was recorded as round about the z axis."""
+        return self.mirrored
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest contact coordinates (D,)."""
+        axes = self.contacts.axes
+        return np.array([a.nodes[0] for a in axes]), np.array([a.nodes[-1] for a in axes])
 
     @property
     def count(self) -> int:
@@ -243,17 +275,40 @@ class TimbreTable(Gains):
         Raises
         ------
         ContactError
-            When the number of coordinates is wrong.
+            When the number of coordinates is wrong, or they lie outside of what was recorded.
         """
         del directions
+        weights = self._weights(points)
+        return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
+
+    def motion(self, points: Array) -> Array:
+        """Return the part of the gains that only contacts know, the largest of each mode 1.
+
+        Gains (P, Q) of a mode come nearest to a product of real drives (P,) and outputs (Q,) where
+        the drives are the leading eigenvector of Re(G G*). All products of a mode move alike.
+        """
+        together = np.einsum("pqm,rqm->mpr", self.gains, self.gains.conj()).real
+        drives = np.linalg.eigh(together)[1][:, :, -1]
+        leading = np.take_along_axis(drives, np.abs(drives).argmax(axis=1)[:, None], axis=1)
+        moved = self._weights(points) @ (drives / leading).T
+        return np.broadcast_to(
+            moved[:, None, None], (len(moved), 1, self.rank, self.gains.shape[2])
+        )
+
+    def deconvolved(self, spectrum: Complex) -> TimbreTable:
+        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        return replace(self, gains=self.gains / spectrum, is_deconvolved=True)
+
+    def _weights(self, points: Array) -> Array:
+        """Return the weights of contacts at coordinates (K, D): (K, P)."""
         places = np.atleast_2d(np.asarray(points, np.float64))
         if places.shape[1] != len(self.contacts.axes):
             raise ContactError(
                 f"a contact has {places.shape[1]} coordinates: this table has "
                 f"{len(self.contacts.axes)}"
             )
-        weights = self.contacts.weights(places)
-        return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
+        require_recorded(places, *self.bounds)
+        return self.contacts.weights(places)
 
     def toward(self, listeners: Array) -> Complex:
         """Return gains at listeners (L, 3), relative to the arrival time r/c: (L, P, M)."""

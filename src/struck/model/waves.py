@@ -194,7 +194,7 @@ class SphericalWaves:
         ]
         return np.stack(heard, axis=1)
 
-    def chosen(self, modes: Index, size: float, factor: float) -> SphericalWaves:
+    def chosen(self, modes: Index, size: float, factor: complex | Complex) -> SphericalWaves:
         """Return some modes of a body `size` times as large, which rings as much lower."""
         powers = size ** _POWERS[:, None, None]
         return SphericalWaves(

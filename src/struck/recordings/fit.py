@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,10 @@ from struck.errors import OptionError, RecordingError
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
-from struck.model.arrays import Array, checked
+from struck.model.arrays import Array, Complex, checked
 from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, Provenance, silent
 from struck.model.residual import Residual
@@ -30,6 +31,9 @@ from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
 from struck.recordings.takes import Recorded, Recording, Take
+
+if TYPE_CHECKING:
+    from struck.excitation.strike import Strike
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +74,7 @@ _REFERENCES = {
 }
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
+_WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
 
 
 @checked
@@ -87,6 +92,9 @@ def fit_recordings(
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
     room: float | Recording | None = None,
+    pitch: ArrayLike | None = None,
+    geometry: Mesh | str | os.PathLike[str] | None = None,
+    blow: Strike | None = None,
     residual: bool = False,
     force: bool = False,
     cache: bool | str | os.PathLike[str] = True,
@@ -99,6 +107,8 @@ def fit_recordings(
     Fitting
     """
     _require(way, radius, modes)
+    _require_blow(blow, residual=residual)
+    surface = geometry if isinstance(geometry, Mesh | None) else _surface(geometry)
     recorded = Recorded.of(
         recordings,
         contacts=contacts,
@@ -114,7 +124,11 @@ def fit_recordings(
     fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, force=force)
     fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
-    return _made(fitted, recorded, seconds, way, radius, method, residual=residual)
+    made = _made(fitted, recorded, seconds, way, radius, method, residual=residual)
+    model = made.model if blow is None else without_blow(made.model, blow, made.lead)
+    if pitch is not None or surface is not None:
+        model = model.charted(pitch=pitch, geometry=surface)
+    return replace(made, model=model)
 
 
 def _fitted(
@@ -140,6 +154,71 @@ def _require(way: str, radius: float, modes: int | None) -> None:
         raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
     if not (np.isfinite(radius) and radius >= 0):
         raise OptionError(f"radius is {radius}: that of a ball that holds the body, m, at least 0")
+
+
+def _surface(path: str | os.PathLike[str]) -> Mesh:
+    from struck.files.meshes import load_surface  # as few fits need one
+
+    return load_surface(path)
+
+
+def _require_blow(blow: Strike | None, *, residual: bool) -> None:
+    if blow is None:
+        return
+    if residual:
+        raise OptionError(
+            "residual=True keeps the attack of the recorded blow, and blow= divides that blow out: "
+            "leave one of them out"
+        )
+    if blow.shape != "half-sine" or blow.transient:
+        raise OptionError(
+            f"blow has the shape {blow.shape!r} and the transient {blow.transient:g}: what is "
+            "divided out is a half-sine of some impulse and duration, so give that"
+        )
+
+
+def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalModel:
+    """Return a model whose gains are for a force in N, the blow of its recordings divided out.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Of recordings.
+    blow : Strike
+        With which it was struck: impulse and duration, or striker and speed.
+    lead : float
+        From the beginning of the blow to the moment that gains are as of, s.
+
+    Returns
+    -------
+    ModalModel
+        A blow is weak where its spectrum falls off: modes that it drove by less than a tenth of
+        its impulse are divided by a tenth alone, and counted in `provenance`.
+    """
+    from struck.synth.ring_down import released
+
+    if model.gains.of_surface:
+        raise OptionError("its gains are for a force in N already: leave blow= out")
+    struck = blow.resolved(model, model.contact())
+    poles = -model.decays + 2j * np.pi * model.frequencies
+    share: Complex = np.asarray(released(poles, struck.duration), np.complex128)
+    sizes = np.abs(share * np.exp(-poles * struck.duration))  # before the modes decayed
+    weak = sizes < _WEAKEST
+    share = np.where(weak, share * _WEAKEST / np.maximum(sizes, 1e-300), share)
+    later = np.exp(poles * (lead - struck.duration))
+    note = (
+        f"{np.count_nonzero(weak)} of {len(weak)} modes, the lowest at "
+        f"{model.frequencies[weak].min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
+        f"{struck.duration:.3g} s: forces drive them too softly"
+    )
+    return replace(
+        model,
+        gains=model.gains.deconvolved(struck.impulse * share * later),
+        provenance=model.provenance.extended(
+            dropped=(note,) * bool(weak.any()),
+            blow={"impulse": struck.impulse, "duration": struck.duration},
+        ),
+    )
 
 
 def _require_use(recorded: Recorded, way: str, radius: float) -> None:

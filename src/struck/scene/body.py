@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -265,6 +265,30 @@ def away_from(model: ModalModel, places: Array) -> Array:
 def place_beside(model: ModalModel) -> Array:
     """Return the default listener of a model, seen from its centre, m (3,)."""
     return aside(radius_of(model))
+
+
+def unknowns(model: ModalModel, kinds: Iterable[type]) -> tuple[str, ...]:
+    """Return notes of what a recorded body cannot know of what is done to it, by kinds of that."""
+    if not model.recorded:
+        return ()
+    from struck.excitation.scrape import Roll, Scrape
+    from struck.excitation.strike import Strike
+    from struck.excitation.touch import TouchLog
+
+    done = set(kinds)
+    moving = bool(done & {Scrape, Roll, TouchLog})
+    notes = {
+        "its gains hold the blow that was recorded: forces in N sound as if that had been 1 N s, "
+        "and its spectrum stays in; fit it with blow= to divide it out": bool(done - {Strike, Hold})
+        and not (model.gains.of_surface or model.calibrated),
+        "what it is made of was not recorded: all of the dent is in what touches it": moving
+        and model.material is None,
+        "it was recorded at one place: its timbre stays the same wherever it is touched": moving
+        and not model.coordinates,
+        "its modal masses were not recorded: a grip acts as on 1 kg where a mode moves most": Hold
+        in done,
+    }
+    return tuple(note for note, holds in notes.items() if holds)
 
 
 def _require_actions(actions: Sequence[object]) -> None:

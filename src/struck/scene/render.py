@@ -20,7 +20,6 @@ from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError
 from struck.excitation.excitation import Burst, Excitation, Hold, Pushing
-from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
@@ -28,7 +27,7 @@ from struck.model.contact import Contact
 from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
-from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside
+from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside, unknowns
 from struck.synth.poles import with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
@@ -154,8 +153,9 @@ def _arriving(
     natural, cut = _length(frequencies, decays, heard)
     driven = np.zeros(0)
     if others:
-        outputs = _outputs(model, listener[None], sample_rate)
-        pushed = DrivenBody(model=model, outputs=outputs, actions=others, sample_rate=sample_rate)
+        whole = model.expanded()
+        outputs = _outputs(whole, listener[None], sample_rate)
+        pushed = DrivenBody(model=whole, outputs=outputs, actions=others, sample_rate=sample_rate)
         driven = pushed.samples(seconds, at_least=natural)[0]
         length = len(driven)
     else:
@@ -165,7 +165,8 @@ def _arriving(
     _add_recoil(samples, model, strikes, listener, sample_rate)
     away = np.array([np.linalg.norm(listener - centre_of(model))], np.float64)
     samples += _residual_sound(body, lambda _time: away, sample_rate=sample_rate, length=length)[0]
-    return samples, _left_out(model, sample_rate) + notes + (cut if seconds is None else ())
+    told = _left_out(model, sample_rate) + notes + unknowns(model, map(type, actions))
+    return samples, told + (cut if seconds is None else ())
 
 
 # Plain strikes: closed form.
@@ -318,8 +319,9 @@ class DrivenBody:
             sample_rate=self.sample_rate,
             block=_BLOCK,
         )
-        # Band-limited pulses begin some samples before their time.
-        self._now = -LEAD
+        # Band-limited pulses begin some samples before their time; a whole block before it drives
+        # reach their places at the same samples as live.
+        self._now = -_BLOCK
         begun = [each.begin(self.model, self.sample_rate, start=self._now) for each in excitations]
         self._waiting = [
             (each.wait(_BLOCK) if isinstance(each, Burst) else self._now, voice, each)
@@ -344,7 +346,7 @@ class DrivenBody:
             blocks.append(self._next(first=not blocks))
             if length is None:
                 length = self._length(at_least)
-        return np.concatenate(blocks, axis=1)[:, LEAD : LEAD + length]
+        return np.concatenate(blocks, axis=1)[:, _BLOCK : _BLOCK + length]
 
     def _next(self, *, first: bool) -> Array:
         self._take_holds()
@@ -504,7 +506,8 @@ def _sent_to_ears(
         sample_rate=sample_rate,
         length=samples.shape[1],
     )
-    return samples, _left_out(model, sample_rate)
+    told = _left_out(model, sample_rate)
+    return samples, told + unknowns(model, map(type, body.actions))
 
 
 def _ears_from(body: Body, pose: Pose, time: float) -> Array:

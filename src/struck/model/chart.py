@@ -1,0 +1,198 @@
+"""Charts: where the contact coordinates of a recorded body lie in space, in metres.
+
+Recordings know places by coordinates that somebody chose (a height from 0 to 1, a number of
+centimetres, an azimuth), and speed over a body is in metres a second. A chart says how far apart
+two places are: by a pitch, metres a unit of each coordinate, or on a round body by the outline of
+its surface.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from struck.errors import OptionError
+from struck.model.arrays import Array, checked, numbers
+from struck.model.mesh import Mesh
+
+_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_FINEST, _COARSEST = 1e-9, 1e6  # m a unit
+_SLICES = 513  # heights at which the outline of a mesh is taken
+_BEYOND = 0.02  # share of a mesh's height by which contacts may lie above or below it
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Chart:
+    """Where contact coordinates lie in space.
+
+    Parameters
+    ----------
+    pitch : array (D,)
+        Metres a unit of each coordinate. Of an azimuth in rad it is the body's radius.
+    around : bool
+        Whether the first coordinate is a height along the z axis and the second, where there is
+        one, an azimuth about it, rad.
+    outline : array (n, 2) or None
+        Of a round body: heights, ascending, and radii of its surface there, m. None: the surface
+        is flat, or with an azimuth a cylinder.
+
+    Raises
+    ------
+    OptionError
+        On numbers outside their bounds.
+    """
+
+    pitch: Array
+    around: bool = False
+    outline: Array | None = None
+
+    def __post_init__(self) -> None:
+        pitch = np.array(self.pitch, np.float64)
+        if pitch.shape not in {(1,), (2,), (3,)} or not np.all(
+            (pitch >= _FINEST) & (pitch <= _COARSEST)
+        ):
+            raise OptionError(
+                f"pitch is {pitch.tolist()}: give metres a unit of each coordinate, from "
+                f"{_FINEST:g} to {_COARSEST:g}"
+            )
+        object.__setattr__(self, "pitch", pitch)
+        if self.outline is not None:
+            _require_outline(self.outline)
+
+    @classmethod
+    def named(cls, coordinates: Sequence[str]) -> Chart | None:
+        """Return the chart of coordinates that all name a unit of length; None of others."""
+        units = [re.search(r"\((\w+)\)$", name) for name in coordinates]
+        pitch = [_UNITS.get(unit[1], 0.0) if unit else 0.0 for unit in units]
+        return cls(pitch=np.array(pitch)) if pitch and all(pitch) else None
+
+    @classmethod
+    def of(
+        cls,
+        coordinates: Sequence[str],
+        *,
+        pitch: ArrayLike | None,
+        geometry: Mesh | None,
+        round_about: Array | None,
+        heights: tuple[float, float] = (0.0, 0.0),
+    ) -> Chart:
+        """Return the chart that a pitch, a surface, or both tell.
+
+        Parameters
+        ----------
+        coordinates : sequence of str
+            Names, with a unit of length in brackets where they have one: "height (m)".
+        pitch : array-like, () or (D,), or None
+            Metres a unit of each coordinate; None leaves it to the names.
+        geometry : Mesh or None
+            Surface of a round body, m; the first coordinate times its pitch is z.
+        round_about : array (3,) or None
+            A point of the axis along z; None of a body that is not round.
+        heights : tuple of float
+            Lowest and highest first coordinate of what was recorded.
+
+        Raises
+        ------
+        OptionError
+            When a pitch is missing, or the surface does not fit.
+        """
+        around = round_about is not None
+        told = _pitches(coordinates, pitch, spared=around and geometry is not None)
+        outline = None
+        if geometry is not None:
+            if round_about is None:
+                raise OptionError(
+                    "geometry tells the way over a round body alone, recorded with "
+                    "symmetry='axial': give pitch= in metres a unit of "
+                    f"{' and of '.join(coordinates)}"
+                )
+            _require_beside(geometry, told[0] * np.array(heights))
+            outline = outline_of(geometry, round_about)
+        return cls(pitch=told, around=around, outline=outline)
+
+    def places(self, points: Array) -> Array:
+        """Return where contacts (K, D) lie, m (K, 3)."""
+        placed = points * self.pitch
+        flat = np.zeros((len(points), 3))
+        if not self.around:
+            flat[:, : placed.shape[1]] = placed
+            return flat
+        turned = placed.shape[1] > 1
+        radii = np.full(len(points), self.pitch[1] if turned else 0.0)
+        if self.outline is not None:
+            radii = np.interp(placed[:, 0], *self.outline.T)
+        azimuths = points[:, 1] if turned else np.zeros(len(points))
+        return np.stack([radii * np.cos(azimuths), radii * np.sin(azimuths), placed[:, 0]], axis=1)
+
+    def scaled(self, factor: float) -> Chart:
+        """Return the chart of the same body `factor` times as large."""
+        outline = None if self.outline is None else self.outline * factor
+        return replace(self, pitch=self.pitch * factor, outline=outline)
+
+
+def outline_of(mesh: Mesh, centre: Array) -> Array:
+    """Return heights and largest radii about the z axis through a centre, m (n, 2)."""
+    points = mesh.points - centre * [1, 1, 0]
+    edges = points[np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]])]
+    edges = np.take_along_axis(edges, edges[:, :, 2:].argsort(axis=1), axis=1)  # upward
+    low, high = edges[:, 0, 2], edges[:, 1, 2]
+    heights = np.linspace(low.min(), high.max(), _SLICES)
+    radii = np.empty(_SLICES)
+    for number, height in enumerate(heights):
+        crossed = (low <= height) & (height <= high)
+        begin, end = edges[crossed].swapaxes(0, 1)
+        rise = end[:, 2] - begin[:, 2]
+        share = np.where(rise > 0, (height - begin[:, 2]) / np.where(rise > 0, rise, 1.0), 1.0)
+        place = begin + share[:, None] * (end - begin)
+        radii[number] = np.hypot(place[:, 0], place[:, 1]).max()
+    return np.stack([heights, radii], axis=1)
+
+
+def _pitches(coordinates: Sequence[str], pitch: ArrayLike | None, *, spared: bool) -> Array:
+    """Return metres a unit of each coordinate; `spared`: the second may stay unsaid."""
+    count = len(coordinates)
+    needed = coordinates[:1] if spared else coordinates
+    if pitch is None:
+        known = Chart.named(needed)
+        if known is None:
+            raise OptionError(
+                f"how long a unit of {' and of '.join(needed)} is was not told: give pitch= in "
+                f"metres a unit{' of each' * (len(needed) > 1)}"
+            )
+        given = known.pitch
+    else:
+        given = numbers("pitch", pitch)
+    given = np.full(len(needed), given) if given.ndim == 0 and len(needed) == 1 else given
+    if given.shape == (1,) and count > 1 and spared:
+        return np.concatenate([given, np.ones(count - 1)])
+    if given.shape != (count,):
+        raise OptionError(
+            f"pitch is {given.tolist()}: give metres a unit of each of {', '.join(coordinates)}"
+        )
+    return given
+
+
+def _require_beside(mesh: Mesh, heights: Array) -> None:
+    """Refuse a surface that does not reach as far up and down as what was recorded."""
+    low, high = mesh.bounds[:, 2]
+    reach = _BEYOND * (high - low)
+    if heights[0] < low - reach or heights[1] > high + reach:
+        raise OptionError(
+            f"contacts lie at z from {heights[0]:.4g} to {heights[1]:.4g} m, and the geometry goes "
+            f"from {low:.4g} to {high:.4g} m: move it, give its units, or give another pitch="
+        )
+
+
+def _require_outline(outline: Array) -> None:
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 2:
+        raise OptionError(f"outline has shape {outline.shape}: give heights and radii (n, 2)")
+    finite = np.abs(outline).max() <= _COARSEST  # NaN neither
+    if not finite or np.any(np.diff(outline[:, 0]) <= 0) or np.any(outline[:, 1] < 0):
+        raise OptionError(
+            "outline: heights must ascend and radii be at least 0, all finite, in m: put them right"
+        )
