@@ -61,7 +61,9 @@ def peak(model: ModalModel, at: Place) -> float:
     except ContactError:  # a field of recordings has places by number, none of them the usual one
         return 0.0
     how: dict[str, Any] = {"striker": "wood", "speed": 1.0}
-    blow = Strike(at=at, **(how if model.gains.of_surface else {"impulse": 1.0, "duration": 0.0}))
+    if not model.gains.of_surface:
+        how = {"impulse": 1.0, "duration": 0.0}
+    blow = Strike(at=at, **how)
     where = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
     reach = model.gains.radius if isinstance(model.gains, ShapeGains) else 0.0
     away = max(1.0, 2 * reach)
