@@ -38,7 +38,7 @@ def force(excitation: Scrape | Roll, seconds: float = 1.0, block: int = 1024) ->
 
 def quantiles(signal: np.ndarray) -> np.ndarray:
     """Return the frequencies below which 25, 50 and 75 % of the power lie."""
-    frequencies, power = welch(signal, RATE, nperseg=8192)
+    frequencies, power = welch(signal, RATE, nperseg=32768)
     below = np.cumsum(power) / power.sum()
     return np.interp([0.25, 0.5, 0.75], below, frequencies)
 
