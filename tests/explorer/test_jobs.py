@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -122,3 +125,24 @@ def test_whole_room_stands_within_two_minutes(
             time.sleep(0.5)
             states = [one["state"] for one in client.ask("GET", "/api/room").json["objects"]]
     assert len(states) == 18
+
+
+@pytest.mark.prove
+def test_wheel_holds_the_page_and_its_licences_and_is_small(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
+        cwd=root,
+        check=True,
+        capture_output=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    assert wheel.stat().st_size < 6e6
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    static = root / "src/struck/explorer/static"
+    page = [path.relative_to(root / "src").as_posix() for path in static.rglob("*.*")]
+    assert names >= {name for name in page if Path(root / "src" / name).is_file()}
+    assert "struck/core/libraries/core.wasm" in names
+    assert "struck/explorer/static/vendor/three/LICENSE" in names
+    assert "struck/ears/kemar.md" in names

@@ -12,6 +12,7 @@ import { Instrument } from './room/instrument.js';
 import { Room } from './room/room.js';
 
 const STRIKERS = ['fingertip', 'felt', 'wood', 'steel'];
+const PATIENCE = 1500; // ms after which what is silent stays so
 const CYCLE = 1.4; // s of one swing of a mode that is shown
 const get = (id) => document.getElementById(id);
 
@@ -180,18 +181,19 @@ async function change(id, wanted) {
 // Hearing
 
 let looking = false;
+let until = 0;
 
 /** Follow what is heard, until it is silent. */
 function wake() {
+  until = performance.now() + PATIENCE;
   if (looking) return;
   looking = true;
-  const began = performance.now();
   const look = () => {
     const now = performance.now() / 1000;
     const heard = spectrum.tick();
     const rings = modes.tick(page.ringing.get(page.chosen), now);
     for (const [id, ringing] of page.ringing) objects.ring(id, Boolean(ringing && loud(ringing, now)));
-    looking = heard || rings || performance.now() - began < 500;
+    looking = heard || rings || performance.now() < until;
     if (looking) requestAnimationFrame(look);
   };
   requestAnimationFrame(look);
