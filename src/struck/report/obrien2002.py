@@ -5,6 +5,9 @@ not give was chosen: the bowl, the figurine, the places of all. Its printed base
 aimed at. Each scene is a MuJoCo file in a folder, simulated, rendered and drawn.
 """
 
+# MuJoCo is compiled, and has no stubs.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import html
@@ -59,6 +62,19 @@ CHIMES = {"d3": 0.5061, "e3": 0.4770, "g3": 0.4366, "a4": 0.4115, "b4": 0.3878, 
 _RADIUS, _WALL, _NODE = 0.0125, 0.001, 0.224  # of a chime, m; where it hangs, of its length
 _BLOCK = 0.05  # m
 _SOFT = (20.0, 8000.0)  # Hz: above it materials of alpha_1 = 8e-6 ring for less than a millisecond
+_CLAPPER = (
+    '<body name="clapper" pos="0 0 1"><joint type="ball" damping="2e-4"/>'
+    '<geom type="cylinder" size=".035 .006" pos="0 0 -.32" mass=".06"/>'
+    '<geom type="box" size=".045 .002 .045" pos="0 0 -.62" mass=".01" contype="0" '
+    'conaffinity="0"/></body>'
+)
+# Shelves of the chute: row of Table 1, place of the middle, m, tilt, degrees, and band, Hz.
+_SHELF = (0.34, 0.24, 0.012)
+_SHELVES = {
+    "plastic": ("plastic shelf", (-0.1, 0, 0.75), 24, _SOFT),
+    "aluminium": ("aluminium shelf", (0.17, 0, 0.47), -24, (20.0, 16_000.0)),
+    "wood": ("wood shelf", (-0.1, 0, 0.19), 22, (20.0, 3000.0)),
+}
 _OPTIONS = '<option timestep="0.001" integrator="implicitfast"/>'
 
 
@@ -233,19 +249,13 @@ def _chimes(_folder: Path, accuracy: str) -> Staged:
             constants("chime"),
             accuracy=accuracy,
         )
-    clapper = (
-        '<body name="clapper" pos="0 0 1"><joint type="ball" damping="2e-4"/>'
-        '<geom type="cylinder" size=".035 .006" pos="0 0 -.32" mass=".06"/>'
-        '<geom type="box" size=".045 .002 .045" pos="0 0 -.62" mass=".01" contype="0" '
-        'conaffinity="0"/></body>'
-    )
     return Staged(
         name="chimes",
         title="Wind chimes",
         text="Six aluminium tubes of Table 2's adjusted lengths, hung at the nodes of their lowest "
         "modes, and a wooden clapper whose sail hangs in gusts of wind.",
         mjcf=_mjcf(
-            "".join(parts) + clapper,
+            "".join(parts) + _CLAPPER,
             f"<tendon>{''.join(tendons)}</tendon>",
             '<option timestep="0.001" integrator="implicitfast" density="1.2" viscosity="1.8e-5"/>',
         ),
@@ -325,15 +335,9 @@ def _chute(folder: Path, accuracy: str) -> Staged:
     """Return hollow figurines that fall down a chute of three shelves."""
     figure = bird()
     written(figure, folder / "bird.obj")
-    size = (0.34, 0.24, 0.012)
-    shelves = {
-        "plastic": ("plastic shelf", (-0.1, 0, 0.75), 24, _SOFT),
-        "aluminium": ("aluminium shelf", (0.17, 0, 0.47), -24, (20.0, 16_000.0)),
-        "wood": ("wood shelf", (-0.1, 0, 0.19), 22, (20.0, 3000.0)),
-    }
     models: dict[str, Any] = {
-        name: analyze(Block(size=size), constants(row), band=band, accuracy=accuracy)
-        for name, (row, _, _, band) in shelves.items()
+        name: analyze(Block(size=_SHELF), constants(row), band=band, accuracy=accuracy)
+        for name, (row, _, _, band) in _SHELVES.items()
     }
     path = folder / "bird.obj"
     models["bird*"] = analyze(
@@ -341,8 +345,8 @@ def _chute(folder: Path, accuracy: str) -> Staged:
     )
     parts = [
         f'<body name="{name}" pos="{x} {y} {z}" euler="0 {tilt} 0">'
-        f'<geom type="box" size="{size[0] / 2} {size[1] / 2} {size[2] / 2}"/></body>'
-        for name, (_, (x, y, z), tilt, _) in shelves.items()
+        f'<geom type="box" size="{_SHELF[0] / 2} {_SHELF[1] / 2} {_SHELF[2] / 2}"/></body>'
+        for name, (_, (x, y, z), tilt, _) in _SHELVES.items()
     ]
     parts += [
         f'<body name="bird {n + 1}" pos="{-0.16 + 0.01 * n} {0.03 * (n % 2) - 0.015} '
@@ -361,7 +365,7 @@ def _chute(folder: Path, accuracy: str) -> Staged:
         ),
         models=models,
         materials={"bird*": constants("bunny, ceramic"), "ground": "rubber"}
-        | {name: constants(row) for name, (row, _, _, _) in shelves.items()},
+        | {name: constants(row) for name, (row, _, _, _) in _SHELVES.items()},
         restitution=0.4,
         seconds=4.0,
         listener=(0.0, -1.3, 0.6),
