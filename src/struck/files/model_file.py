@@ -412,7 +412,6 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
         "places": {name: _list(point) for name, point in model.places.items()},
-        "chart": _chart_to_json(model.chart),
         "provenance": {
             "method": model.provenance.method,
             "references": list(model.provenance.references),
@@ -423,6 +422,7 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         if residual is None
         else {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)},
         **_recoil_to_json(model.recoil),
+        **_chart_to_json(model.chart),
     }
 
 
@@ -433,11 +433,13 @@ def _recoil_to_json(recoil: Recoil | None) -> dict[str, Any]:
     return {"recoil": {each.name: _list(getattr(recoil, each.name)) for each in fields(Recoil)}}
 
 
-def _chart_to_json(chart: Chart | None) -> dict[str, Any] | None:
+def _chart_to_json(chart: Chart | None) -> dict[str, Any]:
+    """Return a chart as a JSON object under its key; nothing without it, as files always were."""
     if chart is None:
-        return None
+        return {}
     outline = _list(chart.outline)
-    return {"pitch": _list(chart.pitch), "around": bool(chart.around), "outline": outline}
+    plain = {"pitch": _list(chart.pitch), "around": bool(chart.around), "outline": outline}
+    return {"chart": plain}
 
 
 def _list(array: Array | None) -> list[Any] | None:

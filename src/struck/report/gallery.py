@@ -9,6 +9,8 @@ from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
 from struck.errors import FileFormatError
