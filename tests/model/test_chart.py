@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pathlib
 from dataclasses import replace
 
@@ -14,10 +15,12 @@ from struck.cli import main
 from struck.errors import OptionError
 from struck.excitation.path import Path
 from struck.files import model_file
+from struck.files.container import unpack
 from struck.model.chart import Chart, outline_of
 from struck.model.mesh import Mesh
 from tests.excitation.bodies import plate
 from tests.excitation.recordings import HEARD, WIDTH, recorded
+from tests.files.test_model_file import SCHEMA, complaints
 
 
 def surface(solid: trimesh.Trimesh) -> Mesh:
@@ -83,7 +86,10 @@ def test_files_keep_charts(kind: str) -> None:
     model = recorded(kind)
     if kind in {"field", "round"}:
         model = model.charted(pitch=0.24, geometry=cone)
-    again = model_file.from_bytes(model_file.to_bytes(model))
+    data = model_file.to_bytes(model)
+    text = json.loads(unpack(data, kind="struck", newest=model_file.VERSION)[0]["json"])
+    assert complaints(text, SCHEMA, SCHEMA) == []
+    again = model_file.from_bytes(data)
     assert again.chart.around == model.chart.around
     assert np.array_equal(again.chart.pitch, model.chart.pitch)
     points = np.random.default_rng(0).random((9, len(model.coordinates)))
