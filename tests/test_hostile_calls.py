@@ -256,7 +256,7 @@ UNCALLED = {
     "made by it in between": "MeshPart ShapeGains TimbreTable",
     "without arguments": "AIR Heuristic1998 ObrienCoupling bird materials profiles roughnesses",
     "without arguments either": "strikers wall_materials",
-    "of an engine": "MujocoRecorder Simulation",
+    "of an engine": "MujocoRecorder Simulation scene2002",
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
     "on a port": "Explorer explore",
