@@ -258,7 +258,7 @@ def test_bad_strikes_are_refused(
         (["--strike", "rim"], ["rim", "middle"]),
         (["--strike", "0.1,0,0"], ["off the body", "nearest point"]),
         (["--strike", "end", "--striker", "jelly"], ["jelly", "wood"]),
-        (["--listener", "0,0,0"], ["inside"]),
+        (["--listener", "0.012,0,0"], ["inside"]),
         (["-o", "missing/t.wav"], ["no folder missing"]),
     ):
         assert main(["render", "tube.struck", *arguments]) == 2

@@ -297,7 +297,7 @@ def test_bad_arguments_are_refused_and_nothing_is_written(
         save_sofa(ball(), path)
     with pytest.raises(OptionError, match="has its own contacts"):
         save_sofa(vase, path, listeners=listeners())
-    with pytest.raises(ContactError, match="inside its radius"):
+    with pytest.raises(ContactError, match="inside the body"):
         save_sofa(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 0.0]])
     with pytest.raises(OptionError, match="listeners have shape"):
         save_sofa(ball(), path, contacts=["top"], listeners=[0.0, 0.0, 1.0])

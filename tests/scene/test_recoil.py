@@ -138,7 +138,7 @@ def test_a_steady_load_is_silent_and_hands_do_not_stop_recoil(die: ModalModel) -
     assert np.abs(pressed[600:3000]).max() < 1e-9
     blow = Strike(at="top", impulse=0.01, duration=1e-4)
     free, held = (driven(die, acts, 0.01) for acts in ([blow], [blow, Hold(at="top", grip=1e6)]))
-    assert np.array_equal(free, held)
+    assert np.abs(free - held).max() < 1e-12  # blocks are cut otherwise
 
 
 def test_a_scrape_is_heard_by_recoil_as_well(die: ModalModel) -> None:

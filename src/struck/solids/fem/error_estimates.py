@@ -181,7 +181,8 @@ def stated_errors(modes: Modes, coarse: Modes | None, finer: float) -> Array:
     # Where modes cross from mesh to mesh one's own scale means little: that of most holds too.
     scaled = _SCALED * np.maximum(scale, np.median(scale)) * after
     fallen = np.abs(ratio - 1) / (finer**_POWER - 1)
-    errors = modes.errors.copy()
+    # Modes that the coarse mesh has beyond its band are scaled as most others.
+    errors = np.maximum(1.0, _SCALED * np.median(scale)) * modes.errors if known else modes.errors
     errors[:known] = np.minimum(scaled, np.maximum(after, fallen))
     return _shared(modes.frequencies, _levelled(errors))
 
