@@ -84,15 +84,16 @@ hand = TouchLog(
 )
 turns = np.linspace(0, 2 * np.pi, 200)
 walk = from_spherical(0.7, turns, np.full(200, 1.2))
-heard = {}
+heard, notes = {}, ()
 for name, place in {"walking": (np.linspace(0, SECONDS, 200), walk), "standing": walk[0]}.items():
     listener = Mono(position=place)
     sound = struck.render(vase, hand, listener=listener, seconds=SECONDS + 1, sample_rate=RATE)
     sound.save(f"vase_{name}.wav")
     spectrogram(sound).savefig(f"vase_{name}.png")
     parts = sound.samples[0, : round(SECONDS * RATE)].reshape(15, -1)
+    notes = sound.notes
     heard[name] = 10 * np.log10(np.square(parts).mean(axis=1))
-for note in sound.notes:
+for note in notes:
     print("note:", note)
 for name, levels in heard.items():
     print(

@@ -129,6 +129,17 @@ def test_a_hand_takes_a_mode_of_a_table_away_by_its_decay() -> None:
     assert any("a grip acts as on 1 kg" in note for note in sound.notes)
 
 
+def test_a_hand_holds_a_body_of_one_place_live(by_hand: Make) -> None:
+    ringing = []
+    for grip in (0.0, 30.0):
+        player = by_hand(recorded("one"), volume=-40, listener=HEARD)
+        player.dampen(None, grip)
+        player.hear(10)
+        player.strike(impulse=1.0)
+        ringing.append(np.abs(player.hear(100)[-BLOCK:]).max())
+    assert 0 < ringing[1] < 0.1 * ringing[0]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_live_touch_sounds_as_its_log_offline(kind: str, by_hand: Make) -> None:
     model, touch = recorded(kind), log(kind)

@@ -353,7 +353,7 @@ class PlayedBody:
     def hold(self, at: Place, grip: float) -> None:
         """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
         place = tuple(self.contact(at).point.tolist())
-        hold = Hold(at=place, grip=grip)
+        hold = Hold(at=place or None, grip=grip)  # recorded at one place, it has no coordinates
         self._holds.pop(place, None)
         if grip:
             self._holds[place] = hold, hold.raised(self.model)
