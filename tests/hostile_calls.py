@@ -382,6 +382,23 @@ def _excitations() -> dict[str, Call]:
             given={**common, "force": np.ones(80), "sample_rate": 8000.0, "gain": 1.0},
             use=heard,
         ),
+        "excitation.ForceTrack of a soft, rough contact": Call(
+            made=struck.ForceTrack,
+            given={
+                "force": np.ones(80),
+                "at": ON,
+                "sample_rate": 8000.0,
+                "gain": 1.0,
+                "kernel": "gaussian",
+                "softness": 1e-3,
+                "roughness": "wood",
+                "speed": 0.1,
+                "striker": "steel",
+                "radius": 0.005,
+                "seed": 0,
+            },
+            use=heard,
+        ),
         "excitation.Scrape": Call(
             made=struck.Scrape,
             given={

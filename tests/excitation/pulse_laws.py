@@ -7,7 +7,7 @@ from scipy.special import erf, gamma
 
 from struck.excitation import pulses
 
-SHAPES = tuple(pulses._SPECTRA)
+SHAPES = tuple(pulses.SPECTRA)
 
 
 def force(shape: str, time: float, duration: float) -> float:
@@ -24,4 +24,4 @@ def force(shape: str, time: float, duration: float) -> float:
 def transform(shape: str, frequencies: np.ndarray, duration: float) -> np.ndarray:
     """Return the integral of the force times exp(-2 pi i f t) dt."""
     cycles = frequencies * duration
-    return pulses._SPECTRA[shape](np.abs(cycles)) * np.exp(-1j * np.pi * cycles)
+    return pulses.SPECTRA[shape](np.abs(cycles)) * np.exp(-1j * np.pi * cycles)

@@ -36,6 +36,7 @@ _BOUNDS = {
     "rise": (0.0, 60.0),  # s
     "sample_rate": (1.0, 1e6),  # Hz
     "seed": (0.0, 2.0**63),
+    "softness": (0.0, 60.0),  # s
 }
 # A constant; (times in s, values), joined by straight lines and held beyond their ends; or a
 # function of the time in s since the excitation began

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,12 +12,19 @@ from numpy.typing import ArrayLike
 from struck.errors import FileFormatError, OptionError
 from struck.excitation.excitation import (
     Burst,
+    Course,
+    follow,
     freeze_place,
+    frozen,
     require_at_least_zero,
     require_finite,
+    require_known,
     require_positive,
 )
-from struck.excitation.pulses import Samples
+from struck.excitation.friction import Reader, Tool, limited
+from struck.excitation.pulses import SOFTNESS, SPECTRA, Samples, softened
+from struck.excitation.roughness import Finish
+from struck.excitation.texture import CHUNK
 from struck.files.atomic import read_bytes
 from struck.files.wav import decode
 from struck.model.arrays import Array, checked
@@ -27,12 +34,17 @@ from struck.model.model import ModalModel
 # Samples of silence put before a track, so that resampling may ring ahead of it.
 _AHEAD = 16
 _COARSEST_RATIO = 1 << 16
+_AT_ONCE = 750 * CHUNK  # samples of a surface that are read at once
 
 
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceTrack:
     """A given force at one place of a body.
+
+    The force of a simulation is harder than soft bodies are, and smoother than rough ones. `kernel`
+    spreads it, and `roughness` adds what a surface that moves past adds to it (O'Brien et al. 2002,
+    section 3.4).
 
     Parameters
     ----------
@@ -50,11 +62,29 @@ class ForceTrack:
         Which way a positive force pushes, of any length; None is straight into the surface.
     patch : float
         Radius of the area of contact, m; 0 is a point.
+    kernel : str or None
+        The pulse that each sample of the force is spread over, at the sample rate of the sound:
+        "gaussian", "half-sine" or "hertz" (`struck.excitation.pulses`). It begins with its sample,
+        and the impulse stays. None leaves the force as it is.
+    softness : float or None
+        How long the kernel lasts, s; of a Gaussian, six standard deviations. None takes 3 ms.
+    roughness : str, Roughness, Profile or None
+        Of a surface that moves past the place while the track pushes: its noise, as of a `Scrape`
+        whose load is the force of the track, is added. Pulls have none.
+    speed : float, (times, values), function or None
+        How fast that surface moves past, m/s; see `struck.excitation.excitation`.
+    striker : str
+        Of what the tip on that surface is, a name in ``strikers.toml``.
+    radius : float or None
+        Of the tip, m; None takes the striker's.
+    seed : int
+        Which surface of this finish it is.
 
     Raises
     ------
     OptionError
-        On forces that are not finite, no sample rate, or a number outside its bound.
+        On forces that are not finite, no sample rate, an unknown name, a number outside its bound,
+        a softness without a kernel, or one of roughness and speed without the other.
     FileFormatError
         When the file cannot be read, is no WAV file, or has several channels.
     """
@@ -66,9 +96,18 @@ class ForceTrack:
     time: float = 0.0
     direction: Place = None
     patch: float = 0.0
+    kernel: str | None = None
+    softness: float | None = None
+    roughness: str | Finish | None = None
+    speed: Course | None = None
+    striker: str = "steel"
+    radius: float | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         freeze_place(self, "direction")
+        self._require_kernel()
+        self._require_surface()
         require_positive(sample_rate=self.sample_rate)
         require_finite(gain=self.gain)
         require_at_least_zero(time=self.time, patch=self.patch)
@@ -76,6 +115,38 @@ class ForceTrack:
         samples.setflags(write=False)
         object.__setattr__(self, "force", samples)
         object.__setattr__(self, "sample_rate", rate)
+
+    def _require_kernel(self) -> None:
+        require_positive(softness=self.softness)
+        if self.kernel is not None:
+            object.__setattr__(self, "kernel", require_known(self.kernel, SPECTRA, "kernel"))
+        elif self.softness is not None:
+            raise OptionError(
+                f"softness is {self.softness} s, but of what? add a kernel, such as "
+                "kernel='gaussian', or leave it out"
+            )
+
+    def _require_surface(self) -> None:
+        tool = self._tool()
+        if self.roughness is not None and self.speed is None:
+            raise OptionError(
+                f"roughness is {self.roughness!r} and nothing moves: give the speed= at which the "
+                "surface moves past, in m/s"
+            )
+        for name, value in (("speed", self.speed), ("radius", self.radius)):
+            if self.roughness is None and value is not None:
+                raise OptionError(
+                    f"{name} is {value}, but on which surface? add a roughness, such as "
+                    "roughness='wood', or leave it out"
+                )
+        if self.speed is not None:
+            object.__setattr__(self, "roughness", tool.roughness)
+            object.__setattr__(self, "speed", frozen("speed", self.speed))
+
+    def _tool(self) -> Tool:
+        """Return the tip, and the surface that moves past it; wood where there is none."""
+        roughness = "wood" if self.roughness is None else self.roughness
+        return Tool(roughness=roughness, striker=self.striker, radius=self.radius, seed=self.seed)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
         """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
@@ -88,13 +159,44 @@ class ForceTrack:
         require_positive(sample_rate=sample_rate)
         contact = model.contact(self.at, self.direction)
         samples = self.sampled(sample_rate)
+        if self.speed is not None:
+            noise = self._noise(samples, model, sample_rate)
+            samples = replace(samples, force=samples.force + noise)
         return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
         """Return the force at another sample rate, N; what that cannot carry is left out."""
         own = np.asarray(self.force, np.float64) * self.gain
         ahead, values = _resampled(own, float(self.sample_rate or sample_rate), sample_rate)
-        return Samples(first=round(self.time * sample_rate) - ahead, force=values)
+        given = Samples(first=round(self.time * sample_rate) - ahead, force=values)
+        if self.kernel is None:
+            return given
+        duration = self.softness or SOFTNESS
+        return softened(given, shape=self.kernel, duration=duration, sample_rate=sample_rate)
+
+    def _noise(self, samples: Samples, model: ModalModel, sample_rate: float) -> Array:
+        """Return the force of the surface under the pushes of the track, N (n,)."""
+        loads = np.maximum(samples.force, 0.0)
+        starts = np.arange(0, len(loads), CHUNK)
+        # The heaviest load near a look counts, so that no blow falls between two of them.
+        heaviest = np.maximum.reduceat(loads, starts)
+        held = np.maximum(np.append(heaviest, 0.0), np.append(0.0, heaviest))
+        looks = np.append(starts, starts[-1] + CHUNK)
+        times = np.maximum(0.0, (samples.first + looks) / sample_rate - self.time)
+        speed = follow("speed", self.speed or 0.0)
+        speeds = np.array([speed(time) for time in times.tolist()])
+        reader = Reader(self._tool().on(model), sample_rate)
+        squeezes, way = np.empty(len(loads)), 0.0
+        for first in range(0, len(loads), _AT_ONCE):
+            numbers = np.arange(first, min(first + _AT_ONCE, len(loads)))
+            rows = slice(first // CHUNK, numbers[-1] // CHUNK + 2)
+            paces = np.interp(numbers, looks[rows], speeds[rows])
+            ways = way + np.cumsum(paces) / sample_rate
+            places = np.zeros((len(ways), 3))
+            places[:, 0] = ways
+            squeezes[numbers] = reader.squeezes(0, places, ways, speeds[rows], held[rows])
+            way = float(ways[-1])
+        return limited(squeezes, loads)
 
 
 def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Array, float]:

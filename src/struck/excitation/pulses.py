@@ -24,6 +24,7 @@ from struck.errors import OptionError
 from struck.model.arrays import Array, Complex
 
 LEAD = 7  # samples that a sampled pulse begins before its onset
+SOFTNESS = 3e-3  # s: six standard deviations of the Gaussian of 2002, which does not say its width
 
 _FLATNESS = 7.5  # of the Kaiser window: 75 dB beyond 2/3 of the rate, flat up to 1/3
 _OVERSAMPLING = 8
@@ -43,8 +44,8 @@ class Samples:
 
 def require_shape(shape: str) -> None:
     """Raise an OptionError unless `shape` is a known pulse."""
-    if shape not in _SPECTRA:
-        raise OptionError(f"shape is {shape!r}: give one of {', '.join(_SPECTRA)}")
+    if shape not in SPECTRA:
+        raise OptionError(f"shape is {shape!r}: give one of {', '.join(SPECTRA)}")
 
 
 def sampled(
@@ -65,6 +66,18 @@ def sampled(
     delay: Complex = np.exp((-2j * np.pi / size * (begin + length / 2)) * bins)
     values = np.fft.irfft(_folded(strengths * delay), size)[:count]
     return Samples(first=first, force=values * (impulse * sample_rate))
+
+
+def softened(force: Samples, *, shape: str, duration: float, sample_rate: float) -> Samples:
+    """Return a force each sample of which is spread over a pulse that begins with it.
+
+    The impulse stays as it is (O'Brien et al. 2002, section 3.4: soft collisions).
+    """
+    from scipy.signal import oaconvolve
+
+    pulse = sampled(shape, impulse=1.0, onset=0.0, duration=duration, sample_rate=sample_rate)
+    spread = oaconvolve(force.force, pulse.force / pulse.force.sum())
+    return Samples(first=force.first + pulse.first, force=np.asarray(spread, np.float64))
 
 
 def low_pass(positions: Array) -> Array:
@@ -96,7 +109,7 @@ def _folded(spectrum: Complex) -> Complex:
 def _table(shape: str) -> tuple[Array, Array]:
     """Return frequencies times duration, and the spectrum of a pulse of unit area there."""
     cycles = np.arange(0, _TABLE_END + _STEP, _STEP)
-    return cycles, _SPECTRA[shape](cycles)
+    return cycles, SPECTRA[shape](cycles)
 
 
 def _sine_spectrum(power: float) -> Callable[[Array], Array]:
@@ -125,6 +138,6 @@ def _gaussian_spectrum(cycles: Array) -> Array:
     return (np.exp(-(rise**2)) - cut.real) / erf(_EDGE)
 
 
-_SPECTRA = MappingProxyType(
+SPECTRA = MappingProxyType(
     {"half-sine": _sine_spectrum(1.0), "hertz": _sine_spectrum(1.5), "gaussian": _gaussian_spectrum}
 )

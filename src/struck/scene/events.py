@@ -20,6 +20,7 @@ import numpy as np
 
 from struck.errors import ContactError, OptionError
 from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
+from struck.excitation.pulses import SOFTNESS
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.gains import ShapeGains
@@ -36,7 +37,6 @@ _PATCH = 0.1  # of the smaller body's extent: points of a blow as near as that a
 _REBOUND = 1.5  # 1 + restitution, where nobody says how fast bodies came together
 _SHARPEST, _FLATTEST = 5e-4, 1.0  # m, the least and largest radius of curvature of two bodies
 _OFF = 0.1  # of a body's extent: contacts farther off its surface are counted
-_KERNEL = 3e-3  # s: six standard deviations of the Gaussian of 2002, which does not say its width
 _NOISE = 1.0  # share of noise in the force, for the roughness of 2002
 _GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
 _TINY = 1e-300
@@ -426,9 +426,9 @@ def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Se
 def _strike(forces: str, duration: float | None, seed: int) -> Strike:
     """Return how a point of contact pushes, its place and strength apart."""
     if forces == "gaussian2002":
-        return Strike(impulse=1.0, duration=_KERNEL, shape="gaussian")
+        return Strike(impulse=1.0, duration=SOFTNESS, shape="gaussian")
     if forces == "noise2002":
-        return Strike(impulse=1.0, duration=_KERNEL, shape="gaussian", transient=_NOISE, seed=seed)
+        return Strike(impulse=1.0, duration=SOFTNESS, shape="gaussian", transient=_NOISE, seed=seed)
     return Strike(impulse=1.0, duration=duration or 0.0)
 
 
