@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser
 
 import struck
 from struck.explorer.jobs import PAGED
@@ -19,8 +17,7 @@ from struck.model.arrays import Array
 from struck.model.timbre_table import SinglePoint
 from struck.shapes import RectangularMembrane
 from struck.solids import Block
-
-THERE = "[...struck.models.values()].filter(Boolean).length >= "
+from tests.browser.room import NO_WEBGL, SAID, THERE, Visit
 
 
 def recorded() -> struck.ModalModel:
@@ -50,48 +47,6 @@ def models() -> dict[str, struck.ModalModel]:
 def explorer(models: dict[str, struck.ModalModel]) -> Iterator[Explorer]:
     with Explorer(given=list(models.values()), names=list(models)) as opened:
         yield opened
-
-
-class Visit:
-    """A page, and all that the browser had to say about it."""
-
-    def __init__(self, browser: Browser, url: str, **options: Any) -> None:  # noqa: ANN401
-        script = options.pop("script", None)
-        size = options.pop("size", (1000, 640))
-        viewport = {"width": size[0], "height": size[1]}
-        self.context = browser.new_context(viewport=viewport, bypass_csp=True, **options)
-        self.page: Page = self.context.new_page()
-        if script:
-            self.page.add_init_script(script)
-        self.log: list[str] = []
-        self.asked: list[str] = []
-        self.page.on("console", lambda one: self.log.append(f"{one.type}: {one.text}"))
-        self.page.on("pageerror", lambda error: self.log.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.goto(url)
-
-    def wait(self, condition: str, seconds: float = 20.0) -> None:
-        self.page.wait_for_function(condition, timeout=1000 * seconds, polling=50)
-
-    def messages(self) -> str:
-        return self.page.locator("#messages").inner_text()
-
-    def picture(self, place: str = "#view") -> Array:
-        """Return a screenshot as numbers from 0 to 1 (height, width, 3)."""
-        return imread(io.BytesIO(self.page.locator(place).screenshot()))[..., :3]
-
-    def pixel(self, name: str, point: Array) -> tuple[float, float]:
-        """Return where a point of a body is on the page."""
-        at = self.page.evaluate(
-            """([id, point]) => {
-              const { stage, solids } = struck.room;
-              const { x, y } = stage.project(solids.get(id).inRoom(point));
-              const { left, top } = stage.canvas.getBoundingClientRect();
-              return [left + x, top + y];
-            }""",
-            [name, list(point)],
-        )
-        return at[0], at[1]
 
 
 Visiting = Callable[..., Visit]
@@ -309,10 +264,13 @@ def test_change_is_heard_soon(visit: Visit) -> None:
 
 
 def test_narrow_page_cuts_nothing_off_and_stands_still_where_that_is_asked_for(
-    visiting: Visiting,
+    visit: Visit,
 ) -> None:
-    visit = visiting(size=(360, 740), reduced_motion="reduce")
-    visit.wait(THERE + "3")
+    before = visit.page.viewport_size
+    assert before is not None
+    visit.page.set_viewport_size({"width": 360, "height": 740})
+    visit.page.emulate_media(reduced_motion="reduce")
+    visit.wait("innerWidth === 360")
     wide = visit.page.evaluate(
         """() => [...document.querySelectorAll('button, input, select, canvas, h2, p, .mode')]
           .filter((each) => each.checkVisibility() && !each.closest('nav ul, .chip'))
@@ -328,17 +286,13 @@ def test_narrow_page_cuts_nothing_off_and_stands_still_where_that_is_asked_for(
     assert "at its farthest" in visit.page.locator("#mode-shown").inner_text()
     visit.page.wait_for_timeout(300)
     assert visit.page.evaluate("struck.room.stage.tickers.size") == 0
+    visit.page.locator("#mode-2").click()
+    visit.page.emulate_media(reduced_motion="no-preference")
+    visit.page.set_viewport_size(before)
 
 
-NO_WEBGL = """
-  const get = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
-    return kind.startsWith('webgl') ? null : get.call(this, kind, ...rest);
-  };
-"""
 NO_AUDIO = "delete window.AudioContext;"
 NO_SIMD = "WebAssembly.validate = () => false;"
-SAID = "document.getElementById('messages').innerText.includes('{}')"
 
 
 def test_without_webgl_and_vectors_keys_still_strike(visiting: Visiting) -> None:
@@ -371,8 +325,8 @@ def test_damaged_and_newer_files_and_a_lost_server_are_said_and_the_rest_sounds(
         data = paths[0].read_bytes()
         paths[1].write_bytes(data[:-100] + b"\x01" * 100)
         paths[2].write_bytes(data.replace(b'"version":"1"', b'"version":"9"'))
-        visit = Visit(browser, explorer.url)
-        visit.wait("document.querySelectorAll('.message.bad').length >= 2")
+        visit = Visit(browser, explorer.url, script=NO_WEBGL)  # which is soon there
+        visit.wait("document.querySelectorAll('.message.bad').length >= 3")
         said = visit.messages()
         assert "Damaged cannot be read" in said
         assert "Newer cannot be read" in said

@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import struck
-from struck.explorer.facts import facts
+from struck.explorer.facts import facts, peak
 from struck.explorer.objects import furniture, table, things
 from struck.explorer.server import Explorer
 from tests.explorer.served import Client
@@ -106,6 +107,22 @@ def test_points_lie_on_the_body_and_apart() -> None:
     np.testing.assert_allclose(nearest, places, atol=1e-12)
     apart = np.linalg.norm(places[:, None] - places, axis=-1) + np.eye(10)
     assert apart.min() > 0.001
+
+
+def test_level_of_a_body_without_modes_is_that_of_its_recoil() -> None:
+    """Recoil that is fast beside a force F is heard at its level times the greatest |dF/dt|."""
+    die = struck.analyze(
+        struck.solids.Block(size=(0.016, 0.016, 0.016)), "steel", accuracy="preview", band=(20, 2e3)
+    )
+    assert not len(die.frequencies)
+    assert die.recoil is not None
+    usual = struck.Strike(at="top", striker="wood", speed=1.0)
+    blow = usual.resolved(die, die.contact("top"))
+    # Half a sine, pi J / (2 T) sin(pi t / T), is steepest as it begins.
+    steepest = blow.impulse * np.pi**2 / (2 * blow.duration**2)
+    assert 0.8 < peak(die, "top") / (die.recoil.levels.max() * steepest) < 1.05
+    assert facts(die)["peak"] >= peak(die, "top")
+    assert peak(replace(die, recoil=None), "top") == 0.0
 
 
 @pytest.mark.prove

@@ -54,7 +54,7 @@ def _material(material: Material | None) -> dict[str, Any] | None:
 
 def peak(model: ModalModel, at: Place) -> float:
     """Return the peak of the usual blow, wood at 1 m/s, at a contact, Pa at 1 m, or 0."""
-    if not len(model.frequencies):
+    if not len(model.frequencies) and model.recoil is None:
         return 0.0
     try:
         model.contact(at)

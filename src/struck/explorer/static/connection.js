@@ -3,6 +3,7 @@
 /** A refusal of the server, or no answer at all; the message is for a person. */
 export class ConnectionError extends Error {}
 
+const WAIT = 500; // ms that a blow waits for the server
 const LOST = 'the server does not answer: start struck explore again, and open the address that it prints. What is here still sounds.';
 
 /**
@@ -42,6 +43,17 @@ export async function fetchChange(id, wanted) {
   return (await ask(`api/models/${encodeURIComponent(id)}/change`, {
     method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(wanted),
   })).json();
+}
+
+/** Return the drive of an object's modes at a place of the body as it was computed, within `WAIT`. */
+export async function fetchDrive(id, { point, direction }) {
+  const { drive } = await (await ask(`api/models/${encodeURIComponent(id)}/drive`, {
+    method: 'POST',
+    headers: { 'content-type': 'application/json' },
+    body: JSON.stringify({ point, direction }),
+    signal: AbortSignal.timeout(WAIT),
+  })).json();
+  return drive;
 }
 
 /**

@@ -2,7 +2,7 @@
 
 import { resolved } from './excitation/hertz.js';
 import { FormatError, readModel } from './model/model.js';
-import { LOST, fetchChange, fetchModel, fetchRoom, follow } from './connection.js';
+import { LOST, fetchChange, fetchDrive, fetchModel, fetchRoom, follow } from './connection.js';
 import { say, unsay } from './panel/messages.js';
 import { ModeList, Ringing, loudness } from './panel/modes.js';
 import { ObjectList } from './panel/objects.js';
@@ -106,23 +106,50 @@ function strike({ id, face, point }, pressure) {
 
 /** Strike an object at a place of its own coordinates, m. */
 function strikeAt(id, where, speed = page.speed) {
-  const model = instrument.model(id);
   try {
-    const contact = model.contact(where);
-    const blow = instrument.strike(id, contact, { striker: page.striker, speed });
-    Object.assign(page, { blow, contact, struck: id, blows: page.blows + 1 });
-    page.last.set(id, contact);
-    if (blow && page.ringing.get(id)) page.ringing.get(id).strike(contact, blow, performance.now() / 1000);
-    room.mark(id, contact.point.map((value) => value / room.sizeOf(id)));
-    wake();
+    const contact = instrument.model(id).contact(where);
+    const how = { striker: page.striker, speed };
+    if (page.models.get(id).exact) land(id, contact, how);
+    else askDrive(id, contact).then((drive) => land(id, contact, { ...how, drive })).catch((error) => complain(error));
   } catch (error) {
     complain(error);
   }
 }
 
+/** Return what the server makes of a contact where the page's mesh is too coarse; else nothing. */
+async function askDrive(id, { point, direction }) {
+  const original = point.map((value) => value / sizeOf(id));
+  try {
+    const drive = await fetchDrive(id, { point: original, direction });
+    if (drive.length !== page.models.get(id).count) throw new RangeError('it tells of other modes');
+    unsay('drive');
+    return drive;
+  } catch {
+    const { title } = objects.told.get(id);
+    const fine = page.models.get(id).exactTo;
+    say(`the server does not tell in time how a blow drives ${title}: above ${Math.round(fine)} Hz this one is approximate. Strike again for another try`, { bad: true, id: 'drive' });
+    return undefined;
+  }
+}
+
+/** Let a blow sound, and show where it fell. */
+function land(id, contact, how) {
+  const blow = instrument.strike(id, contact, how);
+  Object.assign(page, { blow, contact, drive: how.drive, struck: id, blows: page.blows + 1 });
+  page.last.set(id, contact);
+  if (blow && page.ringing.get(id)) page.ringing.get(id).strike(contact, blow, performance.now() / 1000);
+  room.mark(id, contact.point.map((value) => value / sizeOf(id)));
+  wake();
+}
+
+/** Return how many times larger than computed an object is: also where no picture shows it. */
+function sizeOf(id) {
+  return instrument.model(id).size ?? 1;
+}
+
 /** Return a point of the body as computed in the coordinates of the body as it is now. */
 function scaled(id, point) {
-  return point.map((value) => value * room.sizeOf(id));
+  return point.map((value) => value * sizeOf(id));
 }
 
 function hold({ id, face, point }) {

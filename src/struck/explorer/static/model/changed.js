@@ -70,9 +70,12 @@ export class ChangedModel {
     return this.#after(this.original.loudest());
   }
 
-  /** Return how strongly each mode answers a push, kg^-1/2 (M,), then each axis of recoil. */
-  drive(contact) {
-    const before = this.original.drive(this.#before(contact)).subarray(0, this.original.count);
+  /**
+   * Return how strongly each mode answers a push, kg^-1/2 (M,), then each axis of recoil; `told` is
+   * that of the original's modes, where the server computed it.
+   */
+  drive(contact, told) {
+    const before = this.original.drive(this.#before(contact), told).subarray(0, this.original.count);
     const modes = TIMES(this.#chosen(before), this.recorded ? 1 : this.factor);
     return this.recoil ? Float64Array.of(...modes, ...this.recoil.drives(contact.direction)) : modes;
   }

@@ -174,15 +174,21 @@ export class Model {
     return total;
   }
 
+  /** Whether `drive` is true to 1 % for all modes, or the server knows better. */
+  get exact() {
+    return !this.count || this.exactTo >= this.naturalFrequencies[this.count - 1];
+  }
+
   /**
    * Return how strongly each mode answers a push, kg^-1/2 (M,), then each axis of recoil, where the
    * body has it (3,).
    * @param {Contact} contact
+   * @param {ArrayLike<number>} [told] that of the modes, where the server computed it
    */
-  drive(contact) {
+  drive(contact, told) {
     const { recoil } = this;
-    const modes = this.#moved(contact, contact.direction);
-    return recoil ? Float64Array.of(...modes, ...recoil.drives(contact.direction)) : modes;
+    const modes = told ?? this.#moved(contact, contact.direction);
+    return Float64Array.of(...modes, ...(recoil ? recoil.drives(contact.direction) : []));
   }
 
   /** Return the mode shapes at a contact along a direction, kg^-1/2 (M,). */

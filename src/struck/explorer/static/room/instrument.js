@@ -115,15 +115,18 @@ export class Instrument {
 
   /**
    * Strike an object; the last blow before sound has started is heard once it has.
+   * @param {string} id
+   * @param {import('../model/model.js').Contact} contact
+   * @param {{striker: string, speed: number, drive?: number[]}} how `drive` of the server, if any
    * @returns {{impulse: number, duration: number} | null}
    */
-  strike(id, contact, { striker, speed }) {
+  strike(id, contact, { striker, speed, drive }) {
     const entry = this.bodies.get(id);
     if (!this.engine) {
-      this.queued = [id, contact, { striker, speed }];
+      this.queued = [id, contact, { striker, speed, drive }];
       return null;
     }
-    const blow = { body: entry.body, contact };
+    const blow = { body: entry.body, contact, drive };
     // A recorded gain holds its own blow: an impulse of 1 is that, and speed makes it more.
     const given = this.model(id).recorded ? { impulse: speed, duration: 0 } : { striker: this.strikers[striker], speed };
     return this.engine.strike({ ...blow, ...given });

@@ -54,11 +54,6 @@ export class Room {
     this.stage.add(group);
   }
 
-  /** Return how many times larger than computed an object is. */
-  sizeOf(id) {
-    return this.solids.get(id)?.size ?? 1;
-  }
-
   /** Show an object of another size or material. */
   change(id, { size, material }) {
     const solid = this.solids.get(id);

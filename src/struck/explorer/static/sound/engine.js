@@ -224,15 +224,15 @@ export class Engine {
   /**
    * Strike a body.
    * @param {{body: number, contact: Contact, striker?: Striker, speed?: number, impulse?: number,
-   *   duration?: number, drive?: Float64Array, time?: number}} strike `time` of the context, s,
-   *   left out: now; `drive` of the contact, where the server computed it
+   *   duration?: number, drive?: ArrayLike<number>, time?: number}} strike `time` of the context,
+   *   s, left out: now; `drive` of the modes as the file has them, where the server computed it
    * @returns {{impulse: number, duration: number, sample: number}} N s, s, and the first sample
    */
   strike({ body: number, contact, drive, time, ...said }) {
     const { model } = this.#body(number);
     const blow = resolved(model, contact, said);
     const pulse = sampledPulse({ ...blow, onset: time ?? 0, sampleRate: this.sampleRate });
-    const pushed = drive ? filled(drive, model, contact) : model.drive(contact);
+    const pushed = model.drive(contact, drive);
     const first = time === undefined ? undefined : pulse.first;
     const { force } = pulse;
     const words = command(
@@ -344,13 +344,6 @@ export class Engine {
     this.node.port.postMessage({ close: true });
     this.node.disconnect();
   }
-}
-
-/** Return the drive of a server, of modes alone, with that of recoil. */
-function filled(drive, model, { direction }) {
-  const { recoil, count } = model;
-  const missing = recoil && drive.length === count;
-  return missing ? Float64Array.of(...drive, ...recoil.drives(direction)) : drive;
 }
 
 const told = ({ count, recoil }) => `${count} modes${recoil ? ' and recoil' : ''}`;
