@@ -433,6 +433,10 @@ def _excitations() -> dict[str, Call]:
             },
             use=heard,
         ),
+        "excitation.Tool": Call(
+            made=excitation.Tool,
+            given={"roughness": "steel", "striker": "steel", "radius": 1e-3, "seed": 1},
+        ),
         "excitation.Roughness": Call(
             made=struck.Roughness,
             given={"rms": 1e-5, "correlation_length": 1e-4, "slope": -2.0, "waviness": 1e-5},

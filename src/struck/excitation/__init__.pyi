@@ -2,6 +2,7 @@ from .excitation import Excitation as Excitation
 from .excitation import Hold as Hold
 from .excitation import Push as Push
 from .force_track import ForceTrack as ForceTrack
+from .friction import Tool as Tool
 from .hertz import contact_time as contact_time
 from .hertz import strikers as strikers
 from .pluck import Pluck as Pluck
