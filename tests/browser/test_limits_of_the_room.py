@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Route
 
 import struck
 from struck.explorer import page_files
 from struck.explorer.server import Explorer
+from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh
+from struck.radiation import by_name
 from struck.shapes import PolygonMembrane
+from struck.solids import Block
 from tests.browser.room import NO_WEBGL, SAID, THERE, Visit
 
 STARTED = "struck.instrument.ready"
@@ -86,3 +90,123 @@ def test_blow_beyond_the_mesh_of_the_page_is_driven_by_the_server(
     assert visit.page.evaluate("struck.drive") is None
     visit.wait("struck.report?.ringing > 0")
     visit.context.close()
+
+
+def torus(rows: int, columns: int, modes: int) -> struck.ModalModel:
+    """Return a ring of rows times columns vertices with smooth shapes, made up."""
+    u, v = np.meshgrid(
+        *(2 * np.pi * np.arange(n) / n for n in (rows, columns)), indexing="ij", sparse=True
+    )
+    away = 0.2 + 0.05 * np.cos(v)
+    parts = [away * np.cos(u), away * np.sin(u), 0.05 * np.sin(v) + 0 * u]
+    points = np.stack(parts, axis=-1).reshape(-1, 3)
+    here = np.arange(rows * columns).reshape(rows, columns)
+    right, up = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
+    both = np.roll(right, -1, axis=1)
+    halves = [np.stack(three, axis=-1) for three in ((here, right, both), (here, both, up))]
+    surface = Mesh(points=points, faces=np.concatenate(halves).reshape(-1, 3))
+    frequencies = np.linspace(200, 12000, modes)
+    waves = np.cos(np.arange(modes)[:, None] % 9 * u.ravel() + np.arange(modes)[:, None] % 5)
+    shapes = np.zeros((rows * columns, 3, modes), np.float32)
+    shapes[:, 2] = np.repeat(waves.T, columns, axis=0)
+    gains = ShapeGains(
+        surface=surface,
+        shapes=shapes,
+        outputs=np.full(modes, 1e-3 + 0j),
+        radiation=by_name("power"),
+        centre=np.zeros(3),
+    )
+    return struck.ModalModel(
+        frequencies=frequencies,
+        natural_frequencies=frequencies,
+        decays=np.full(modes, 3.0),
+        gains=gains,
+        complete_to=12000.0,
+        geometry=surface,
+        places={"top": np.array([0.2, 0.0, 0.05])},
+        mass=1.0,
+        centre=np.zeros(3),
+        inertia=0.02 * np.eye(3),
+    )
+
+
+@pytest.mark.prove
+def test_two_hundred_thousand_vertices_are_thinned_which_is_said_and_sound(
+    browser: Browser,
+) -> None:
+    with Explorer(given=[torus(500, 400, 120)], names=["ring"]) as explorer:
+        visit = Visit(browser, explorer.url)
+        visit.wait(THERE + "1", 60)
+        vertices, bytes_ = visit.page.evaluate(
+            """() => {
+              const model = struck.models.get('given_1');
+              return [model.vertices.length / 3, model.shapes.byteLength];
+            }"""
+        )
+        assert bytes_ <= 1.02 * page_files.MOST_SENT
+        said = visit.page.locator("#object-dropped").inner_text()
+        assert f"{200_000 - vertices:.0f} of 200000 vertices were left out" in said
+        visit.page.keyboard.press("1")
+        visit.wait("struck.report?.ringing > 0")
+        assert not visit.log
+        visit.context.close()
+
+
+@pytest.mark.prove
+def test_two_thousand_modes_sound_and_are_listed(browser: Browser) -> None:
+    with Explorer(given=[torus(12, 8, 2000)], names=["ring"]) as explorer:
+        visit = Visit(browser, explorer.url, script=NO_WEBGL)
+        visit.wait(THERE + "1")
+        visit.page.keyboard.press("1")
+        visit.wait("struck.report?.modes >= 2000")
+        assert "2000 modes" in visit.page.locator("#object-facts").inner_text()
+        visit.wait("document.getElementById('counts').innerText.startsWith('2000 modes ring')")
+        visit.context.close()
+
+
+def test_page_that_is_not_isolated_says_so_and_sounds(browser: Browser) -> None:
+    block = struck.analyze(Block(size=(0.3, 0.12, 0.02)), "bronze", accuracy="preview")
+
+    def bare(route: Route) -> None:
+        answer = route.fetch()
+        kept = {name: value for name, value in answer.headers.items() if "cross-origin" not in name}
+        route.fulfill(response=answer, headers=kept)
+
+    with Explorer(given=[block], names=["block"]) as explorer:
+        visit = Visit(browser, "about:blank", script=NO_WEBGL)
+        visit.page.route(explorer.url, bare)
+        visit.page.goto(explorer.url)
+        visit.wait(THERE + "1")
+        assert not visit.page.evaluate("crossOriginIsolated")
+        assert "page is not isolated" in visit.messages()
+        assert "127.0.0.1" in visit.messages()
+        visit.page.keyboard.press("1")
+        visit.wait("struck.report?.ringing > 0")
+        assert visit.page.evaluate("struck.instrument.engine.ring") is None
+        visit.context.close()
+
+
+@pytest.mark.prove
+def test_two_hundred_clicks_in_the_room_leave_no_memory(browser: Browser) -> None:
+    block = struck.analyze(Block(size=(0.3, 0.12, 0.02)), "bronze", accuracy="preview")
+    with Explorer(given=[block], names=["block"]) as explorer:
+        visit = Visit(browser, explorer.url)
+        visit.wait(THERE + "1")
+        place = visit.pixel("given_1", np.array([0.0, 0.0, 0.01]))
+        session = visit.context.new_cdp_session(visit.page)
+
+        def used() -> float:
+            session.send("HeapProfiler.collectGarbage")
+            return session.send("Runtime.getHeapUsage")["usedSize"]
+
+        def clicks(number: int) -> None:
+            for _ in range(number):
+                visit.page.mouse.click(*place)
+
+        clicks(20)
+        visit.wait(STARTED)
+        before, blows = used(), visit.page.evaluate("struck.blows")
+        clicks(200)
+        visit.wait(f"struck.blows === {blows + 200}")
+        assert used() - before < 20 * 2**20
+        visit.context.close()

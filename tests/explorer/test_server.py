@@ -302,7 +302,7 @@ def test_server_ends_with_control_c_and_takes_its_workers_along(tmp_path: Path) 
     assert process.stderr is not None
     address = process.stderr.readline()
     assert address.startswith("http://127.0.0.1:")
-    time.sleep(2)
+    time.sleep(1)
     process.send_signal(2)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err

@@ -1,4 +1,4 @@
-"""The recording of the gallery."""
+"""The gallery: its recording, and the list of what it made."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import struck
+from struck.cli import main
 from struck.recordings.fit import fit_recordings
 from struck.report.gallery import NAME, recording
 
@@ -37,3 +38,26 @@ def test_a_recorded_drum_becomes_a_model_and_a_page(tmp_path: Path) -> None:
     assert model.provenance.details["signal_to_residual"] > 25
     for name in ("half", "recorded", "twice"):
         assert struck.Sound.load(tmp_path / f"{NAME}_{name}.wav").peak > 0
+
+
+def test_demo_leaves_a_list_of_what_it_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command as `make demo OPEN=0` runs it, with two pages in place of all that takes long."""
+
+    def scenes(folder: Path, _progress: object) -> dict[str, str]:
+        (folder / "scenes.html").write_text("scenes", encoding="utf-8")
+        return {"scenes.html": "Scenes"}
+
+    gallery = import_module("struck.report.gallery")
+    monkeypatch.setattr(gallery, "_pages_of_shapes", lambda _folder, _progress: {})
+    monkeypatch.setattr(gallery, "_page_of_scenes", scenes)
+    monkeypatch.setattr(gallery, "recording", lambda _folder, _progress: "a drum")
+    monkeypatch.setattr(gallery, "SOLIDS", ())
+    assert main(["demo", "--out", str(tmp_path / "made")]) == 0
+    said = capsys.readouterr().out
+    assert str(tmp_path / "made" / "list.txt") in said
+    assert "struck explore" in said
+    listed = (tmp_path / "made" / "list.txt").read_text(encoding="utf-8").splitlines()
+    assert listed == sorted({"index.html", "scenes.html", f"{NAME}.html"})
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {*listed, "list.txt"}
