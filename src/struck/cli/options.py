@@ -29,7 +29,7 @@ MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ra
 
 
 def numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of so many numbers between commas, of one of some counts."""
+    """Return a parser of numbers separated by commas, as many as one of some counts."""
 
     def parse(text: str) -> tuple[float, ...]:
         values = tuple(map(float, text.split(",")))

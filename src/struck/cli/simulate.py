@@ -122,7 +122,7 @@ def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple
 
 
 def _heard(scene: Scene, options: argparse.Namespace) -> Sound:
-    """Return what is heard of a scene's bodies; silence where nothing sounds."""
+    """Return the sound of a scene, silent where no body sounds."""
     someone = listener(options)
     if not (someone is None or is_listener(someone)):
         someone = Mono(position=position_of(someone))
@@ -187,7 +187,7 @@ def _stems(
 
 
 def _lines(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return a table as CSV; what is a list in it, as JSON."""
+    """Return a table as CSV text, lists in its cells as JSON."""
     columns = list(dict.fromkeys(name for row in rows for name in row)) or ["event", "time"]
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")

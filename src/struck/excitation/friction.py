@@ -238,7 +238,7 @@ def pressure_mean(turns: Array) -> Array:
 
 
 def patch_mean(radii: Array) -> Array:
-    """Return what is left of a layer of a texture over a Hertz contact, radii in spacings."""
+    """Return the share of a texture layer that a Hertz contact feels, radii in spacings."""
     known, shares = _patch_mean()
     return np.interp(np.log(np.maximum(radii, 1e-300)), known, shares)
 

@@ -79,7 +79,7 @@ class Path:
         return self._read(self.points, travelled)
 
     def spot(self, travelled: ArrayLike) -> Array:
-        """Return where in space (..., 3), m, those points are."""
+        """Return the positions in space (..., 3), m, of points of the path."""
         return self._read(self.spots, travelled)
 
     def normal(self, travelled: ArrayLike) -> Array:

@@ -339,7 +339,7 @@ class Rubbing:
         return limited(squeezes, held), ways
 
     def _drive(self, length: int) -> Array:
-        """Return the drive where the block ends, and find those of the next such blocks."""
+        """Return mode drives at the end of the block; compute those of the next blocks too."""
         if length != self._drives_every or not self._drives:
             ends = np.concatenate([[self._way], self._ways[length - 1 :: length]])
             normals = self._path.normal(ends)

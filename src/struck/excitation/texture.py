@@ -34,7 +34,7 @@ _LARGEST = 4e15  # cell that a place can be told apart in
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layers:
-    """Layers of a texture with a seed: what the core reads."""
+    """Spacings and heights of the layers of a random texture, with its seed."""
 
     spacings: Array  # (O,), m
     heights: Array  # (O,), m: factors of values of variance 1 at the corners
