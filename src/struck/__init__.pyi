@@ -24,6 +24,7 @@ from .api import play as play
 from .api import render as render
 from .api import save as save
 from .api import show as show
+from .api import simulate as simulate
 from .api import sonic_distance as sonic_distance
 from .api import sound_map as sound_map
 from .api import tune as tune
@@ -50,4 +51,3 @@ from .model.mesh import Mesh as Mesh
 from .model.model import ModalModel as ModalModel
 from .perception.sound_map import SoundMap as SoundMap
 from .scene.body import Body as Body
-from .scene.engines.simulation import simulate as simulate

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
 from struck.model.arrays import checked
 from struck.model.provenance import Progress, silent
 
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from struck.report.comparison import Comparison, Other
     from struck.scene.body import Action, Body, Scene
     from struck.scene.contacts import Contacts
+    from struck.scene.engines.mujoco import Control
 
 
 @checked
@@ -109,29 +109,11 @@ def analyze(
     MeshError, MaterialError, OptionError, FileFormatError, SolverError
         With the value, the bound and the way out.
     """
+    given = locals()  # all goes on under its own name
+
     from struck.analysis import analysis
 
-    return analysis.analyze(
-        body,
-        material,
-        units=units,
-        size=size,
-        part=part,
-        up=up,
-        wall=wall,
-        holes=holes,
-        repair=repair,
-        fixed=fixed,
-        accuracy=accuracy,
-        band=band,
-        damping=damping,
-        radiation=radiation,
-        recoil=recoil,
-        method=method,
-        backend=backend,
-        cache=cache,
-        progress=progress,
-    )
+    return analysis.analyze(**given)
 
 
 def fit(
@@ -337,6 +319,54 @@ def render(
     )
 
 
+@checked
+def simulate(
+    file: str | os.PathLike[str],
+    seconds: float = 5.0,
+    *,
+    control: Control | None = None,
+    progress: Progress = silent,
+    **options: Any,  # noqa: ANN401 - of `Simulation`
+) -> tuple[Scene, Contacts]:
+    """Simulate a scene file: bodies that move, and all their contacts, ready for `render`.
+
+    Parameters
+    ----------
+    file : path
+        A model of MuJoCo (MJCF) or a robot (URDF).
+    seconds : float
+        s.
+    control : callable, optional
+        ``control(model, data)`` before each step.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+    **options
+        What bodies are made of, restitution, engine and all else: see `struck.scene.Simulation`.
+
+    Returns
+    -------
+    scene : Scene
+        Bodies with the models of their sounds; its notes tell what is silent and why.
+    contacts : Contacts
+
+    Raises
+    ------
+    FileFormatError, OptionError, MissingDependencyError, SimulationError
+        As `struck.scene.Simulation` does.
+
+    Examples
+    --------
+    ::
+
+        scene, contacts = struck.simulate("mugs.xml", materials={"mug*": "ceramic", "*": "oak"})
+        struck.render(scene, contacts, listener=struck.Mono(position=(0, -1, 1)))
+    """
+    from struck.scene.engines.simulation import Simulation
+
+    simulation = Simulation(file, progress=progress, **options)
+    return simulation.run(seconds, control=control, progress=progress)
+
+
 def play(
     model: ModalModel | Sequence[ModalModel],
     *,
@@ -383,19 +413,11 @@ def play(
     MissingDependencyError, DeviceError, OptionError, ContactError
         With the value, the bound and the way out.
     """
-    from struck.live.player import play as play_live
-    from struck.model.model import ModalModel
+    given = locals()  # all goes on under its own name
 
-    return play_live(
-        [model] if isinstance(model, ModalModel) else list(model),
-        listener=listener,
-        device=device,
-        sample_rate=sample_rate,
-        block=block,
-        volume=volume,
-        voices=voices,
-        ahead=ahead,
-    )
+    from struck.live import player
+
+    return player.play(**given)
 
 
 @checked
@@ -500,18 +522,11 @@ def compare(
     OptionError, ContactError, RecordingError, FileFormatError, MissingDependencyError
         With the value, the bound and the way out.
     """
+    given = locals()  # all goes on under its own name
+
     from struck.report import comparison
 
-    return comparison.compare(
-        model,
-        other,
-        strike=strike,
-        against=against,
-        listener=listener,
-        recording=recording,
-        widest=widest,
-        progress=progress,
-    )
+    return comparison.compare(**given)
 
 
 def tune(
@@ -544,14 +559,9 @@ def tune(
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
     """
-    from struck.analysis.discretisation import Solid
     from struck.analysis.tuning import tuned
-    from struck.model.material import Material
 
-    if not isinstance(body, Solid):
-        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
-    chosen = Material.named(material) if isinstance(material, str) else material
-    return tuned(body, chosen, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
+    return tuned(body, material, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
 
 
 def audible(

@@ -24,8 +24,8 @@ _STEPS = 40
 
 @checked
 def tuned(
-    body: Solid,
-    material: Material,
+    body: Solid | str,
+    material: Material | str,
     *,
     vary: str,
     lowest: float,
@@ -40,7 +40,7 @@ def tuned(
     Parameters
     ----------
     body : a solid of struck.solids
-    material : Material
+    material : Material or str
     vary : str
         Name of the dimension, such as "length".
     lowest : float
@@ -60,6 +60,10 @@ def tuned(
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
     """
+    if not isinstance(body, Solid):
+        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
+    if isinstance(material, str):
+        material = Material.named(material)
     if not (np.isfinite(lowest) and lowest > 0):
         raise OptionError(f"lowest is {lowest}: a frequency must exceed 0 Hz")
     start = _dimension(body, vary)

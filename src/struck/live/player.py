@@ -364,13 +364,14 @@ def _require_volume(decibels: float) -> None:
 
 
 def play(
-    models: Sequence[ModalModel],
+    model: ModalModel | Sequence[ModalModel],
     *,
     device: int | str | None = None,
     sample_rate: float | None = None,
     **options: Any,  # noqa: ANN401 - of `Player`
 ) -> Player:
     """Return a running player on an audio device; see `struck.play`."""
+    models = [model] if isinstance(model, ModalModel) else list(model)
     outlet = DeviceOutlet(device, sample_rate)
     try:
         player = Player(models, outlet=outlet, **options)

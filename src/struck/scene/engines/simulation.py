@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -240,54 +240,6 @@ class Simulation:
         if self._engine == "rapier" or self._laws.restitution is not None:
             return []
         return dead(self.model)
-
-
-@checked
-def simulate(
-    file: str | os.PathLike[str],
-    seconds: float = 5.0,
-    *,
-    control: Control | None = None,
-    progress: Progress = silent,
-    **options: Any,  # noqa: ANN401 - of `Simulation`
-) -> tuple[Scene, Contacts]:
-    """Simulate a scene file: bodies that move, and all their contacts, ready for `struck.render`.
-
-    Parameters
-    ----------
-    file : path
-        A model of MuJoCo (MJCF) or a robot (URDF).
-    seconds : float
-        s.
-    control : callable, optional
-        ``control(model, data)`` before each step.
-    progress : callable
-        Told the stage and the fraction of it that is done.
-    **options
-        What bodies are made of, restitution, engine and all else: see `struck.scene.Simulation`.
-
-    Returns
-    -------
-    scene : Scene
-        Bodies with the models of their sounds; its notes tell what is silent and why.
-    contacts : Contacts
-
-    Raises
-    ------
-    FileFormatError, OptionError, MissingDependencyError
-        As for `struck.scene.Simulation`.
-    SimulationError
-        Where the engine refuses the scene, or it explodes.
-
-    Examples
-    --------
-    ::
-
-        scene, contacts = struck.simulate("mugs.xml", materials={"mug*": "ceramic", "*": "oak"})
-        struck.render(scene, contacts, listener=struck.Mono(position=(0, -1, 1)))
-    """
-    simulation = Simulation(file, progress=progress, **options)
-    return simulation.run(seconds, control=control, progress=progress)
 
 
 def _require_choices(engine: str, convex: str, step: float | None) -> None:
