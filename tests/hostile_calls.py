@@ -444,7 +444,7 @@ def _excitations() -> dict[str, Call]:
         ),
         "excitation.Profile": Call(
             made=excitation.Profile,
-            given={"heights": np.sin(np.arange(64.0)), "pitch": 1e-4, "name": "mine"},
+            given={"heights": 1e-6 * np.sin(np.arange(64.0)), "pitch": 1e-4, "name": "mine"},
             use=lambda made: made.roughness(),
         ),
         "excitation.Profile.named": Call(made=excitation.Profile.named, given={"name": "wood"}),

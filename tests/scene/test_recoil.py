@@ -188,7 +188,7 @@ def test_recoil_is_right_up_to_a_quarter_of_any_rate(rate: int) -> None:
         recoil = replace(
             BALL, corners=10 ** chance.uniform(1, 6, 3), dampings=chance.uniform(0.4, 0.99, 3)
         )
-        answers = recoil.answers(rate)
+        answers = recoil.answers(rate, rate)
         frequencies = np.geomspace(50, rate / 4, 100)
         turns = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(answers.shape[1])) / rate)
         got, s = np.abs(turns @ answers.T), 2j * np.pi * frequencies[:, None]

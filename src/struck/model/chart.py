@@ -62,7 +62,9 @@ class Chart:
             )
         object.__setattr__(self, "pitch", pitch)
         if self.outline is not None:
-            _require_outline(self.outline)
+            outline = numbers("outline", self.outline)
+            _require_outline(outline)
+            object.__setattr__(self, "outline", outline)
 
     @classmethod
     def named(cls, coordinates: Sequence[str]) -> Chart | None:

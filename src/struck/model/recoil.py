@@ -127,10 +127,10 @@ class Recoil:
         denominator = 1 + 2 * self.dampings * below + np.square(below)
         return np.asarray(2j * np.pi * frequency / denominator, np.complex128)
 
-    def answers(self, sample_rate: float) -> Array:
-        """Return the answer of each axis to a force of one sample, at 1 m, all of it (3, n)."""
+    def answers(self, sample_rate: float, most: int) -> Array:
+        """Return each axis's answer to a force of one sample, at 1 m, `most` samples long (3, n)."""
         turns, gains = self.poles(sample_rate) / sample_rate, self.outputs(sample_rate)
-        count = int(np.ceil(_OVER / np.abs(turns.real).min()))
+        count = int(min(np.ceil(_OVER / np.abs(turns.real).min()), max(most, 1)))
         answers = np.imag(gains[:, None] * np.exp(np.outer(turns, np.arange(count))))
         answers[:, 0] -= np.imag(gains / (1 - np.exp(turns)))
         return answers / sample_rate

@@ -235,7 +235,7 @@ def _add_recoil(
     """Add the recoil of strikes, heard at a place (3,), as resonators make it of their pulses."""
     if model.recoil is None:
         return
-    answers = model.recoil.answers(sample_rate) / away_from(model, listener[None])
+    answers = model.recoil.answers(sample_rate, len(samples)) / away_from(model, listener[None])
     for strike in strikes:
         contact = model.contact(strike.at, strike.direction)
         pulse = strike.pulse(strike.resolved(model, contact), sample_rate)
