@@ -312,6 +312,7 @@ def test_without_an_audio_device_modes_are_still_shown(visiting: Visiting) -> No
     visit.wait(THERE + "3")
     visit.page.keyboard.press("1")
     visit.wait(SAID.format("no sound"))
+    visit.page.evaluate("struck.choose('given_1')")
     visit.page.locator("#mode-0").click()
     visit.wait("struck.room.solids.get('given_1').mode === 0")
 

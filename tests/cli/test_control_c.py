@@ -25,6 +25,7 @@ SHELL = (
 )
 STRING = "--shape string --length 0.65 --radius 2e-4 --tension 60 --material steel"
 CHIME = "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium"
+_SPAN = 0.75  # of a command's time, within which it is interrupted: quick machines take less
 # About how long each takes, s, and its words.
 COMMANDS = [
     (0.3, "materials"),
@@ -86,7 +87,7 @@ def moments(count: int, seed: int, latest: float) -> Iterator[tuple[str, float]]
     """Yield commands in turn, each with a moment of its course by chance."""
     chance = np.random.default_rng(seed)
     for longest, words in islice(cycle(COMMANDS), count):
-        yield words, float(chance.uniform(0, min(longest, latest)))
+        yield words, float(chance.uniform(0, min(_SPAN * longest, latest)))
 
 
 def require_interruptions(folder: Path, count: int, seed: int, latest: float = 60.0) -> None:

@@ -58,5 +58,6 @@ def test_each_scene_is_made_and_heard(tmp_path: Path, name: str) -> None:
         # It is quiet before anything touches, and dies away.
         tail = samples[-rate // 4 :]
         assert np.sqrt(np.mean(tail**2)) < 0.1 * np.abs(samples).max()
-    for ending in (".xml", ".npz", ".glb", ".png"):
+    assert (tmp_path / f"{name}.xml").read_text(encoding="utf-8").startswith("<mujoco>")
+    for ending in (".npz", ".glb", ".png"):
         assert (tmp_path / f"{name}{ending}").stat().st_size > 500

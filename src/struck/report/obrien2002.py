@@ -455,7 +455,8 @@ def _letter(letter: str) -> tuple[Extrusion, float]:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    path = TextPath((0, 0), letter, size=1.0, prop=FontProperties("DejaVu Sans", weight="bold"))
+    bold = FontProperties(family="DejaVu Sans", weight="bold")
+    path = TextPath((0, 0), letter, size=1.0, prop=bold)
     loops = [_thinned(np.asarray(loop)[:-1]) for loop in path.to_polygons()]
     scale = 0.12 / 0.73  # the font's capitals are 0.73 high
     loops = sorted((loop * scale for loop in loops), key=_area, reverse=True)
