@@ -128,7 +128,7 @@ class Recoil:
         return np.asarray(2j * np.pi * frequency / denominator, np.complex128)
 
     def answers(self, sample_rate: float, most: int) -> Array:
-        """Return each axis's answer to a force of one sample, at 1 m, `most` samples long (3, n)."""
+        """Return what each axis answers to a force of one sample, at 1 m, `most` samples (3, n)."""
         turns, gains = self.poles(sample_rate) / sample_rate, self.outputs(sample_rate)
         count = int(min(np.ceil(_OVER / np.abs(turns.real).min()), max(most, 1)))
         answers = np.imag(gains[:, None] * np.exp(np.outer(turns, np.arange(count))))
