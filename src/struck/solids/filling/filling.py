@@ -62,7 +62,7 @@ _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over 
 _HALVED = 1_000  # edges of a lattice over thin walls that may be halved at least
 _MOST_FUNCTIONS = 400_000  # whatever the accuracy: more takes minutes and many GiB
 _SLACK = 1.1  # times the most, where a lattice turns out to take a little more than foreseen
-_FINER_LATTICE = 0.75  # spacing over the one before, where that did not serve
+_FINER_LATTICE, _A_LITTLE = 0.75, 0.9  # spacing over the one before, where that did not serve
 _OF_VOLUME = 0.4  # error of the volume over that of frequencies that is aimed at
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
 
@@ -133,9 +133,9 @@ def filled(
     left = min(wanted, begun * goal.most // filling.mesh.functions)
     if left > begun:
         filling = _refilled(body, filling, _spacing(body, left, goal), goal)
-    if body.is_solid or not body.both_faces:
+    if not body.is_solid and not body.both_faces:
         return filling
-    if filling.mesh.functions > goal.most:
+    if not body.is_solid and filling.mesh.functions > goal.most:
         coarser = _stuffing(body, _spacing(body, left, goal), goal)
         fewer = coarser.mesh.functions < filling.mesh.functions
         filling = coarser if fewer and not _complaint(coarser, _LARGEST_VOLUME_ERROR) else filling
@@ -265,10 +265,11 @@ def _refilled(body: Body, filling: Filling, spacing: float, goal: Accuracy) -> F
 
 
 def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
-    """Fill a thin body finer until its shape costs less than the error that is aimed at."""
+    """Fill a body finer until its shape costs less than the error that is aimed at."""
+    # Lattices that differ little may miss very different shares of a crisp solid's edges.
     spacing = filling.spacing
     while abs(filling.volume_error) > _OF_VOLUME * goal.error:
-        spacing *= _FINER_LATTICE
+        spacing *= _A_LITTLE if body.is_solid else _FINER_LATTICE
         if nodes_for(body, spacing) > goal.most:
             break
         finer = _refilled(body, filling, spacing, goal)
