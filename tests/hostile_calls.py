@@ -435,7 +435,14 @@ def _excitations() -> dict[str, Call]:
         ),
         "excitation.Tool": Call(
             made=excitation.Tool,
-            given={"roughness": "steel", "striker": "steel", "radius": 1e-3, "seed": 1},
+            given={
+                "roughness": "steel",
+                "striker": "steel",
+                "radius": 1e-3,
+                "seed": 1,
+                "kernel": "gaussian",
+                "softness": 2e-3,
+            },
         ),
         "excitation.Roughness": Call(
             made=struck.Roughness,

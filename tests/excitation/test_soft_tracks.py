@@ -12,6 +12,7 @@ from struck.excitation.friction import Reader, Tool, limited
 from struck.excitation.pulses import LEAD, SOFTNESS
 from struck.excitation.roughness import Profile
 from struck.excitation.texture import CHUNK
+from struck.excitation.touch import USUAL, TouchLog
 from struck.model.arrays import Array
 from tests.excitation.bodies import SIZE, plate
 
@@ -100,6 +101,25 @@ def test_a_track_of_itself_is_what_it_was() -> None:
     other = track(BLOWS).sampled(44100.0)
     given = ForceTrack(force=BLOWS, sample_rate=RATE, kernel="gaussian", softness=0.01)
     assert given.sampled(44100.0).force.sum() == pytest.approx(other.force.sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("kernel", ["gaussian", "half-sine", "hertz"])
+def test_loads_of_a_log_are_spread_over_the_kernel_of_its_tool(kernel: str) -> None:
+    tool = Tool(kernel=kernel, softness=2e-3)
+    log = TouchLog(times=[0.0, 0.05], points=[PLACE] * 2, forces=[3.0, 3.0], tool=tool)
+    push = log.begin(plate(8), RATE).advance(2400)
+    # The first touch is pressed on in a straight line, as long as updates usually lie apart.
+    ramp = 3.0 * np.minimum(np.arange(1, 2401) / (RATE / USUAL), 1.0)
+    assert push is not None
+    wanted = heard(track(ramp, kernel=kernel, softness=2e-3), 2400 - LEAD)
+    assert push.force == pytest.approx(wanted, abs=1e-12)
+
+
+def test_a_kernel_of_a_tool_is_short() -> None:
+    with pytest.raises(OptionError, match=r"softness is 0\.2 s: it must be at most 0\.1 s"):
+        Tool(kernel="gaussian", softness=0.2)
+    with pytest.raises(OptionError, match="did you mean gaussian"):
+        Tool(kernel="gausian")
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from struck.errors import OptionError
-from struck.excitation.pulses import Samples
+from struck.excitation.pulses import SPECTRA, Samples
 from struck.model.arrays import Array, checked, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
@@ -403,6 +403,23 @@ def table_of(name: str) -> Mapping[str, Mapping[str, Any]]:
     """Return a table of ``<name>.toml`` in this package."""
     text = resources.files("struck.excitation").joinpath(f"{name}.toml").read_text("utf-8")
     return MappingProxyType(tomllib.loads(text))
+
+
+def require_kernel(
+    kernel: str | None, softness: float | None, longest: float = _LARGEST
+) -> str | None:
+    """Return the name of the pulse that forces are spread over, or raise an OptionError."""
+    require_positive(softness=softness)
+    if kernel is not None:
+        if softness is not None and softness > longest:
+            raise OptionError(f"softness is {softness:g} s: it must be at most {longest:g} s here")
+        return require_known(kernel, SPECTRA, "kernel")
+    if softness is not None:
+        raise OptionError(
+            f"softness is {softness} s, but of what? add a kernel, such as kernel='gaussian', or "
+            "leave it out"
+        )
+    return None
 
 
 def require_known(name: str, table: Mapping[str, object], noun: str) -> str:

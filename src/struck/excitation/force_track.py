@@ -18,11 +18,11 @@ from struck.excitation.excitation import (
     frozen,
     require_at_least_zero,
     require_finite,
-    require_known,
+    require_kernel,
     require_positive,
 )
 from struck.excitation.friction import Reader, Tool, limited
-from struck.excitation.pulses import SOFTNESS, SPECTRA, Samples, softened
+from struck.excitation.pulses import SOFTNESS, Samples, softened
 from struck.excitation.roughness import Finish
 from struck.excitation.texture import CHUNK
 from struck.files.atomic import read_bytes
@@ -106,7 +106,7 @@ class ForceTrack:
 
     def __post_init__(self) -> None:
         freeze_place(self, "direction")
-        self._require_kernel()
+        object.__setattr__(self, "kernel", require_kernel(self.kernel, self.softness))
         self._require_surface()
         require_positive(sample_rate=self.sample_rate)
         require_finite(gain=self.gain)
@@ -115,16 +115,6 @@ class ForceTrack:
         samples.setflags(write=False)
         object.__setattr__(self, "force", samples)
         object.__setattr__(self, "sample_rate", rate)
-
-    def _require_kernel(self) -> None:
-        require_positive(softness=self.softness)
-        if self.kernel is not None:
-            object.__setattr__(self, "kernel", require_known(self.kernel, SPECTRA, "kernel"))
-        elif self.softness is not None:
-            raise OptionError(
-                f"softness is {self.softness} s, but of what? add a kernel, such as "
-                "kernel='gaussian', or leave it out"
-            )
 
     def _require_surface(self) -> None:
         tool = self._tool()

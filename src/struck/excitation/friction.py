@@ -38,8 +38,9 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from struck.core import entry
-from struck.excitation.excitation import require_at_least_zero, require_positive
+from struck.excitation.excitation import require_at_least_zero, require_kernel, require_positive
 from struck.excitation.hertz import Striker, contact_modulus
+from struck.excitation.pulses import SOFTNESS, sampled
 from struck.excitation.roughness import Finish, Profile, finish
 from struck.excitation.texture import CHUNK, add_heights, hump, variance
 from struck.model.arrays import Array, Complex, Index, checked
@@ -58,6 +59,7 @@ FOLLOWED = 5e-4  # m, waves from which on the tip follows
 _SLOW, _FAST = 0.45, 0.8
 _FAINT = 3e-3  # of the loudest layer's weight: a layer below is left out
 _POINTS_A_WAVE = 6  # of the shortest wave of a level
+_WINDOW, _LONGEST_KERNEL = 2e-3, 0.1  # s, over which loads are spread
 _FLAT = 2 / 3  # share of a level's band that passes whole
 _RESOLVED = 3.3  # q a of the shortest wave that a contact feels
 
@@ -79,6 +81,10 @@ class Tool:
         Radius of the area over which mode shapes are averaged, m; 0 is a point.
     seed : int
         Which surface of this finish it is.
+    kernel, softness : str or None, float or None
+        The pulse that loads are spread over, as of a `ForceTrack`, and how long it lasts, at most
+        0.1 s (3 ms unless given): a soft tip takes up loads slowly (O'Brien et al. 2002, section
+        3.4). Without a kernel loads pass a window of 2 ms.
 
     Raises
     ------
@@ -91,12 +97,27 @@ class Tool:
     radius: float | None = None
     patch: float = 0.0
     seed: int = 0
+    kernel: str | None = None
+    softness: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "roughness", finish(self.roughness))
         Striker.named(self.striker)
         require_positive(radius=self.radius)
         require_at_least_zero(patch=self.patch, seed=self.seed)
+        kernel = require_kernel(self.kernel, self.softness, _LONGEST_KERNEL)
+        object.__setattr__(self, "kernel", kernel)
+
+    def window(self, sample_rate: float) -> Array:
+        """Return the weights of sum 1 that the loads of this sample and of those before get."""
+        if self.kernel is None:
+            hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
+            return np.asarray(hann / hann.sum(), np.float64)
+        lasting = self.softness or SOFTNESS
+        pulse = sampled(
+            self.kernel, impulse=1.0, onset=0.0, duration=lasting, sample_rate=sample_rate
+        )
+        return pulse.force / pulse.force.sum()
 
     def on(self, model: ModalModel) -> Rubbed:
         """Return its tip in contact with a model."""

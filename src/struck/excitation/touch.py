@@ -2,15 +2,14 @@
 
 Whoever moves it says 60 to 1000 times a second where it is, how hard it presses and how fast it
 moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
-the load then passes a window of 2 ms: no step, no corner, nothing of the rate of the updates above
-about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same way). A moving contact
-adds the force of the surface at its place, as a scrape does (`struck.excitation.friction`). A
-steady load itself is silent; what is heard is how it changes.
+the load then passes a window of 2 ms, or the tool's kernel: no step, no corner, nothing of the rate
+of the updates above about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same
+way). A moving contact adds the force of the surface at its place, as a scrape does
+(`struck.excitation.friction`). A steady load itself is silent; what is heard is how it changes.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator
 from copy import copy
@@ -31,11 +30,10 @@ from struck.model.model import ModalModel
 SLOWEST, FASTEST = 60.0, 1000.0  # Hz, of updates that ramps adapt to
 USUAL = 100.0  # Hz, expected before there were two updates
 
-_WINDOW = 2e-3  # s, that smooths the load
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
 _LOAD, _SPEED, _PRESSED, _MOVING, _PLACE, _NUMBERS = 0, 1, 2, 3, 4, 7  # columns of ramps
-_STRETCH, _MOST_BLOCKS = 2048, 16  # samples, and blocks, of a log that are computed at once
+_STRETCH, _MOST_BLOCKS = 4096, 32  # samples, and blocks, of a log that are computed at once
 _MOVES = 0.5  # share of the speed by which a place must move to be where the surface is felt
 
 
@@ -64,10 +62,11 @@ class Touching:
         self._heard: Update | None = None
         self._said: tuple[ModalModel, Contact, Array] | None = None
         self._interval = sample_rate / USUAL
-        self._ramps, self._drive = Ramps(start), Blend()
-        self._spot = [0.0, 0.0, 0.0]  # where on its surface it is felt next, m
-        hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
-        self._window: Array = hann / hann.sum()
+        self._ramp = Line(start - 1, 1, np.zeros(_NUMBERS), np.zeros(_NUMBERS))
+        self._drive = Line(start - 1, 1, np.zeros(0), np.zeros(0))
+        self._spot = np.zeros(3)  # where on its surface it is felt next, m
+        self._told = np.zeros(0)  # where the last update was, m
+        self._window = self._tool.window(sample_rate)
         self._before: Array = np.zeros(len(self._window) - 1)
         self._fade = max(1, round(FADE * sample_rate))
         self._reader = Reader(self._tool.on(model), sample_rate)
@@ -148,8 +147,7 @@ class Touching:
     def copied(self) -> Touching:
         """Return a copy that goes on by itself from here."""
         other = copy(self)
-        other._updates, other._drive = deque(self._updates), copy(self._drive)  # noqa: SLF001
-        other._ramps = self._ramps.copied()  # noqa: SLF001
+        other._updates = deque(self._updates)  # noqa: SLF001 - all else is replaced, not changed
         return other
 
     def follow(self, word: Update) -> None:
@@ -163,13 +161,14 @@ class Touching:
         if held is not None:
             place, patch = np.array(held.point), self._tool.patch
             drives = drive_at(model, place, held.normal, held.direction, radius=patch)
-            self._drive.toward(drives, max(1, round(self._interval)))
+            now = self._drive.at(self.now)
+            self._drive = Line(self.now, max(1, round(self._interval)), now, drives)
 
     @property
     def load(self) -> float:
         """Load at the end of the last block, N."""
-        now = self._ramps.at(self.now)
-        return now[_LOAD] * now[_PRESSED]
+        now = self._ramp.at(self.now)
+        return float(now[_LOAD] * now[_PRESSED])
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -177,21 +176,17 @@ class Touching:
 
     def stretch(self, length: int, count: int) -> list[Push | None]:
         """Return the pushes of the next `count` blocks of `length` samples, computed together."""
-        begin, done = self.now, self.now
+        begin, end = self.now, self.now + length * count
         first = 0 if self._heard else length * count
-        drives: list[Array] = []
-        for end in range(begin + length, begin + length * count + 1, length):
-            while self._updates and self._updates[0].sample < end:
-                word = self._updates.popleft()
-                sample = max(done, word.sample)
-                self._drive.go(sample - done)
-                first, done = min(first, sample - begin), sample
-                self._take(word, sample)
-            self._drive.go(end - done)
-            drives.append(self._drive.now)
-            done = end
-        self.now = done
-        courses = self._ramps.take(begin, done)
+        words = []
+        while self._updates and self._updates[0].sample < end:
+            words.append(self._updates.popleft())
+        ramps, blends = self._lines(words)
+        if words:
+            first = min(first, ramps[1].begin - begin)
+        drives = _at(blends, range(begin + length, end + 1, length))
+        courses = _each(ramps, begin, end)
+        self.now, self._ramp, self._drive = end, ramps[-1], blends[-1]
         if count == 1 or courses[_PRESSED].all():
             forces = self._forces(courses, first, length)
         else:
@@ -220,57 +215,75 @@ class Touching:
         force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
         return list(force.reshape(count, length))
 
-    def _take(self, word: Update, sample: int) -> None:
-        """Set the ramps for an update."""
-        gap, pressed = self._gap(word.sample), word.force > 0
-        now, target = self._ramps.at(sample), self._ramps.target
-        jump = now[_PRESSED] == 0.0 == target[_PRESSED]
-        speed = word.speed if pressed else 0.0
-        load = word.force if pressed else target[_LOAD]
-        self._move(word, speed)
-        # At rest the force is the load.
-        wanted = [load, speed, 1.0 if pressed else 0.0, 1.0 if speed else 0.0, *self._spot]
-        if jump:
-            now = [load, speed, now[_PRESSED], now[_MOVING], *self._spot]
-        self._ramps.toward(wanted, now, sample, gap)
-        self._drive.toward(word.drive, 0 if jump else gap)
-        self._heard = word
+    def _lines(self, words: list[Update]) -> tuple[list[Line], list[Line]]:
+        """Return the lines of all numbers and of the drive, from now on, that updates ask for."""
+        ramps, drives = [self._ramp], [self._drive]
+        for target, gap, word in zip(*self._targets(words), words, strict=True):
+            before, begin = ramps[-1], max(self.now, ramps[-1].begin, word.sample)
+            now = before.at(begin)
+            jump = now[_PRESSED] == 0.0 == before.high[_PRESSED]
+            # At rest the force is the load, and nothing needs to be moved there.
+            drive_now = word.drive if jump else drives[-1].at(begin)
+            if jump:
+                pressing = now[_PRESSED : _MOVING + 1]
+                now = target.copy()
+                now[_PRESSED : _MOVING + 1] = pressing
+            ramps.append(Line(begin, gap, now, target))
+            drives.append(Line(begin, gap, drive_now, word.drive))
+        return ramps, drives
 
-    def _move(self, word: Update, speed: float) -> None:
-        """Set where on its surface it is felt next: at the point said, where that moves.
+    def _targets(self, words: list[Update]) -> tuple[Array, list[int]]:
+        """Return where updates want all numbers (K, _NUMBERS), and within how many samples."""
+        if not words:
+            return np.zeros((0, _NUMBERS)), []
+        samples = np.array([word.sample for word in words])
+        forces = np.array([word.force for word in words])
+        pressed = forces > 0
+        loads = np.append(self._ramp.high[_LOAD], forces)
+        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(words) + 1), 0))
+        speeds = np.where(pressed, [word.speed for word in words], 0.0)
+        before = samples[0] if self._heard is None else self._heard.sample
+        ways = speeds * np.diff(samples, prepend=before) / self._rate
+        spots = self._spots([word.point for word in words], ways)
+        gaps = [self._gap(between) for between in np.diff(samples, prepend=before).tolist()]
+        self._heard = words[-1]
+        moving = np.where(speeds > 0, 1.0, 0.0)
+        columns = loads[last], speeds, np.where(pressed, 1.0, 0.0), moving, spots
+        return np.column_stack(columns), gaps
 
-        Where a speed is said and the point stands still, the surface moves past under it: it goes
-        on by the distance, along a line of its own.
+    def _spots(self, points: list[list[float]], ways: Array) -> Array:
+        """Return where on its surface it is felt (K, 3): at the points said, where those move.
+
+        Where a point stands still, the surface moves past under it: it goes on by the way it was
+        said to go, m (K,), along a line of its own.
         """
-        place = self._placed(word.point)
+        places = self._placed(np.array(points))
+        steps = np.zeros((len(places), 3))
         if self._heard is None:
-            self._spot = [*place, 0.0, 0.0, 0.0][:3]
-            return
-        before = self._placed(self._heard.point)
-        step = [end - begin for begin, end in zip(before, place, strict=True)]
-        way = speed * (word.sample - self._heard.sample) / self._rate
-        if math.hypot(*step) < _MOVES * way:
-            step = [way]
-        step += [0.0] * (3 - len(step))
-        self._spot = [at + by for at, by in zip(self._spot, step, strict=True)]
+            self._told, self._spot = places[0], np.zeros(3)
+            self._spot[: places.shape[1]] = places[0]
+        steps[:, : places.shape[1]] = np.diff(places, axis=0, prepend=self._told[None])
+        still = np.linalg.norm(steps, axis=1) < _MOVES * ways
+        steps[still] = ways[still, None] * [1.0, 0.0, 0.0]
+        spots = self._spot + np.cumsum(steps, axis=0)
+        self._told, self._spot = places[-1], spots[-1]
+        return np.asarray(spots, np.float64)
 
-    def _placed(self, point: list[float]) -> list[float]:
-        """Return where in space a contact is, m; nothing on a recorded body without a chart."""
+    def _placed(self, points: Array) -> Array:
+        """Return where contacts are in space, m (K, D); none on a recorded body without chart."""
         if not self._model.recorded:
-            return point
+            return points
         chart = self._model.chart
-        return [] if chart is None else chart.places(np.array([point]))[0].tolist()
+        return points[:, :0] if chart is None else chart.places(points)
 
-    def _gap(self, sample: int) -> int:
-        """Return how many samples there are likely to be until the next update."""
-        if self._heard is not None:
-            between = sample - self._heard.sample
-            if self._rate / FASTEST / _PAUSE <= between <= self._rate / SLOWEST * _PAUSE:
-                self._interval += _CALM * (between - self._interval)
+    def _gap(self, between: int) -> int:
+        """Return how many samples there are likely to be until the next update, from the last."""
+        if self._rate / FASTEST / _PAUSE <= between <= self._rate / SLOWEST * _PAUSE:
+            self._interval += _CALM * (between - self._interval)
         return max(1, round(self._interval))
 
     def _is_off(self) -> bool:
-        return self._ramps.at(self.now)[_PRESSED] == 0.0 == self._ramps.target[_PRESSED]
+        return bool(self._ramp.at(self.now)[_PRESSED] == 0.0 == self._ramp.high[_PRESSED])
 
     def _rests(self, length: int, pressed: Array) -> bool:
         """Tell whether a block is silent, smoothing included; count silent samples."""
@@ -432,7 +445,7 @@ class Replay:
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""
-        return not self._ready and self._touching.finished
+        return self._touching.finished and all(push is None for push in self._ready)
 
     def _stretch(self, count: int) -> list[Push | None]:
         end = self._touching.now + count * self._length
@@ -479,84 +492,43 @@ class Replay:
         self._touching.ended = end == len(self._samples)
 
 
-class Ramps:
-    """Numbers that move to their targets in straight lines, sample by sample.
+class Line(NamedTuple):
+    """Numbers that move in a straight line, and stay at its end; the same object while they rest.
 
-    They are load, N, speed, m/s, how far it is pressed and how far it moves, 0 to 1, and place, m.
+    For a touch they are load, N, speed, m/s, how far it is pressed and how far it moves, 0 to 1,
+    and place, m; or the drive of each mode.
     """
 
-    def __init__(self, start: int) -> None:
-        # Where a line begins, how long it is, and its ends.
-        self._lines = [(start - 1, 1, [0.0] * _NUMBERS, [0.0] * _NUMBERS)]
+    begin: int  # sample
+    length: int  # samples
+    low: Array
+    high: Array
 
-    @property
-    def target(self) -> list[float]:
-        """Where the numbers go."""
-        return self._lines[-1][3]
-
-    def at(self, sample: int) -> list[float]:
-        """Return the numbers before a sample that has not been taken yet."""
-        begin, length, low, high = self._lines[-1]
-        if sample - begin >= length:
-            return high
-        share = (sample - begin) / length
-        return [one + share * (other - one) for one, other in zip(low, high, strict=True)]
-
-    def toward(self, target: list[float], now: list[float], sample: int, length: int) -> None:
-        """Go from numbers to others within `length` samples from one on."""
-        self._lines.append((sample, length, now, target))
-
-    def copied(self) -> Ramps:
-        """Return a copy that goes on by itself."""
-        other = Ramps(0)
-        other._lines = list(self._lines)
-        return other
-
-    def take(self, begin: int, end: int) -> Array:
-        """Return the numbers (_NUMBERS, end - begin) of samples, and forget how they came about."""
-        found = np.empty((_NUMBERS, end - begin))
-        if len(self._lines) == 1 and begin >= sum(self._lines[0][:2]):
-            found[:] = np.array(self.target)[:, None]
-            return found
-        begins, lengths, lows, highs = zip(*self._lines, strict=True)
-        # Corners of each line: its begin, its end, and where the next one begins. What is exactly
-        # there belongs to the line before.
-        numbers = np.arange(begin + 1.0, end + 1.0) - 1e-9
-        nexts = np.array([*begins[1:], end + 1.0])
-        ends = np.minimum(np.add(begins, lengths), nexts)
-        shares = (ends - begins) / np.array(lengths)
-        corners = np.stack([begins, ends, nexts], axis=1).ravel()
-        for row, low, high in zip(found, np.transpose(lows), np.transpose(highs), strict=True):
-            last = np.where(shares < 1, low + shares * (high - low), high)
-            if np.all(low == low[0]) and np.all(last == low[0]):
-                row[:] = low[0]
-            else:
-                row[:] = np.interp(numbers, corners, np.stack([low, last, last], axis=1).ravel())
-        self._lines = self._lines[-1:]
-        return found
+    def at(self, sample: int) -> Array:
+        """Return the numbers before a sample."""
+        if self.low is self.high or sample - self.begin >= self.length:
+            return self.high
+        return self.low + (sample - self.begin) / self.length * (self.high - self.low)
 
 
-class Blend:
-    """An array that moves to its target in a straight line; the same object while it rests."""
+def _at(lines: list[Line], samples: range) -> list[Array]:
+    """Return the numbers before some samples, each by the last line that begins before it."""
+    found, number = [], 0
+    for sample in samples:
+        while number + 1 < len(lines) and lines[number + 1].begin < sample:
+            number += 1
+        found.append(lines[number].at(sample))
+    return found
 
-    def __init__(self) -> None:
-        self.now: Array = np.zeros(0)
-        self._target = self.now
-        self._left = 0
 
-    def toward(self, target: Array, samples: int) -> None:
-        """Set a target, to be reached after some samples; 0 is at once."""
-        self._target, self._left = target, samples
-        if samples == 0 or target is self.now:
-            self.now, self._left = target, 0
-
-    def go(self, count: int) -> None:
-        """Move on by `count` samples."""
-        if not self._left or not count:
-            return
-        share = min(count / self._left, 1.0)
-        self._left = max(0, self._left - count)
-        self.now = self.now + share * (self._target - self.now) if self._left else self._target
+def _each(lines: list[Line], begin: int, end: int) -> Array:
+    """Return the numbers (N, end - begin) that each sample ends with."""
+    begins, lengths, lows, highs = (np.array(each) for each in zip(*lines, strict=True))
+    samples = np.arange(begin + 1, end + 1)
+    number = np.searchsorted(begins, samples) - 1
+    shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)
+    rises = (highs - lows).T[:, number]
+    return np.where(shares < 1, lows.T[:, number] + shares * rises, highs.T[:, number])
 
 
 def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:
