@@ -46,10 +46,7 @@ KEPT = Path(__file__).parents[1] / "tests/physics/everyday.json"
 COUNT = 20
 FACETED = ("wine glass",)  # with facets no larger than elements may be
 # mm, symmetric about the middle: planes between bricks, closer near edges that go in
-PLANES: dict[str, tuple[Sequence[float], Sequence[float], Sequence[float]]] = {
-    "plate of 4 mm": ((0, 300), (0, 200), (0, 4)),
-    "plate of 1 mm": ((0, 300), (0, 200), (0, 1)),
-}
+PLANES: dict[str, tuple[Sequence[float], Sequence[float], Sequence[float]]] = {}
 _NEAR_CRATE = (0, 6, 10, 11.5, 12, 12.5, 14, 18, 30)
 _NEAR_CUBE = (0, 1.25, 2.1, 2.4, 2.5, 2.6, 3, 4, 7, 12)
 
@@ -58,6 +55,11 @@ def _both_ends(near: Sequence[float], length: float) -> tuple[float, ...]:
     return (*near, *(length - each for each in reversed(near)))
 
 
+# Twist turns within about a thickness of a plate's edges.
+for _thickness in (4, 1):
+    _near = [_thickness * share for share in (0, 0.25, 0.6, 1.2, 2.5)]
+    _planes = (_both_ends(_near, 300), _both_ends(_near, 200), (0, _thickness / 2, _thickness))
+    PLANES[f"plate of {_thickness} mm"] = _planes
 PLANES["crate"] = (
     _both_ends(_NEAR_CRATE, 400),
     _both_ends(_NEAR_CRATE, 300),

@@ -266,7 +266,7 @@ class _Work:
     ) -> Modes:
         """Return modes with stated errors, from the shape and from coarser elements if any."""
         finer = coarse.mesh.width() / elements.mesh.width() if coarse else 1.0
-        errors = stated_errors(modes, first, finer)
+        errors = stated_errors(modes, first, finer) + elements.stiffened
         cut = cut_off(elements.outline, modes) if elements.outline else 0.0
         errors = with_shape(errors, elements.volume_error, cut, layer=elements.mesh.cubic)
         judge = "the next degree of polynomials"

@@ -89,6 +89,7 @@ class Elements:
     places: Mapping[str, Array] = field(default_factory=dict)
     provenance: Provenance
     volume_error: float = 0.0
+    stiffened: float = 0.0  # relative, of frequencies, by what they miss along thin edges
     outline: Mesh | None = None
     times: float = 1.0  # as many in each direction as the accuracy begins with
 
@@ -281,7 +282,11 @@ class FilledSurface:
         missing = 0.0 if sampled else filling.volume_error
         outline = self.repair.mesh if self.wall is None else None
         return Elements(
-            mesh=filling.mesh, provenance=provenance, volume_error=missing, outline=outline
+            mesh=filling.mesh,
+            provenance=provenance,
+            volume_error=missing,
+            stiffened=filling.stiffened,
+            outline=outline,
         )
 
 

@@ -24,6 +24,7 @@ THINNEST = 0.75
 _SLENDER = 1.5  # the same over THINNEST, above which a part is given elements of its own width
 _FACING = -0.87  # cosine between the normals of two faces that face each other across a part
 _INWARD = 1e-6  # of the body's extent, by which rays start below the surface
+_DEEP = 3.0  # times the thickness that half of the surface has at most: a rim, seen along a wall
 _PLACES = 5_000  # on a surface, at which the body is sounded
 _ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away: libigl's own
 
@@ -101,15 +102,26 @@ class FilledBody:
     judge = None  # depths below all faces tell what is in the body
 
     @cached_property
-    def _thicknesses(self) -> tuple[Array, Array]:
-        """Return places on the surface, m (S, 3), and how thick the body is there, m (S,)."""
+    def _thicknesses(self) -> tuple[Array, Array, Array]:
+        """Return places on the surface, m (S, 3), their areas, m^2, and thicknesses, m (S,)."""
         # Infinite where the face that a ray inward meets does not face the place.
         places, vectors = self.mesh.spread(_PLACES)
-        inward = -vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        areas = np.linalg.norm(vectors, axis=1)
+        inward = -vectors / areas[:, None]
         below = places + _INWARD * self.mesh.extent * inward
         met, depths = self._surface.first_below(below, inward)
         cosines = -np.einsum("sd,sd->s", inward, self.mesh.face_normals[met])
-        return places, np.where(cosines < _FACING, depths, np.inf)
+        return places, areas, np.where(cosines < _FACING, depths, np.inf)
+
+    @property
+    def rims(self) -> float:
+        """Area of the surface where the body is far deeper than it is mostly, over the other's."""
+        _, areas, thicknesses = self._thicknesses
+        facing = np.isfinite(thicknesses)
+        if not facing.any():
+            return 0.0
+        rim = facing & (thicknesses > _DEEP * np.median(thicknesses[facing]))
+        return float(areas[rim].sum() / areas[~rim].sum())
 
     def widest(self, spacing: float) -> Callable[[Array], Array] | None:
         """Return the longest edges wanted at points (K, 3), m (K,), by how thick the body is there.
@@ -118,7 +130,7 @@ class FilledBody:
         """
         if not self.is_solid:
             return None
-        places, thicknesses = self._thicknesses
+        places, _, thicknesses = self._thicknesses
         slender = _SLENDER * THINNEST * thicknesses < spacing
         if not slender.any():
             return None
