@@ -91,6 +91,7 @@ SIGNATURES: dict[str, str] = {
     "friction_add_reading": "PPPiDiddddD -",
     "limiter_is_closed": "D i",
     "limiter_limit": "DiDiii -",
+    "lines_fill": "IIDDiiiiD -",
     "poles_add_unique": f"{_BLOCKS}iCCDDD -",
     "poles_take_turns": f"{_BLOCKS}iCCIiiCCDDD -",
     "queue_publish": "I -",

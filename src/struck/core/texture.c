@@ -25,12 +25,11 @@ static inline uint32_t mixed(uint32_t x) {
 /* Random values of variance 1 at the eight corners of a cell, the last axis running fastest. */
 static void corners_of(const int64_t cell[3], uint32_t seed, double values[8]) {
   const double scale = 2 * sqrt(3.0) / 4294967296.0;
-  for (int corner = 0; corner < 8; corner++) {
-    uint32_t x = mixed(seed + (uint32_t)(cell[0] + (corner >> 2)));
-    x = mixed(x + (uint32_t)(cell[1] + ((corner >> 1) & 1)));
-    x = mixed(x + (uint32_t)(cell[2] + (corner & 1)));
-    values[corner] = (double)x * scale - sqrt(3.0);
-  }
+  uint32_t sides[2], edges[4], corners[8]; /* of one, two and three of the corner's numbers */
+  for (int i = 0; i < 2; i++) sides[i] = mixed(seed + (uint32_t)(cell[0] + i));
+  for (int i = 0; i < 4; i++) edges[i] = mixed(sides[i >> 1] + (uint32_t)(cell[1] + (i & 1)));
+  for (int i = 0; i < 8; i++) corners[i] = mixed(edges[i >> 1] + (uint32_t)(cell[2] + (i & 1)));
+  for (int i = 0; i < 8; i++) values[i] = (double)corners[i] * scale - sqrt(3.0);
 }
 
 static inline double blend(double t) { return t * t * t * (t * (t * 6 - 15) + 10); }

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from struck.core import entry
 from struck.errors import ContactError, OptionError
 from struck.excitation.excitation import HEAVIEST, Push, drive, drive_at, drives_at
 from struck.excitation.friction import FADE, Reader, Tool, fading, limited
@@ -218,18 +219,18 @@ class Touching:
     def _lines(self, words: list[Update]) -> tuple[list[Line], list[Line]]:
         """Return the lines of all numbers and of the drive, from now on, that updates ask for."""
         ramps, drives = [self._ramp], [self._drive]
+        held = self._ramp.high[_PRESSED] > 0
         for target, gap, word in zip(*self._targets(words), words, strict=True):
             before, begin = ramps[-1], max(self.now, ramps[-1].begin, word.sample)
-            now = before.at(begin)
-            jump = now[_PRESSED] == 0.0 == before.high[_PRESSED]
-            # At rest the force is the load, and nothing needs to be moved there.
-            drive_now = word.drive if jump else drives[-1].at(begin)
-            if jump:
+            now, drive_now = before.at(begin), drives[-1].at(begin)
+            if not held and now[_PRESSED] == 0.0:
+                # At rest the force is the load, and nothing needs to be moved there.
                 pressing = now[_PRESSED : _MOVING + 1]
-                now = target.copy()
+                now, drive_now = target.copy(), word.drive
                 now[_PRESSED : _MOVING + 1] = pressing
             ramps.append(Line(begin, gap, now, target))
             drives.append(Line(begin, gap, drive_now, word.drive))
+            held = word.force > 0
         return ramps, drives
 
     def _targets(self, words: list[Update]) -> tuple[Array, list[int]]:
@@ -524,6 +525,11 @@ def _at(lines: list[Line], samples: range) -> list[Array]:
 def _each(lines: list[Line], begin: int, end: int) -> Array:
     """Return the numbers (N, end - begin) that each sample ends with."""
     begins, lengths, lows, highs = (np.array(each) for each in zip(*lines, strict=True))
+    fill = entry("lines_fill")
+    if fill is not None:
+        filled = np.empty((lows.shape[1], end - begin))
+        fill(begins, lengths, lows, highs, *lows.shape, begin, end - begin, filled)
+        return filled
     samples = np.arange(begin + 1, end + 1)
     number = np.searchsorted(begins, samples) - 1
     shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)
