@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,7 +97,7 @@ class Orientation:
         return matrices(slerp(self.quaternions[after - 1], self.quaternions[after], share))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Carried:
     """A point that is carried by a body that moves and turns."""
 
@@ -107,11 +108,23 @@ class Carried:
     @property
     def moves(self) -> bool:
         """Whether it may change."""
-        return self.origin.moves or (self.orientation.moves and bool(self.point.any()))
+        return self.origin.moves or not self._steady
 
     def at(self, times: Array) -> Array:
         """Return where it is at times, s (n,): m (n, 3)."""
-        return self.origin.at(times) + self.orientation.at(times) @ self.point
+        return self.origin.at(times) + (self._held if self._steady else self._turned(times))
+
+    @cached_property
+    def _steady(self) -> bool:
+        return not (self.orientation.moves and self.point.any())
+
+    @cached_property
+    def _held(self) -> Array:
+        """Where it is from the origin of a body that does not turn, m (1, 3)."""
+        return self._turned(np.zeros(1))
+
+    def _turned(self, times: Array) -> Array:
+        return np.asarray(self.orientation.at(times) @ self.point, np.float64)
 
     def seen(self, place: Array, times: Array) -> Array:
         """Return a place of the scene, m (3,), in the body's coordinates at times (n,): (n, 3)."""

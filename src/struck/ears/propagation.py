@@ -79,6 +79,8 @@ class Sources:
         self.emitter = np.repeat(np.arange(len(emitters)), images)
         self.image = np.tile(np.arange(images), len(emitters))
         self.direct = images * self.emitter
+        self.bodies = images * np.arange(len(emitters))
+        self._least = np.array([max(each.radius, _CLOSEST) for each in emitters])
         self.field = np.repeat([each.field for each in emitters], images)
         self.nearest = np.repeat([max(each.nearest, _CLOSEST) for each in emitters], images)
 
@@ -92,8 +94,8 @@ class Sources:
 
     def require_outside(self, distances: Array, places: Array, times: Array) -> None:
         """Raise a ContactError where a listener at places (n, 3), at times (n,), is in a body."""
-        bodies = distances[:, np.unique(self.direct)]
-        for moment, body in np.argwhere(bodies < [max(e.radius, _CLOSEST) for e in self._emitters]):
+        bodies = distances[:, self.bodies]
+        for moment, body in np.argwhere(bodies < self._least):
             if self._emitters[body].holds(places[moment], times[moment]):
                 raise ContactError(
                     f"the listener is {bodies[moment, body]:.3g} m from the centre of body {body}, "
@@ -287,9 +289,9 @@ class Propagation:
 
     def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
         """Return delays, samples, and gains (n, sources, ears), and the last time's responses."""
-        distances, seen = self._distances(times)
+        distances, seen, places = self._distances(times)
         centres = distances[..., 0]
-        self._require_possible(centres, times)
+        self._require_possible(centres, times, places)
         if len(times) > 1:
             self._rates = (centres[-1] - centres[-2]) / (times[-1] - times[-2])
         self._guess = centres[-1]
@@ -303,18 +305,18 @@ class Propagation:
         added, self._later = self._later + shares * (later - self._later), later
         return self.lead + (ways / AIR.sound_speed + added) * self._rate, gains, responses
 
-    def _distances(self, times: Array) -> tuple[Array, Array]:
-        """Return distances to head and ears (n, sources, 1 + ears), m, and unit directions."""
+    def _distances(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return distances to head and ears (n, sources, 1 + ears), m, directions, and heads."""
         places, turned = self._pose.at(times)
         ways = self._guess + np.outer(times - self._now, self._rates)
         sources = self._sources.at(times, ways)
         if self._room is not None:
             self._room.require_inside(places[:, 0], "listener")
-            self._room.require_inside(sources[:, np.unique(self._sources.direct)], "body")
+            self._room.require_inside(sources[:, self._sources.bodies], "body")
         apart = sources[:, :, None] - places[:, None]
         distances = np.sqrt(np.einsum("nsed,nsed->nse", apart, apart))
         seen = np.einsum("nsd,nad->nsa", apart[:, :, 0], turned)
-        return distances, seen / np.maximum(distances[..., :1], 1e-9)
+        return distances, seen / np.maximum(distances[..., :1], 1e-9), places[:, 0]
 
     def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
         """Return what the head adds to delays, s (sources, ears), and all responses."""
@@ -327,8 +329,7 @@ class Propagation:
             responses = _convolved(responses, self._walls[self._sources.image])
         return later, responses
 
-    def _require_possible(self, distances: Array, times: Array) -> None:
-        places = self._pose.at(times)[0][:, 0]
+    def _require_possible(self, distances: Array, times: Array, places: Array) -> None:
         self._sources.require_outside(distances, places, times)
         if not distances.max() <= LONGEST_WAY:
             raise OptionError(
