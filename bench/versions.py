@@ -72,9 +72,14 @@ def sounds(folder: Path) -> dict[str, Callable[[], object]]:
     plate = struck.analyze(flat, "steel", band=(20, 8000))
     scrape = Scrape(path=[(0.05, 0.05), (0.3, 0.2)], speed=0.2, load=2.0, roughness="sandpaper")
     roll = Roll(path=["end", "middle"], radius=0.01, speed=0.1, mass=0.05)
-    heard = struck.render(chime, Strike(at="end"), seconds=1.5)
-    samples = np.pad(heard.samples / (2 * heard.peak), ((0, 0), (24_000, 0)))
-    noise = 1e-4 * np.random.default_rng(0).standard_normal(samples.shape)
+    # The same for both: an earlier version hears no recoil.
+    chance = np.random.default_rng(0)
+    poles = -chance.uniform(2, 60, 40) + 2j * np.pi * np.sort(chance.uniform(300, 15_000, 40))
+    rings = np.imag(
+        chance.uniform(0.1, 1, 40) @ np.exp(np.outer(poles, np.arange(72_000) / 48_000))
+    )
+    samples = np.pad(rings[None] / (2 * np.abs(rings).max()), ((0, 0), (24_000, 0)))
+    noise = 1e-4 * chance.standard_normal(samples.shape)
     tap = folder / "tap.wav"
     struck.Sound(samples=(samples + noise).astype(np.float32), sample_rate=48_000).save(tap)
     return {
