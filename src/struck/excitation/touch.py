@@ -11,7 +11,6 @@ way). A moving contact adds the force of the surface at its place, as a scrape d
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -48,6 +47,31 @@ class Update(NamedTuple):
     drive: Array  # (M,), kg^-1/2, of each mode there
     force: float  # N, at least 0
     speed: float  # m/s, at least 0
+
+
+class Updates(NamedTuple):
+    """Updates that take effect within one stretch, in order."""
+
+    samples: Index  # (K,)
+    points: Array  # (K, D)
+    drives: list[Array]  # the same object where nothing moved
+    forces: Array  # (K,), N
+    speeds: Array  # (K,), m/s
+    last: Update
+
+    @classmethod
+    def of(cls, words: list[Update]) -> Updates | None:
+        """Return single updates as one; None of none."""
+        if not words:
+            return None
+        return cls(
+            samples=np.array([word.sample for word in words]),
+            points=np.array([word.point for word in words]),
+            drives=[word.drive for word in words],
+            forces=np.array([word.force for word in words]),
+            speeds=np.array([word.speed for word in words]),
+            last=words[-1],
+        )
 
 
 class Touching:
@@ -132,10 +156,8 @@ class Touching:
         self._said = model, contact, drives
         return Update(number, point, contact.direction, contact.normal, drives, load, speed)
 
-    def grasps(
-        self, points: Array, directions: Array | None
-    ) -> Iterator[tuple[list[float], Array, Array, Array]]:
-        """Yield point, direction, normal and drive of contacts at points (K, D)."""
+    def grasps(self, points: Array, directions: Array | None) -> tuple[Array, Array, Array, Array]:
+        """Return points, directions, normals and drives of contacts at points (K, D)."""
         model, patch = self._model, self._tool.patch
         places, ways, normals = model.contacts(points, directions)
         if patch:
@@ -143,7 +165,7 @@ class Touching:
             drives = np.array([drive_at(model, *row, radius=patch) for row in rows])
         else:
             drives = drives_at(model, places, ways)
-        return zip(places.tolist(), ways, normals, drives, strict=True)
+        return places, ways, normals, drives
 
     def copied(self) -> Touching:
         """Return a copy that goes on by itself from here."""
@@ -173,21 +195,24 @@ class Touching:
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
-        return self.stretch(length, 1)[0]
+        words = []
+        while self._updates and self._updates[0].sample < self.now + length:
+            words.append(self._updates.popleft())
+        return self.stretch(length, 1, Updates.of(words))[0]
 
-    def stretch(self, length: int, count: int) -> list[Push | None]:
-        """Return the pushes of the next `count` blocks of `length` samples, computed together."""
+    def stretch(self, length: int, count: int, told: Updates | None) -> list[Push | None]:
+        """Return the pushes of the next `count` blocks of `length` samples, computed together.
+
+        All updates that take effect in them are `told`.
+        """
         begin, end = self.now, self.now + length * count
         first = 0 if self._heard else length * count
-        words = []
-        while self._updates and self._updates[0].sample < end:
-            words.append(self._updates.popleft())
-        ramps, blends = self._lines(words)
-        if words:
-            first = min(first, ramps[1].begin - begin)
+        ramps, blends = self._lines(told)
+        if told is not None:
+            first = min(first, blends[1].begin - begin)
         drives = _at(blends, range(begin + length, end + 1, length))
         courses = _each(ramps, begin, end)
-        self.now, self._ramp, self._drive = end, ramps[-1], blends[-1]
+        self.now, self._ramp, self._drive = end, Line(*(each[-1] for each in ramps)), blends[-1]
         if count == 1 or courses[_PRESSED].all():
             forces = self._forces(courses, first, length)
         else:
@@ -216,49 +241,58 @@ class Touching:
         force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
         return list(force.reshape(count, length))
 
-    def _lines(self, words: list[Update]) -> tuple[list[Line], list[Line]]:
+    def _lines(self, told: Updates | None) -> tuple[Lines, list[Line]]:
         """Return the lines of all numbers and of the drive, from now on, that updates ask for."""
-        ramps, drives = [self._ramp], [self._drive]
-        held = self._ramp.high[_PRESSED] > 0
-        for target, gap, word in zip(*self._targets(words), words, strict=True):
-            before, begin = ramps[-1], max(self.now, ramps[-1].begin, word.sample)
-            now, drive_now = before.at(begin), drives[-1].at(begin)
-            if not held and now[_PRESSED] == 0.0:
+        ramp, blend = self._ramp, self._drive
+        begins, lengths = np.array([ramp.begin]), np.array([ramp.length])
+        lows, highs = ramp.low[None], ramp.high[None]
+        if told is None:
+            return (begins, lengths, lows, highs), [blend]
+        targets, gaps = self._targets(told)
+        earliest = max(self.now, ramp.begin)
+        begins = np.append(begins, np.maximum.accumulate(np.maximum(told.samples, earliest)))
+        lengths = np.append(lengths, gaps)
+        # A line begins where the one before ends, unless it comes sooner.
+        lows, highs = np.vstack([lows, highs, targets[:-1]]), np.vstack([highs, targets])
+        drives = [blend.high, *told.drives]
+        lines = zip(begins[1:].tolist(), gaps, drives[:-1], told.drives, strict=True)
+        blends = [blend, *(Line(*each) for each in lines)]
+        sooner = np.diff(begins) < lengths[:-1]
+        sooner[0] = True  # the drive's first line is its own
+        for n in (1 + np.flatnonzero(sooner | (highs[:-1, _PRESSED] == 0.0))).tolist():
+            begin, length, low, high = blends[n]
+            lows[n] = Line(*(each[n - 1] for each in (begins, lengths, lows, highs))).at(begin)
+            low = blends[n - 1].at(begin)
+            if lows[n, _PRESSED] == 0.0 == highs[n - 1, _PRESSED]:
                 # At rest the force is the load, and nothing needs to be moved there.
-                pressing = now[_PRESSED : _MOVING + 1]
-                now, drive_now = target.copy(), word.drive
-                now[_PRESSED : _MOVING + 1] = pressing
-            ramps.append(Line(begin, gap, now, target))
-            drives.append(Line(begin, gap, drive_now, word.drive))
-            held = word.force > 0
-        return ramps, drives
+                low, pressing = high, lows[n, _PRESSED : _MOVING + 1].copy()
+                lows[n] = highs[n]
+                lows[n, _PRESSED : _MOVING + 1] = pressing
+            blends[n] = Line(begin, length, low, high)
+        return (begins, lengths, lows, highs), blends
 
-    def _targets(self, words: list[Update]) -> tuple[Array, list[int]]:
+    def _targets(self, told: Updates) -> tuple[Array, list[int]]:
         """Return where updates want all numbers (K, _NUMBERS), and within how many samples."""
-        if not words:
-            return np.zeros((0, _NUMBERS)), []
-        samples = np.array([word.sample for word in words])
-        forces = np.array([word.force for word in words])
-        pressed = forces > 0
-        loads = np.append(self._ramp.high[_LOAD], forces)
-        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(words) + 1), 0))
-        speeds = np.where(pressed, [word.speed for word in words], 0.0)
-        before = samples[0] if self._heard is None else self._heard.sample
-        ways = speeds * np.diff(samples, prepend=before) / self._rate
-        spots = self._spots([word.point for word in words], ways)
-        gaps = [self._gap(between) for between in np.diff(samples, prepend=before).tolist()]
-        self._heard = words[-1]
+        pressed = told.forces > 0
+        loads = np.append(self._ramp.high[_LOAD], told.forces)
+        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(loads)), 0))
+        speeds = np.where(pressed, told.speeds, 0.0)
+        before = told.samples[0] if self._heard is None else self._heard.sample
+        between = np.diff(told.samples, prepend=before)
+        spots = self._spots(told.points, speeds * between / self._rate)
+        gaps = [self._gap(samples) for samples in between.tolist()]
+        self._heard = told.last
         moving = np.where(speeds > 0, 1.0, 0.0)
         columns = loads[last], speeds, np.where(pressed, 1.0, 0.0), moving, spots
         return np.column_stack(columns), gaps
 
-    def _spots(self, points: list[list[float]], ways: Array) -> Array:
+    def _spots(self, points: Array, ways: Array) -> Array:
         """Return where on its surface it is felt (K, 3): at the points said, where those move.
 
         Where a point stands still, the surface moves past under it: it goes on by the way it was
         said to go, m (K,), along a line of its own.
         """
-        places = self._placed(np.array(points))
+        places = self._placed(points)
         steps = np.zeros((len(places), 3))
         if self._heard is None:
             self._told, self._spot = places[0], np.zeros(3)
@@ -401,6 +435,15 @@ class TouchLog:
         return moved
 
 
+class _Held(NamedTuple):
+    """Point, direction, normal and drive of a contact, as of an `Update`."""
+
+    point: ArrayLike
+    direction: Array
+    normal: Array
+    drive: Array
+
+
 class Replay:
     """A `Pushing` that plays the touch of a log."""
 
@@ -450,11 +493,9 @@ class Replay:
 
     def _stretch(self, count: int) -> list[Push | None]:
         end = self._touching.now + count * self._length
-        last = int(np.searchsorted(self._samples, end))
-        if last > self._next:
-            self._say(self._next, last)
-        self._next = last
-        return self._touching.stretch(self._length, count)
+        begin, self._next = self._next, int(np.searchsorted(self._samples, end))
+        told = self._told(begin, self._next) if self._next > begin else None
+        return self._touching.stretch(self._length, count, told)
 
     def _return(self) -> None:
         """Go back to where what was given ends."""
@@ -473,24 +514,41 @@ class Replay:
         self._ready.clear()
         self._given = 0
 
-    def _say(self, begin: int, end: int) -> None:
-        """Let the touch follow the updates of some numbers."""
+    def _told(self, begin: int, end: int) -> Updates:
+        """Return the updates of some numbers."""
         log, last = self._log, self._last
-        forces, speeds = (np.asarray(each)[begin:end].tolist() for each in (log.forces, log.speeds))
         moved = self._moved[begin:end].copy()
         moved[0] |= last is None
         chosen = begin + np.flatnonzero(moved)
         points, ways = log.places(chosen)
         if points is None:
             points = np.tile(self._model.contact().point, (len(chosen), 1))
-        found = self._touching.grasps(points, ways) if len(chosen) else iter(())
-        samples = self._samples[begin:end].tolist()
-        for number, new in enumerate(moved.tolist()):
-            held = next(found) if new or last is None else last[1:5]
-            last = Update(samples[number], *held, forces[number], speeds[number])
-            self._touching.follow(last)
-        self._last = last
+        held: list[_Held] = [] if last is None else [_Held(*last[1:5])]
+        if len(chosen):
+            held += map(_Held, *self._touching.grasps(points, ways))
+        number = np.cumsum(moved) - (1 if last is None else 0)
+        rows = [held[n] for n in number.tolist()]
+        forces, speeds = (np.asarray(each)[begin:end] for each in (log.forces, log.speeds))
+        samples = self._samples[begin:end]
+        now = rows[-1]
+        self._last = Update(
+            sample=int(samples[-1]),
+            point=np.asarray(now.point, np.float64).tolist(),
+            direction=now.direction,
+            normal=now.normal,
+            drive=now.drive,
+            force=float(forces[-1]),
+            speed=float(speeds[-1]),
+        )
         self._touching.ended = end == len(self._samples)
+        return Updates(
+            samples=samples,
+            points=np.array([row.point for row in rows]),
+            drives=[row.drive for row in rows],
+            forces=forces,
+            speeds=speeds,
+            last=self._last,
+        )
 
 
 class Line(NamedTuple):
@@ -512,6 +570,9 @@ class Line(NamedTuple):
         return self.low + (sample - self.begin) / self.length * (self.high - self.low)
 
 
+Lines = tuple[Index, Index, Array, Array]  # begins and lengths (L,), lows and highs (L, N)
+
+
 def _at(lines: list[Line], samples: range) -> list[Array]:
     """Return the numbers before some samples, each by the last line that begins before it."""
     found, number = [], 0
@@ -522,9 +583,9 @@ def _at(lines: list[Line], samples: range) -> list[Array]:
     return found
 
 
-def _each(lines: list[Line], begin: int, end: int) -> Array:
+def _each(lines: Lines, begin: int, end: int) -> Array:
     """Return the numbers (N, end - begin) that each sample ends with."""
-    begins, lengths, lows, highs = (np.array(each) for each in zip(*lines, strict=True))
+    begins, lengths, lows, highs = lines
     fill = entry("lines_fill")
     if fill is not None:
         filled = np.empty((lows.shape[1], end - begin))
