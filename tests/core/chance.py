@@ -13,6 +13,7 @@ from struck.ears.delay_lines import READ, between, hear
 from struck.excitation.excitation import Push
 from struck.excitation.friction import Levels, add_reading
 from struck.excitation.texture import Layers, add_heights
+from struck.excitation.touch import Lines, each_sample
 from struck.live import callback, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Single
@@ -117,6 +118,21 @@ def textured(random: Random) -> Iterator[Array]:
     out = np.zeros(count)
     add_heights(layers, weights, first, places, out)
     yield out
+
+
+def lined(random: Random) -> Iterator[Array]:
+    """Yield numbers that move in random lines."""
+    yield each_sample(*random_lines(random))
+
+
+def random_lines(random: Random) -> tuple[Lines, int, int]:
+    """Return lines, some of which end where they begin, and the samples that read them."""
+    count, columns, begin = int(random.integers(1, 9)), int(random.integers(1, 9)), 1000
+    begins = np.sort(random.integers(begin, begin + 300, count))
+    begins[0] = begin - random.integers(1, 50)
+    lengths = random.integers(1, 120, count)
+    lows, highs = random.standard_normal((2, count, columns))
+    return (begins, lengths, lows, highs), begin, begin + int(random.integers(1, 400))
 
 
 def summed(random: Random) -> Iterator[Array]:
@@ -253,4 +269,4 @@ def _write(random: Random, record: ring.Record, bodies: int, block: int, *, firs
     record.ways[1] = random.standard_normal(record.ways[1].shape)
 
 
-ALL = (bank, ears, rough, textured, summed, limited, queued, fitted)
+ALL = (bank, ears, rough, textured, lined, summed, limited, queued, fitted)

@@ -211,7 +211,7 @@ class Touching:
         if told is not None:
             first = min(first, blends[1].begin - begin)
         drives = _at(blends, range(begin + length, end + 1, length))
-        courses = _each(ramps, begin, end)
+        courses = each_sample(ramps, begin, end)
         self.now, self._ramp, self._drive = end, Line(*(each[-1] for each in ramps)), blends[-1]
         if count == 1 or courses[_PRESSED].all():
             forces = self._forces(courses, first, length)
@@ -583,16 +583,22 @@ def _at(lines: list[Line], samples: range) -> list[Array]:
     return found
 
 
-def _each(lines: Lines, begin: int, end: int) -> Array:
+def each_sample(lines: Lines, begin: int, end: int) -> Array:
     """Return the numbers (N, end - begin) that each sample ends with."""
+    compiled = entry("lines_fill")
+    if compiled is None:
+        return each_sample_plainly(lines, begin, end)
     begins, lengths, lows, highs = lines
-    fill = entry("lines_fill")
-    if fill is not None:
-        filled = np.empty((lows.shape[1], end - begin))
-        fill(begins, lengths, lows, highs, *lows.shape, begin, end - begin, filled)
-        return filled
+    filled = np.empty((lows.shape[1], end - begin))
+    compiled(begins, lengths, lows, highs, *lows.shape, begin, end - begin, filled)
+    return filled
+
+
+def each_sample_plainly(lines: Lines, begin: int, end: int) -> Array:
+    """Return what `each_sample` returns, in plain NumPy."""
+    begins, lengths, lows, highs = lines
     samples = np.arange(begin + 1, end + 1)
-    number = np.searchsorted(begins, samples) - 1
+    number = np.maximum(np.searchsorted(begins, samples) - 1, 0)
     shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)
     rises = (highs - lows).T[:, number]
     return np.where(shares < 1, lows.T[:, number] + shares * rises, highs.T[:, number])
