@@ -33,7 +33,21 @@ NEEDED = {
     ".dylib": {b"/usr/lib/libSystem.B.dylib", b"/usr/lib/dyld"},
     ".dll": {b"KERNEL32.dll", b"ntdll.dll"},
 }
-MEGABYTES = 450
+MEGABYTES, WITH_PAGE = 450, 6_000_000
+SERVE = """if True:
+    import pathlib, urllib.request
+    from http.cookiejar import CookieJar
+    import struck, struck.explorer
+    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+    with struck.explore(bar, browser=False, wait=False) as served:
+        cookies = urllib.request.HTTPCookieProcessor(CookieJar())
+        opener = urllib.request.build_opener(cookies)
+        assert b"importmap" in opener.open(served.url).read()
+        address = served.url.partition("?")[0]
+        for name in ("main.js", "style.css", "vendor/three/three.module.js"):
+            kept = pathlib.Path(struck.explorer.__file__).parent / "static" / name
+            assert opener.open(f"{address}static/{name}").read() == kept.read_bytes()
+"""
 USE = """if True:
     import importlib.util, struck
     from struck.core import library
@@ -124,23 +138,26 @@ def test_wheels_hold_their_libraries_alone(name: str, wheels: dict[str, Path]) -
         print(f"{wheels[name].name}: {wheels[name].stat().st_size / 1e6:.1f} MB, not run here")  # noqa: T201
 
 
-@pytest.fixture(scope="module")
-def installed(
-    wheels: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, dict[str, str]]:
-    """Return an environment with struck alone, and what it is told: no compiler in its path."""
+def environment(wheels: dict[str, Path], folder: Path, extra: str) -> tuple[Path, dict[str, str]]:
+    """Return Python where struck alone is installed, and what it is told: no compiler to find."""
     if this_platform() not in WHEELS:
         pytest.skip(f"no wheel is for {this_platform()}")
-    folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=True)
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    command = [python, "-m", "pip", "install", "--quiet", wheels[this_platform()]]
+    command = [python, "-m", "pip", "install", "--quiet", f"{wheels[this_platform()]}{extra}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if "No matching distribution" in done.stderr or "onnection" in done.stderr:
         pytest.skip(f"the package index is out of reach: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
     told = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
     return python, told | {"PATH": str(python.parent), "XDG_CACHE_HOME": str(folder / "cache")}
+
+
+@pytest.fixture(scope="module")
+def installed(
+    wheels: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, str]]:
+    return environment(wheels, tmp_path_factory.mktemp("installed"), "")
 
 
 def files_of(python: Path) -> dict[Path, tuple[int, int]]:
@@ -165,6 +182,18 @@ def test_a_wheel_in_an_empty_environment_sounds_and_writes_nothing(
     megabytes = (sum(size for size, _ in before.values()) - pip) / 1e6
     print(f"an environment with struck alone: {megabytes:.0f} MB")  # noqa: T201
     assert megabytes <= MEGABYTES
+
+
+@pytest.mark.prove
+def test_a_wheel_in_an_empty_environment_serves_the_page(
+    wheels: dict[str, Path], tmp_path: Path
+) -> None:
+    python, told = environment(wheels, tmp_path / "made", "[explorer]")
+    assert wheels[this_platform()].stat().st_size <= WITH_PAGE
+    done = subprocess.run(
+        [python, "-c", SERVE], cwd=tmp_path, env=told, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.prove
