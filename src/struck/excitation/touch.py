@@ -585,10 +585,12 @@ def _at(lines: list[Line], samples: range) -> list[Array]:
 
 def each_sample(lines: Lines, begin: int, end: int) -> Array:
     """Return the numbers (N, end - begin) that each sample ends with."""
+    begins, lengths, lows, highs = lines
+    if len(begins) == 1 and begin - begins[0] >= lengths[0]:  # all rest
+        return np.repeat(highs.T, end - begin, axis=1)
     compiled = entry("lines_fill")
     if compiled is None:
         return each_sample_plainly(lines, begin, end)
-    begins, lengths, lows, highs = lines
     filled = np.empty((lows.shape[1], end - begin))
     compiled(begins, lengths, lows, highs, *lows.shape, begin, end - begin, filled)
     return filled
