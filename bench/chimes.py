@@ -16,8 +16,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import struck
-from struck.report.obrien2002 import SCENES
-from struck.scene import Simulation, events_of
+from struck.report.obrien2002 import SCENES, ready
+from struck.scene import events_of
 
 LEAST = 5.0  # times real time
 
@@ -26,15 +26,7 @@ def main() -> None:
     """Measure each stage."""
     with tempfile.TemporaryDirectory() as folder:
         staged = SCENES["chimes"](Path(folder), "preview")
-        path = Path(folder) / "chimes.xml"
-        path.write_text(staged.mjcf)
-        simulation = Simulation(
-            path,
-            materials=staged.materials,
-            models=staged.models,
-            mute=staged.mute,
-            restitution=staged.restitution,
-        )
+        simulation = ready(staged, Path(folder), "preview")
     clock = [time.process_time()]
     scene, contacts = simulation.run(staged.seconds, control=staged.control)
     clock.append(time.process_time())

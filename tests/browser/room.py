@@ -23,7 +23,7 @@ NO_WEBGL = """
 class Visit:
     """A page, and all that the browser had to say about it."""
 
-    def __init__(self, browser: Browser, url: str, **options: Any) -> None:  # noqa: ANN401
+    def __init__(self, browser: Browser, url: str, **options: Any) -> None:  # noqa: ANN401 - of a context
         script = options.pop("script", None)
         size = options.pop("size", (1000, 640))
         viewport = {"width": size[0], "height": size[1]}

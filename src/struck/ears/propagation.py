@@ -95,6 +95,8 @@ class Sources:
     def require_outside(self, distances: Array, places: Array, times: Array) -> None:
         """Raise a ContactError where a listener at places (n, 3), at times (n,), is in a body."""
         bodies = distances[:, self.bodies]
+        if (bodies >= self._least).all():
+            return
         for moment, body in np.argwhere(bodies < self._least):
             if self._emitters[body].holds(places[moment], times[moment]):
                 raise ContactError(

@@ -339,7 +339,8 @@ class Rubbing:
         return limited(squeezes, held), ways
 
     def _drive(self, length: int) -> Array:
-        """Return mode drives at the end of the block; compute those of the next blocks too."""
+        """Return the drive of each mode at the end of the block (M,)."""
+        # Those of the next blocks are computed with it.
         if length != self._drives_every or not self._drives:
             ends = np.concatenate([[self._way], self._ways[length - 1 :: length]])
             normals = self._path.normal(ends)

@@ -287,7 +287,7 @@ class Touching:
         return np.column_stack(columns), gaps
 
     def _spots(self, points: Array, ways: Array) -> Array:
-        """Return where on its surface it is felt (K, 3): at the points said, where those move.
+        """Return the places of the surface that are felt, m (K, 3): the points said, if they move.
 
         Where a point stands still, the surface moves past under it: it goes on by the way it was
         said to go, m (K,), along a line of its own.
@@ -411,7 +411,7 @@ class TouchLog:
         return Replay(self, model, sample_rate, start=start)
 
     def place(self, number: int) -> tuple[Array | None, Array | None]:
-        """Return point (D,) and direction (3,) of an update, where they were told."""
+        """Return the point (D,) and direction (3,) of an update; None where it tells none."""
         points, directions = self.places(np.array([number]))
         return (
             None if points is None else points[0],
@@ -419,7 +419,7 @@ class TouchLog:
         )
 
     def places(self, numbers: Index) -> tuple[Array | None, Array | None]:
-        """Return points (K, D) and directions (K, 3) of updates, where they were told."""
+        """Return the points (K, D) and directions (K, 3) of updates; None where they tell none."""
         given = (self.points, self.directions)
         points, ways = (None if rows is None else np.asarray(rows)[numbers] for rows in given)
         return points, ways

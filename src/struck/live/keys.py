@@ -149,7 +149,7 @@ class Robot:
 
 
 def _far_apart(model: ModalModel) -> list[str] | list[Array]:
-    """Return two places between which to scrape; none where nobody knows the way."""
+    """Return both ends of a scrape along a body; none of a body whose metres are unknown."""
     mesh, bounds = model.geometry, model.gains.bounds
     if mesh is not None and not model.recorded:
         far = np.argmax(np.linalg.norm(mesh.points - mesh.points[0], axis=1))

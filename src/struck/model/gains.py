@@ -111,7 +111,7 @@ class Gains(ABC):
         return self.at(points, np.zeros((len(points), 3)))[:, None]
 
     def deconvolved(self, spectrum: Complex) -> Gains:
-        """Return gains for forces in N, from those of a blow with this spectrum (M,) at each pole.
+        """Return the gains with a recorded blow divided out: its spectrum (M,) at each pole.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class ExpandedGains(Gains):
 
     @property
     def axial(self) -> bool:
-        """Whether the products are those of a round body."""
+        """Whether the body was recorded as round about an axis."""
         return self.products.axial
 
     @property
@@ -184,7 +184,7 @@ class ExpandedGains(Gains):
 
     @property
     def of_surface(self) -> bool:
-        """Whether the products are those of a surface."""
+        """Whether drives take a force in N, as on a computed surface."""
         return self.products.of_surface
 
     @property

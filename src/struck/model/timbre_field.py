@@ -500,7 +500,7 @@ class TimbreField(Gains):
         return self.listener_part.at(places)
 
     def deconvolved(self, spectrum: Complex) -> TimbreField:
-        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        """Return the gains with a blow of this spectrum (M,) divided out."""
         every = np.arange(self.count)
         part = self.listener_part.chosen(every, 1.0, 1 / spectrum)
         return replace(self, listener_part=part, is_deconvolved=True)

@@ -111,7 +111,7 @@ class SinglePoint(Gains):
         return self.is_deconvolved
 
     def deconvolved(self, spectrum: Complex) -> SinglePoint:
-        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        """Return the gains with a blow of this spectrum (M,) divided out."""
         return replace(self, outputs=self.outputs / spectrum, is_deconvolved=True)
 
     @property
@@ -296,7 +296,7 @@ class TimbreTable(Gains):
         )
 
     def deconvolved(self, spectrum: Complex) -> TimbreTable:
-        """Return gains for forces in N, from those of a blow with this spectrum (M,)."""
+        """Return the gains with a blow of this spectrum (M,) divided out."""
         return replace(self, gains=self.gains / spectrum, is_deconvolved=True)
 
     def _weights(self, points: Array) -> Array:

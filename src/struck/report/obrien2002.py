@@ -149,11 +149,11 @@ def scene2002(
     return _saved(_played(SCENES[name](folder, accuracy), folder, accuracy, progress), folder)
 
 
-def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> Played:
-    """Simulate and render a scene."""
+def ready(staged: Staged, folder: Path, accuracy: str, progress: Progress = silent) -> Simulation:
+    """Return the simulation of a scene, whose file is written to a folder."""
     path = folder / f"{staged.name}.xml"
     write_bytes(path, staged.mjcf.encode())
-    simulation = Simulation(
+    return Simulation(
         path,
         materials=staged.materials,
         models=staged.models,
@@ -163,6 +163,11 @@ def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> 
         accuracy=accuracy,
         progress=progress,
     )
+
+
+def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> Played:
+    """Simulate and render a scene."""
+    simulation = ready(staged, folder, accuracy, progress)
     scene, contacts = simulation.run(staged.seconds, control=staged.control, progress=progress)
     progress("render", 0.0)
     ears = Binaural(position=staged.listener, facing=(0.0, 1.0, 0.0))
