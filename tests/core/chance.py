@@ -13,11 +13,12 @@ from struck.ears.delay_lines import READ, between, hear
 from struck.excitation.excitation import Push
 from struck.excitation.friction import Levels, add_reading
 from struck.excitation.texture import Layers, add_heights
-from struck.excitation.touch import Lines, each_sample
+from struck.excitation.touch import Lines, each_sample, joined, numbers_at
 from struck.live import callback, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Single
 from struck.model.exponentials import Exponentials
+from struck.model.gains import shapes_along
 from struck.recordings.noise import Noise
 from struck.recordings.poles.normal_equations import add_unique, take_turns
 from struck.recordings.poles.refinement import blocks_around, overlapping
@@ -122,7 +123,21 @@ def textured(random: Random) -> Iterator[Array]:
 
 def lined(random: Random) -> Iterator[Array]:
     """Yield numbers that move in random lines."""
-    yield each_sample(*random_lines(random))
+    (begins, lengths, lows, highs), begin, end = random_lines(random)
+    lines = begins, lengths, joined(begins, lengths, lows[0], highs), highs
+    columns = lows.shape[1]
+    yield each_sample(lines, begin, end, int(random.integers(1, columns + 1)))
+    moments = np.sort(random.integers(begin, end, random.integers(1, 9))) + 1
+    yield numbers_at(lines, moments, int(random.integers(columns)))
+
+
+def shaped(random: Random) -> Iterator[Array]:
+    """Yield random mode shapes along pushes."""
+    vertices, modes, pushes = (int(each) for each in random.integers(1, 40, 3))
+    shapes = random.standard_normal((vertices, 3, modes)).astype(np.float32)
+    corners = random.integers(0, vertices, (pushes, 3))
+    weights, ways = random.standard_normal((2, pushes, 3))
+    yield shapes_along(shapes, corners, weights, ways)
 
 
 def random_lines(random: Random) -> tuple[Lines, int, int]:
@@ -269,4 +284,4 @@ def _write(random: Random, record: ring.Record, bodies: int, block: int, *, firs
     record.ways[1] = random.standard_normal(record.ways[1].shape)
 
 
-ALL = (bank, ears, rough, textured, lined, summed, limited, queued, fitted)
+ALL = (bank, ears, rough, textured, lined, shaped, summed, limited, queued, fitted)

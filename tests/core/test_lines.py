@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from struck.excitation.touch import each_sample, each_sample_plainly
+from struck.excitation.touch import (
+    at_plainly,
+    each_sample,
+    joined,
+    joined_plainly,
+    numbers_at,
+)
 from tests.core.agreement import EXACT, apart
 from tests.core.chance import random_lines
 
@@ -12,8 +18,27 @@ from tests.core.chance import random_lines
 def test_as_in_plain_numpy() -> None:
     random = np.random.default_rng(1)
     for _ in range(200):
-        drawn = random_lines(random)
-        assert apart(each_sample(*drawn), each_sample_plainly(*drawn)) < EXACT
+        lines, begin, end = random_lines(random)
+        wanted = at_plainly(lines, np.arange(begin + 1, end + 1))
+        half = lines[2].shape[1] // 2
+        assert apart(each_sample(lines, begin, end, half + 1), wanted[:, : half + 1].T) < EXACT
+        moments = np.sort(random.integers(begin, end + 1, 5)) + 1
+        expected = at_plainly(lines, moments)[:, half:]
+        assert apart(numbers_at(lines, moments, half), expected) < EXACT
+
+
+def test_joined_as_in_plain_numpy() -> None:
+    random = np.random.default_rng(2)
+    rests = 0
+    for _ in range(200):
+        (begins, lengths, lows, highs), *_ = random_lines(random)
+        highs[:, 0] = random.integers(0, 2, len(highs))
+        lows[0, 0] = random.integers(0, 2)
+        found = joined(begins, lengths, lows[0], highs)
+        plain = joined_plainly(begins, lengths, lows.copy(), highs)
+        assert np.abs(found - plain).max() < 1e-12
+        rests += np.count_nonzero((found[1:, 0] == 0) & (highs[:-1, 0] == 0))
+    assert rests > 50
 
 
 def test_by_hand() -> None:
@@ -21,5 +46,8 @@ def test_by_hand() -> None:
     lows, highs = np.array([[1.0], [3.0], [3.5]]), np.array([[3.0], [5.0], [7.0]])
     # Sample n ends at n + 1; what is exactly there belongs to the line before.
     wanted = [[2.0, 3.0, 3.0, 3.5, 7.0, 7.0]]
-    drawn = (begins, lengths, lows, highs), 9, 15
-    assert each_sample(*drawn).tolist() == each_sample_plainly(*drawn).tolist() == wanted
+    drawn = begins, lengths, lows, highs
+    assert joined(begins, lengths, lows[0], highs).tolist() == lows.tolist()
+    assert each_sample(drawn, 9, 15, 1).tolist() == wanted
+    assert numbers_at(drawn, np.arange(10, 16), 0).T.tolist() == wanted
+    assert at_plainly(drawn, np.arange(10, 16)).T.tolist() == wanted

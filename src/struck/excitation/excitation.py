@@ -21,8 +21,9 @@ import numpy as np
 
 from struck.errors import OptionError
 from struck.excitation.pulses import SPECTRA, Samples
-from struck.model.arrays import Array, checked, require_number
+from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.contact import Contact, Place
+from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
 
 _RINGS, _SPOKES = 4, 12
@@ -249,17 +250,33 @@ def _patch(point: Array, normal: Array, radius: float) -> tuple[Array, Array]:
     return point + places @ np.stack([first, np.cross(normal, first)]) * radius, weights
 
 
-def drives_at(model: ModalModel, points: Array, directions: Array, *, radius: float = 0.0) -> Array:
-    """Return drives (K, M) of pushes at points along directions (K, 3): over discs, straight in."""
+def drives_at(
+    model: ModalModel,
+    points: Array,
+    directions: Array,
+    *,
+    radius: float = 0.0,
+    faces: Index | None = None,
+) -> Array:
+    """Return drives (K, M) of pushes at points along directions (K, 3): over discs, straight in.
+
+    Where the faces (K,) that points lie on are known, they are not looked up.
+    """
     if not radius:
-        return _drives(model, points, directions)
+        return _drives(model, points, directions, faces)
     places = zip(points, directions, strict=True)
     return np.stack([drive_at(model, at, -way, way, radius=radius) for at, way in places])
 
 
-def _drives(model: ModalModel, points: Array, directions: Array) -> Array:
+def _drives(
+    model: ModalModel, points: Array, directions: Array, faces: Index | None = None
+) -> Array:
     """Return the drives (K, M) of pushes at points (K, D) along directions (3,) or (K, 3)."""
-    drives = model.gains.at(points, np.broadcast_to(directions, (len(points), 3)))
+    gains, ways = model.gains, np.broadcast_to(directions, (len(points), 3))
+    if faces is not None and isinstance(gains, ShapeGains):
+        drives = gains.at(points, ways, faces)
+    else:
+        drives = gains.at(points, ways)
     if drives.shape[1] != 1:
         raise OptionError(
             f"the gains are a sum of {drives.shape[1]} products of contact and listener, and a "

@@ -29,7 +29,7 @@ _FACTOR = 2.0  # between the spacings of neighbouring layers
 _FINEST = 0.4  # spacing of the finest layer, of the shortest wave
 _COARSEST = 1.5  # spacing of the coarsest one, of the longest wave that matters
 _FARTHEST = 1e4  # lattices are shifted by up to so many cells
-_LARGEST = 4e15  # cell that a place can be told apart in
+_LARGEST = 2e15  # cell that a place can be told apart in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

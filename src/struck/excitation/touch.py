@@ -32,7 +32,7 @@ USUAL = 100.0  # Hz, expected before there were two updates
 
 _CALM = 0.25  # how soon the length of ramps follows the rate of updates
 _PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
-_LOAD, _SPEED, _PRESSED, _MOVING, _PLACE, _NUMBERS = 0, 1, 2, 3, 4, 7  # columns of ramps
+_PRESSED, _MOVING, _LOAD, _SPEED, _PLACE, _DRIVE = 0, 1, 2, 3, 4, 7  # columns of lines
 _STRETCH, _MOST_BLOCKS = 4096, 32  # samples, and blocks, of a log that are computed at once
 _MOVES = 0.5  # share of the speed by which a place must move to be where the surface is felt
 
@@ -54,7 +54,7 @@ class Updates(NamedTuple):
 
     samples: Index  # (K,)
     points: Array  # (K, D)
-    drives: list[Array]  # the same object where nothing moved
+    drives: Array  # (K, M)
     forces: Array  # (K,), N
     speeds: Array  # (K,), m/s
     last: Update
@@ -67,11 +67,20 @@ class Updates(NamedTuple):
         return cls(
             samples=np.array([word.sample for word in words]),
             points=np.array([word.point for word in words]),
-            drives=[word.drive for word in words],
+            drives=np.array([word.drive for word in words]),
             forces=np.array([word.force for word in words]),
             speeds=np.array([word.speed for word in words]),
             last=words[-1],
         )
+
+
+class Grasps(NamedTuple):
+    """Contacts and drives of updates."""
+
+    points: Array  # (K, D)
+    directions: Array  # (K, 3), of loads
+    normals: Array  # (K, 3)
+    drives: Array  # (K, M)
 
 
 class Touching:
@@ -87,8 +96,8 @@ class Touching:
         self._heard: Update | None = None
         self._said: tuple[ModalModel, Contact, Array] | None = None
         self._interval = sample_rate / USUAL
-        self._ramp = Line(start - 1, 1, np.zeros(_NUMBERS), np.zeros(_NUMBERS))
-        self._drive = Line(start - 1, 1, np.zeros(0), np.zeros(0))
+        self._line = Line(start - 1, 1, np.zeros(_DRIVE), np.zeros(_DRIVE))
+        self._pushed = np.zeros(0)  # drive of the last push
         self._spot = np.zeros(3)  # where on its surface it is felt next, m
         self._told = np.zeros(0)  # where the last update was, m
         self._window = self._tool.window(sample_rate)
@@ -156,16 +165,16 @@ class Touching:
         self._said = model, contact, drives
         return Update(number, point, contact.direction, contact.normal, drives, load, speed)
 
-    def grasps(self, points: Array, directions: Array | None) -> tuple[Array, Array, Array, Array]:
-        """Return points, directions, normals and drives of contacts at points (K, D)."""
+    def grasps(self, points: Array, directions: Array | None) -> Grasps:
+        """Return the contacts and drives at points (K, D)."""
         model, patch = self._model, self._tool.patch
-        places, ways, normals = model.contacts(points, directions)
+        places, ways, normals, faces = model.contacts(points, directions)
         if patch:
             rows = zip(places, normals, ways, strict=True)
             drives = np.array([drive_at(model, *row, radius=patch) for row in rows])
         else:
-            drives = drives_at(model, places, ways)
-        return places, ways, normals, drives
+            drives = drives_at(model, places, ways, faces=faces)
+        return Grasps(places, ways, normals, drives)
 
     def copied(self) -> Touching:
         """Return a copy that goes on by itself from here."""
@@ -184,13 +193,15 @@ class Touching:
         if held is not None:
             place, patch = np.array(held.point), self._tool.patch
             drives = drive_at(model, place, held.normal, held.direction, radius=patch)
-            now = self._drive.at(self.now)
-            self._drive = Line(self.now, max(1, round(self._interval)), now, drives)
+            now, end = self._line.at(self.now), self._line.high.copy()
+            end[_DRIVE:] = drives
+            left = self._line.begin + self._line.length - self.now
+            self._line = Line(self.now, max(1, left, round(self._interval)), now, end)
 
     @property
     def load(self) -> float:
         """Load at the end of the last block, N."""
-        now = self._ramp.at(self.now)
+        now = self._line.at(self.now)
         return float(now[_LOAD] * now[_PRESSED])
 
     def advance(self, length: int) -> Push | None:
@@ -207,12 +218,12 @@ class Touching:
         """
         begin, end = self.now, self.now + length * count
         first = 0 if self._heard else length * count
-        ramps, blends = self._lines(told)
+        lines = self._lines(told)
         if told is not None:
-            first = min(first, blends[1].begin - begin)
-        drives = _at(blends, range(begin + length, end + 1, length))
-        courses = each_sample(ramps, begin, end)
-        self.now, self._ramp, self._drive = end, Line(*(each[-1] for each in ramps)), blends[-1]
+            first = min(first, int(lines[0][1]) - begin)
+        drives = self._drives(lines, np.arange(begin + length, end + 1, length))
+        courses = each_sample(lines, begin, end, _DRIVE)
+        self.now, self._line = end, Line(*(each[-1] for each in lines))
         if count == 1 or courses[_PRESSED].all():
             forces = self._forces(courses, first, length)
         else:
@@ -228,12 +239,25 @@ class Touching:
             for force, drive in zip(forces, drives, strict=True)
         ]
 
+    def _drives(self, lines: Lines, samples: Index) -> list[Array]:
+        """Return the drives before some samples; what does not change is the same array."""
+        drives = numbers_at(lines, samples, _DRIVE)
+        if len(self._pushed) != drives.shape[1]:
+            self._pushed = np.full(drives.shape[1], np.nan)
+        changed = np.any(np.diff(drives, axis=0, prepend=self._pushed[None]) != 0, axis=1)
+        found = []
+        for row, other in zip(drives, changed.tolist(), strict=True):
+            if other:
+                self._pushed = row
+            found.append(self._pushed)
+        return found
+
     def _forces(self, courses: Array, first: int, length: int) -> list[Array | None]:
         """Return the force of each block of a stretch; None in place of one that is silent."""
         count = courses.shape[1] // length
         if first >= courses.shape[1] or self._rests(length, courses[_PRESSED]):
             return [None] * count
-        loads, speeds, pressed, moving = courses[:_PLACE]
+        pressed, moving, loads, speeds = courses[:_PLACE]
         longer = np.concatenate([self._before, loads * pressed])
         self._before = longer[len(loads) :]
         force = np.convolve(longer, self._window, "valid")
@@ -241,50 +265,35 @@ class Touching:
         force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
         return list(force.reshape(count, length))
 
-    def _lines(self, told: Updates | None) -> tuple[Lines, list[Line]]:
-        """Return the lines of all numbers and of the drive, from now on, that updates ask for."""
-        ramp, blend = self._ramp, self._drive
-        begins, lengths = np.array([ramp.begin]), np.array([ramp.length])
-        lows, highs = ramp.low[None], ramp.high[None]
+    def _lines(self, told: Updates | None) -> Lines:
+        """Return the lines of all numbers, from now on, that updates ask for."""
+        line = self._line
+        begins, lengths = np.array([line.begin]), np.array([line.length])
         if told is None:
-            return (begins, lengths, lows, highs), [blend]
+            return begins, lengths, line.low[None], line.high[None]
         targets, gaps = self._targets(told)
-        earliest = max(self.now, ramp.begin)
+        if len(line.low) < targets.shape[1]:  # no drive was known
+            line = Line(*line[:2], *np.zeros((2, targets.shape[1])))
+        earliest = max(self.now, line.begin)
         begins = np.append(begins, np.maximum.accumulate(np.maximum(told.samples, earliest)))
-        lengths = np.append(lengths, gaps)
-        # A line begins where the one before ends, unless it comes sooner.
-        lows, highs = np.vstack([lows, highs, targets[:-1]]), np.vstack([highs, targets])
-        drives = [blend.high, *told.drives]
-        lines = zip(begins[1:].tolist(), gaps, drives[:-1], told.drives, strict=True)
-        blends = [blend, *(Line(*each) for each in lines)]
-        sooner = np.diff(begins) < lengths[:-1]
-        sooner[0] = True  # the drive's first line is its own
-        for n in (1 + np.flatnonzero(sooner | (highs[:-1, _PRESSED] == 0.0))).tolist():
-            begin, length, low, high = blends[n]
-            lows[n] = Line(*(each[n - 1] for each in (begins, lengths, lows, highs))).at(begin)
-            low = blends[n - 1].at(begin)
-            if lows[n, _PRESSED] == 0.0 == highs[n - 1, _PRESSED]:
-                # At rest the force is the load, and nothing needs to be moved there.
-                low, pressing = high, lows[n, _PRESSED : _MOVING + 1].copy()
-                lows[n] = highs[n]
-                lows[n, _PRESSED : _MOVING + 1] = pressing
-            blends[n] = Line(begin, length, low, high)
-        return (begins, lengths, lows, highs), blends
+        lengths, highs = np.append(lengths, gaps), np.vstack([line.high, targets])
+        return begins, lengths, joined(begins, lengths, line.low, highs), highs
 
     def _targets(self, told: Updates) -> tuple[Array, list[int]]:
-        """Return where updates want all numbers (K, _NUMBERS), and within how many samples."""
+        """Return where updates want all numbers (K, N), and within how many samples."""
         pressed = told.forces > 0
-        loads = np.append(self._ramp.high[_LOAD], told.forces)
+        loads = np.append(self._line.high[_LOAD], told.forces)
         last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(loads)), 0))
         speeds = np.where(pressed, told.speeds, 0.0)
         before = told.samples[0] if self._heard is None else self._heard.sample
         between = np.diff(told.samples, prepend=before)
         spots = self._spots(told.points, speeds * between / self._rate)
-        gaps = [self._gap(samples) for samples in between.tolist()]
         self._heard = told.last
-        moving = np.where(speeds > 0, 1.0, 0.0)
-        columns = loads[last], speeds, np.where(pressed, 1.0, 0.0), moving, spots
-        return np.column_stack(columns), gaps
+        targets = np.empty((len(pressed), _DRIVE + told.drives.shape[1]))
+        targets[:, _PRESSED], targets[:, _MOVING] = pressed, speeds > 0
+        targets[:, _LOAD], targets[:, _SPEED] = loads[last], speeds
+        targets[:, _PLACE:_DRIVE], targets[:, _DRIVE:] = spots, told.drives
+        return targets, self._gaps(between.tolist())
 
     def _spots(self, points: Array, ways: Array) -> Array:
         """Return the places of the surface that are felt, m (K, 3): the points said, if they move.
@@ -311,14 +320,19 @@ class Touching:
         chart = self._model.chart
         return points[:, :0] if chart is None else chart.places(points)
 
-    def _gap(self, between: int) -> int:
-        """Return how many samples there are likely to be until the next update, from the last."""
-        if self._rate / FASTEST / _PAUSE <= between <= self._rate / SLOWEST * _PAUSE:
-            self._interval += _CALM * (between - self._interval)
-        return max(1, round(self._interval))
+    def _gaps(self, between: list[int]) -> list[int]:
+        """Return how many samples there are likely to be until the update after each, from it."""
+        shortest, longest = self._rate / FASTEST / _PAUSE, self._rate / SLOWEST * _PAUSE
+        interval, gaps = self._interval, []
+        for samples in between:
+            if shortest <= samples <= longest:
+                interval += _CALM * (samples - interval)
+            gaps.append(max(1, round(interval)))
+        self._interval = interval
+        return gaps
 
     def _is_off(self) -> bool:
-        return bool(self._ramp.at(self.now)[_PRESSED] == 0.0 == self._ramp.high[_PRESSED])
+        return bool(self._line.at(self.now)[_PRESSED] == 0.0 == self._line.high[_PRESSED])
 
     def _rests(self, length: int, pressed: Array) -> bool:
         """Tell whether a block is silent, smoothing included; count silent samples."""
@@ -435,15 +449,6 @@ class TouchLog:
         return moved
 
 
-class _Held(NamedTuple):
-    """Point, direction, normal and drive of a contact, as of an `Update`."""
-
-    point: ArrayLike
-    direction: Array
-    normal: Array
-    drive: Array
-
-
 class Replay:
     """A `Pushing` that plays the touch of a log."""
 
@@ -458,7 +463,7 @@ class Replay:
         self._log, self._model, self._next = log, model, 0
         self._samples = np.round(np.asarray(log.times) * sample_rate).astype(np.int64)
         self._moved = log.moves()
-        self._last: Update | None = None
+        self._last: Grasps | None = None
         self._ready: deque[Push | None] = deque()
         self._length, self._given = 0, 0  # of blocks, samples, and how many of a stretch were given
         self._before = self._kept()
@@ -505,7 +510,7 @@ class Replay:
             if given:
                 self._stretch(given)
 
-    def _kept(self) -> tuple[Touching, int, Update | None]:
+    def _kept(self) -> tuple[Touching, int, Grasps | None]:
         return self._touching.copied(), self._next, self._last
 
     def _restore(self) -> None:
@@ -523,39 +528,39 @@ class Replay:
         points, ways = log.places(chosen)
         if points is None:
             points = np.tile(self._model.contact().point, (len(chosen), 1))
-        held: list[_Held] = [] if last is None else [_Held(*last[1:5])]
+        held = [] if last is None else [last]
         if len(chosen):
-            held += map(_Held, *self._touching.grasps(points, ways))
+            held.append(self._touching.grasps(points, ways))
+        rows = Grasps(*map(np.concatenate, zip(*held, strict=True)))
+        self._last = Grasps(*(column[-1:] for column in rows))
         number = np.cumsum(moved) - (1 if last is None else 0)
-        rows = [held[n] for n in number.tolist()]
         forces, speeds = (np.asarray(each)[begin:end] for each in (log.forces, log.speeds))
         samples = self._samples[begin:end]
-        now = rows[-1]
-        self._last = Update(
-            sample=int(samples[-1]),
-            point=np.asarray(now.point, np.float64).tolist(),
-            direction=now.direction,
-            normal=now.normal,
-            drive=now.drive,
-            force=float(forces[-1]),
-            speed=float(speeds[-1]),
-        )
         self._touching.ended = end == len(self._samples)
+        point, direction, normal, drives = (column[0] for column in self._last)
         return Updates(
             samples=samples,
-            points=np.array([row.point for row in rows]),
-            drives=[row.drive for row in rows],
+            points=rows.points[number],
+            drives=rows.drives[number],
             forces=forces,
             speeds=speeds,
-            last=self._last,
+            last=Update(
+                sample=int(samples[-1]),
+                point=point.tolist(),
+                direction=direction,
+                normal=normal,
+                drive=drives,
+                force=float(forces[-1]),
+                speed=float(speeds[-1]),
+            ),
         )
 
 
 class Line(NamedTuple):
-    """Numbers that move in a straight line, and stay at its end; the same object while they rest.
+    """Numbers that move in a straight line, and stay at its end.
 
-    For a touch they are load, N, speed, m/s, how far it is pressed and how far it moves, 0 to 1,
-    and place, m; or the drive of each mode.
+    For a touch they are how far it is pressed and how far it moves, 0 to 1, load, N, speed, m/s,
+    place, m, and the drive of each mode.
     """
 
     begin: int  # sample
@@ -565,7 +570,7 @@ class Line(NamedTuple):
 
     def at(self, sample: int) -> Array:
         """Return the numbers before a sample."""
-        if self.low is self.high or sample - self.begin >= self.length:
+        if sample - self.begin >= self.length:
             return self.high
         return self.low + (sample - self.begin) / self.length * (self.high - self.low)
 
@@ -573,37 +578,62 @@ class Line(NamedTuple):
 Lines = tuple[Index, Index, Array, Array]  # begins and lengths (L,), lows and highs (L, N)
 
 
-def _at(lines: list[Line], samples: range) -> list[Array]:
-    """Return the numbers before some samples, each by the last line that begins before it."""
-    found, number = [], 0
-    for sample in samples:
-        while number + 1 < len(lines) and lines[number + 1].begin < sample:
-            number += 1
-        found.append(lines[number].at(sample))
-    return found
+def joined(begins: Index, lengths: Index, low: Array, highs: Array) -> Array:
+    """Return where lines begin (L, N): the first at `low`, others where the one before is by then.
+
+    At rest, where the first number of the line before is 0, the numbers beyond the first two begin
+    at their ends: the force is the load, and nothing needs to be moved there.
+    """
+    lows = np.empty_like(highs)
+    lows[0] = low
+    compiled = entry("lines_join")
+    if compiled is None:
+        return joined_plainly(begins, lengths, lows, highs)
+    compiled(begins, lengths, lows, highs, *lows.shape, _LOAD)
+    return lows
 
 
-def each_sample(lines: Lines, begin: int, end: int) -> Array:
-    """Return the numbers (N, end - begin) that each sample ends with."""
+def joined_plainly(begins: Index, lengths: Index, lows: Array, highs: Array) -> Array:
+    """Return what `joined` returns, in plain NumPy, the first row of `lows` being filled."""
+    for n in range(1, len(lows)):
+        before = Line(int(begins[n - 1]), int(lengths[n - 1]), lows[n - 1], highs[n - 1])
+        lows[n] = before.at(int(begins[n]))
+        if lows[n, _PRESSED] == 0.0 == highs[n - 1, _PRESSED]:
+            lows[n, _LOAD:] = highs[n, _LOAD:]
+    return lows
+
+
+def each_sample(lines: Lines, begin: int, end: int, columns: int) -> Array:
+    """Return the first numbers (columns, end - begin) that each sample ends with."""
     begins, lengths, lows, highs = lines
     if len(begins) == 1 and begin - begins[0] >= lengths[0]:  # all rest
-        return np.repeat(highs.T, end - begin, axis=1)
+        return np.repeat(highs[:, :columns].T, end - begin, axis=1)
     compiled = entry("lines_fill")
     if compiled is None:
-        return each_sample_plainly(lines, begin, end)
-    filled = np.empty((lows.shape[1], end - begin))
-    compiled(begins, lengths, lows, highs, *lows.shape, begin, end - begin, filled)
+        return at_plainly(lines, np.arange(begin + 1, end + 1))[:, :columns].T
+    filled = np.empty((columns, end - begin))
+    compiled(begins, lengths, lows, highs, *lows.shape, columns, begin, end - begin, filled)
     return filled
 
 
-def each_sample_plainly(lines: Lines, begin: int, end: int) -> Array:
-    """Return what `each_sample` returns, in plain NumPy."""
+def numbers_at(lines: Lines, samples: Index, column: int) -> Array:
+    """Return the numbers from a column on (K, N - column) before some samples (K,), ascending."""
     begins, lengths, lows, highs = lines
-    samples = np.arange(begin + 1, end + 1)
+    compiled = entry("lines_read")
+    if compiled is None:
+        return at_plainly(lines, samples)[:, column:]
+    read = np.empty((len(samples), lows.shape[1] - column))
+    compiled(begins, lengths, lows, highs, *lows.shape, column, samples, len(samples), read)
+    return read
+
+
+def at_plainly(lines: Lines, samples: Index) -> Array:
+    """Return the numbers (K, N) before samples (K,), in plain NumPy."""
+    begins, lengths, lows, highs = lines
     number = np.maximum(np.searchsorted(begins, samples) - 1, 0)
-    shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)
-    rises = (highs - lows).T[:, number]
-    return np.where(shares < 1, lows.T[:, number] + shares * rises, highs.T[:, number])
+    shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)[:, None]
+    rises = highs[number] - lows[number]
+    return np.where(shares < 1, lows[number] + shares * rises, highs[number])
 
 
 def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:

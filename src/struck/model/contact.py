@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import ContactError
-from struck.model.arrays import Array, numbers
+from struck.model.arrays import Array, Index, numbers
 from struck.model.mesh import Mesh, Surface
 
 Place = str | Sequence[float] | Array | None
@@ -48,7 +48,7 @@ class Contact:
         """
         push = None if direction is None else _three(direction, "direction")[None]
         wanted = _three(point, "contact")
-        (nearest,), (way,), (normal,) = nearest_contacts(locator, mesh, wanted[None], push)
+        (nearest,), (way,), (normal,), _ = nearest_contacts(locator, mesh, wanted[None], push)
         distance = float(np.linalg.norm(nearest - wanted))
         return cls(point=nearest, direction=way, normal=normal, distance=distance)
 
@@ -85,8 +85,8 @@ class Contact:
 
 def nearest_contacts(
     locator: Surface, mesh: Mesh, points: Array, directions: Array | None
-) -> tuple[Array, Array, Array]:
-    """Return points on a surface, unit pushes and normals (K, 3) of contacts at points (K, 3).
+) -> tuple[Array, Array, Array, Index]:
+    """Return points on a surface, unit pushes, normals (K, 3) and faces (K,) of contacts.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def nearest_contacts(
         )
     normals = mesh.face_normals[faces]
     if directions is None:
-        return nearest, -normals, normals
-    return nearest, np.array([_unit(way) for way in directions]), normals
+        return nearest, -normals, normals, faces
+    return nearest, np.array([_unit(way) for way in directions]), normals, faces
 
 
 def require_recorded(points: Array, lowest: Array, highest: Array) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index, require_numbers
+from struck.model.arrays import Array, Complex, Index, Single, require_numbers
 from struck.model.mesh import Mesh, Surface, in_space
 
 
@@ -70,6 +70,7 @@ class TransverseShapes:
 _SHARED = 1e-3
 # How far a contact by a vertex lies toward a face's centroid, so that it has that face's normal.
 _INWARD = 0.02
+_FEW = 4  # pushes for which the core need not be loaded
 
 
 class Radiation(Protocol):
@@ -258,6 +259,7 @@ class ShapeGains(Gains):
             ("centre", (3,)),
         ):
             require_numbers(name, getattr(self, name), shape)
+        object.__setattr__(self, "shapes", np.require(self.shapes, np.float32, ["C", "A"]))
 
     @classmethod
     def radiating(
@@ -336,10 +338,17 @@ class ShapeGains(Gains):
         inward = self.surface.centroids[face] - self.surface.points[vertex]
         return self.surface.points[vertex] + _INWARD * inward
 
-    def at(self, points: Array, directions: Array) -> Array:
-        """Return the mode shapes at the nearest surface points along unit `directions`."""
+    def at(self, points: Array, directions: Array, faces: Index | None = None) -> Array:
+        """Return the mode shapes at the nearest surface points along unit `directions`.
+
+        Where the faces (K,) that points lie on are known, they are not looked up.
+        """
         pushes = np.reshape(directions, (-1, 3))
-        return np.einsum("kd,kdm->km", pushes, self.shapes_at(points))[:, None, :]
+        if self.formula is not None:
+            shapes = self.formula.displacements(points)
+            return np.einsum("kd,kdm->km", pushes, shapes)[:, None, :]
+        faces, weights = self.locator.barycentric(points, faces)
+        return shapes_along(self.shapes, self.surface.faces[faces], weights, pushes)[:, None, :]
 
     def motion(self, points: Array) -> Array:
         """Return the mode shapes at the nearest surface points along x, y and z: (K, 3, 1, M)."""
@@ -368,6 +377,26 @@ class ShapeGains(Gains):
             )
         nearest = min(self.surface.reach, self.radius)
         return self.outputs / np.maximum(distances, nearest)[:, None, None]
+
+
+def shapes_along(shapes: Single, corners: Index, weights: Array, ways: Array) -> Array:
+    """Return shapes (V, 3, M) between corners (K, 3) of weights (K, 3) along ways: (K, M)."""
+    count, modes = len(corners), shapes.shape[2]
+    if count < _FEW:
+        return shapes_along_plainly(shapes, corners, weights, ways)
+    from struck.core import entry
+
+    compiled = entry("shapes_along")
+    if compiled is None:
+        return shapes_along_plainly(shapes, corners, weights, ways)
+    along = np.empty((count, modes))
+    compiled(shapes, modes, corners, weights, np.ascontiguousarray(ways), count, along)
+    return along
+
+
+def shapes_along_plainly(shapes: Single, corners: Index, weights: Array, ways: Array) -> Array:
+    """Return what `shapes_along` returns, in plain NumPy."""
+    return np.einsum("kc,kd,kcdm->km", weights, ways, shapes[corners].astype(np.float64))
 
 
 def quarter_turns(frequencies: Array) -> Complex:

@@ -185,8 +185,11 @@ class ModalModel:
 
     def contacts(
         self, points: Array, directions: Array | None = None
-    ) -> tuple[Array, Array, Array]:
-        """Return points (K, D), unit pushes and normals (K, 3) of contacts found as `contact` does.
+    ) -> tuple[Array, Array, Array, Index | None]:
+        """Return contacts found as `contact` does.
+
+        They are points (K, D), unit pushes and normals (K, 3), and the faces (K,) that they lie on,
+        None where there are none.
 
         Raises
         ------
@@ -198,7 +201,7 @@ class ModalModel:
             found = [self.contact(at, way) for at, way in zip(points, ways, strict=True)]
             rows = [(each.point, each.direction, each.normal) for each in found]
             nearest, pushes, normals = (np.array(column) for column in zip(*rows, strict=True))
-            return nearest, pushes, normals
+            return nearest, pushes, normals, None
         return nearest_contacts(self.gains.locator, self.geometry, points, directions)
 
     @checked
