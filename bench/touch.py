@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 import struck
 from struck import Scrape
 from struck.excitation import TouchLog
+from struck.excitation.excitation import Push
 from struck.excitation.friction import add_reading, levels_of
 from struck.excitation.roughness import Profile, Roughness
 from struck.solids import Block
@@ -80,7 +80,7 @@ def many(model: struck.ModalModel, *, seconds: float, bodies: int = 16, each: in
     begun = [each.begin(model, RATE) for each in logs]
     for block in range(int(seconds * RATE) // BLOCK):
         pushes = [
-            replace(push, body=voice // each, voice=voice)
+            Push(force=push.force, drive=push.drive, body=voice // each, voice=voice)
             for voice, pushing in enumerate(begun)
             if (push := pushing.advance(BLOCK)) is not None
         ]

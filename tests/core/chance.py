@@ -13,10 +13,10 @@ from struck.ears.delay_lines import READ, between, hear
 from struck.excitation.excitation import Push
 from struck.excitation.friction import Levels, add_reading
 from struck.excitation.texture import Layers, add_heights
-from struck.excitation.touch import Lines, each_sample, joined, numbers_at
+from struck.excitation.touch import Lines, each_sample, expected, joined, numbers_at, smoothed
 from struck.live import callback, limiter, ring
 from struck.live.ears import EarsMemory
-from struck.model.arrays import AnyArray, Array, Single
+from struck.model.arrays import AnyArray, Array, Index, Single
 from struck.model.exponentials import Exponentials
 from struck.model.gains import shapes_along
 from struck.recordings.noise import Noise
@@ -129,15 +129,25 @@ def lined(random: Random) -> Iterator[Array]:
     yield each_sample(lines, begin, end, int(random.integers(1, columns + 1)))
     moments = np.sort(random.integers(begin, end, random.integers(1, 9))) + 1
     yield numbers_at(lines, moments, int(random.integers(columns)))
+    yield expected(random.integers(0, 1000, random.integers(1, 9)), 40.0, 960.0, 480.0)[0]
+    taps = int(random.integers(1, 99))
+    yield smoothed(random.standard_normal(taps + int(random.integers(0, 99))), np.ones(taps))
 
 
 def shaped(random: Random) -> Iterator[Array]:
     """Yield random mode shapes along pushes."""
-    vertices, modes, pushes = (int(each) for each in random.integers(1, 40, 3))
+    points, shapes, corners, places, ways = random_shapes(random)
+    corners[0] = corners[0, 0]  # a face without an area
+    yield shapes_along(points, shapes, corners, places, ways)
+
+
+def random_shapes(random: Random) -> tuple[Array, Single, Index, Array, Array]:
+    """Return points and shapes, the corners of faces, places and ways."""
+    vertices, modes, pushes = (int(each) for each in random.integers(3, 40, 3))
     shapes = random.standard_normal((vertices, 3, modes)).astype(np.float32)
-    corners = random.integers(0, vertices, (pushes, 3))
-    weights, ways = random.standard_normal((2, pushes, 3))
-    yield shapes_along(shapes, corners, weights, ways)
+    corners = random.random((pushes, vertices)).argsort(axis=1)[:, :3].copy()
+    places, ways = random.standard_normal((2, pushes, 3))
+    return random.standard_normal((vertices, 3)), shapes, corners, places, ways
 
 
 def random_lines(random: Random) -> tuple[Lines, int, int]:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from struck.excitation.touch import (
     at_plainly,
     each_sample,
+    expected,
+    expected_plainly,
     joined,
     joined_plainly,
     numbers_at,
+    smoothed,
 )
 from tests.core.agreement import EXACT, apart
 from tests.core.chance import random_lines
@@ -39,6 +43,27 @@ def test_joined_as_in_plain_numpy() -> None:
         assert np.abs(found - plain).max() < 1e-12
         rests += np.count_nonzero((found[1:, 0] == 0) & (highs[:-1, 0] == 0))
     assert rests > 50
+
+
+def test_expected_as_in_plain_python() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        between = random.integers(0, 1000, 40)
+        gaps, interval = expected(between, 40.0, 960.0, 480.0)
+        plain, wanted = expected_plainly(between, 40.0, 960.0, 480.0)
+        assert gaps.tolist() == plain.tolist()
+        assert interval == pytest.approx(wanted, rel=1e-14)
+    assert expected(np.array([0, 5000, 480, 80]), 40.0, 960.0, 480.0)[0].tolist() == [480] * 3 + [
+        380
+    ]
+
+
+def test_smoothed_as_in_plain_numpy() -> None:
+    random = np.random.default_rng(4)
+    for count, taps in ((1, 1), (31, 7), (32, 98), (1000, 98)):
+        numbers, window = random.standard_normal(count + taps - 1), random.standard_normal(taps)
+        plain = np.convolve(numbers, window, "valid")
+        assert np.abs(smoothed(numbers, window) - plain).max() < 1e-12
 
 
 def test_by_hand() -> None:

@@ -5,6 +5,10 @@
    belongs to the one before; the first one holds for whatever comes before the second. */
 #include "core.h"
 
+#include <math.h>
+
+#define TOGETHER 512 /* samples that are smoothed side by side: the nearest cache holds them */
+
 /* The numbers of line l, from `column` on, before a sample. */
 static void read(const int64_t *begins, const int64_t *lengths, const double *lows,
                  const double *highs, int64_t columns, int64_t l, int64_t column, int64_t sample,
@@ -15,6 +19,17 @@ static void read(const int64_t *begins, const int64_t *lengths, const double *lo
   VECTORS
   for (int64_t c = column; c < columns; c++)
     out[c - column] = share < 1 ? low[c] + share * (high[c] - low[c]) : high[c];
+}
+
+/* gaps (updates,): how long lines are likely to last, by an interval that follows with a share
+   `calm` what lay `between` updates, in samples, but for what is no interval. */
+ENTRY void lines_expect(const int64_t *between, int64_t updates, double shortest, double longest,
+                        double calm, double *interval, int64_t *gaps) {
+  for (int64_t k = 0; k < updates; k++) {
+    const double samples = (double)between[k];
+    if (shortest <= samples && samples <= longest) *interval += calm * (samples - *interval);
+    gaps[k] = most(1, (int64_t)rint(*interval));
+  }
 }
 
 /* Fill in where all lines but the first begin: where the one before is by then. Where its first
@@ -60,4 +75,17 @@ ENTRY void lines_fill(const int64_t *begins, const int64_t *lengths, const doubl
       for (int64_t k = there; k < end; k++) row[k] = high;
     }
   }
+}
+
+/* out (samples,): numbers (samples + taps - 1,) under a window (taps,), its first tap on the last
+   of those that it covers. */
+ENTRY void lines_smooth(const double *numbers, const double *window, int64_t taps, int64_t samples,
+                        double *restrict out) {
+  for (int64_t k = 0; k < samples; k++) out[k] = 0.0;
+  for (int64_t first = 0; first < samples; first += TOGETHER)
+    for (int64_t tap = 0; tap < taps; tap++) {
+      const double *from = numbers + taps - 1 - tap, weight = window[tap];
+      VECTORS
+      for (int64_t k = first; k < least(first + TOGETHER, samples); k++) out[k] += weight * from[k];
+    }
 }

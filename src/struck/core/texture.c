@@ -5,6 +5,8 @@
    a cell values are blended by w(t) = 6 t^5 - 15 t^4 + 10 t^3 along each axis. So a place has its
    value whatever was read before, and no table holds what is read.
 
+   Coordinate j of sample i is places[along i + across j].
+
    Sample i adds sum over layers of weight * value to out[i]. Weights go in straight lines from one
    row of a table to the next in CHUNK samples, `first` of which are over when this call begins. */
 #include "core.h"
@@ -116,14 +118,15 @@ static void add_layer(const double *turned, const double *shift, uint32_t seed,
 
 ENTRY void texture_add_heights(const double *turned, const double *shifts, const int64_t *seeds,
                                int64_t layers, const double *weights, int64_t first,
-                               const double *places, int64_t samples, double *restrict out) {
+                               const double *places, int64_t along, int64_t across,
+                               int64_t samples, double *restrict out) {
   for (int64_t done = 0; done < samples;) {
     const int64_t begun = (first + done) % CHUNK, row = (first + done) / CHUNK;
     const int64_t count = least(CHUNK - begun, samples - done);
     const double *from = weights + row * layers, *to = from + layers;
     double at[3][CHUNK];
     for (int64_t i = 0; i < count; i++)
-      for (int axis = 0; axis < 3; axis++) at[axis][i] = places[3 * (done + i) + axis];
+      for (int axis = 0; axis < 3; axis++) at[axis][i] = places[along * (done + i) + across * axis];
     for (int64_t layer = 0; layer < layers; layer++) {
       if (from[layer] == 0 && to[layer] == 0) continue; /* too fast to be heard, or flat */
       const double slope = (to[layer] - from[layer]) / CHUNK;

@@ -272,7 +272,9 @@ def _drives(
     model: ModalModel, points: Array, directions: Array, faces: Index | None = None
 ) -> Array:
     """Return the drives (K, M) of pushes at points (K, D) along directions (3,) or (K, 3)."""
-    gains, ways = model.gains, np.broadcast_to(directions, (len(points), 3))
+    gains, ways = model.gains, directions
+    if ways.shape != (len(points), 3):
+        ways = np.broadcast_to(ways, (len(points), 3))
     if faces is not None and isinstance(gains, ShapeGains):
         drives = gains.at(points, ways, faces)
     else:
@@ -285,14 +287,13 @@ def _drives(
     driven = _finite_gains(drives)[:, 0]
     if model.recoil is None:
         return driven
-    recoiling = np.broadcast_to(model.recoil.drives(directions), (len(points), 3))
-    return np.concatenate([driven, recoiling], axis=1)
+    return np.concatenate([driven, model.recoil.drives(ways)], axis=1)
 
 
 def _finite_gains(drives: Array) -> Array:
     """Return drives (..., M), or raise an OptionError unless all are finite."""
-    finite = np.isfinite(drives)
-    if not finite.all():
+    finite = np.isfinite(np.vdot(drives, drives)) or np.isfinite(drives)
+    if not np.all(finite):
         wrong = np.count_nonzero(~finite.all(axis=tuple(range(drives.ndim - 1))))
         raise OptionError(
             f"{wrong} of {drives.shape[-1]} modes have gains that are not finite: "

@@ -154,12 +154,12 @@ class Rubbed:
         held = np.maximum(loads, LIGHTEST)
         squeeze = self.stiffness(held) / held
         share = np.minimum(self.share * speeds**_EXPONENT, 1.0)
-        return np.where(loads > 0, share * squeeze / (1 + (squeeze * felt) ** _SPARED), 0.0)
+        return (loads > 0) * share * squeeze / (1 + (squeeze * felt) ** _SPARED)
 
 
 def limited(squeezed: Array, loads: Array) -> Array:
     """Return F - load, N, of squeezes y under loads."""
-    return loads * squeezed / np.sqrt(1 + np.square(squeezed / _MOST))
+    return loads * squeezed / np.sqrt(1 + np.square(squeezed * (1 / _MOST)))
 
 
 class Reader:
@@ -181,6 +181,8 @@ class Reader:
         else:
             self._layers = surface.layers(rubbed.seed)
             self._followed = self._layers.heights * followed(self._layers.spacings)
+            self._scales = np.log(self._layers.spacings)
+            self._falls = 1 / (sample_rate * self._layers.spacings * (_FAST - _SLOW))
 
     def squeezes(
         self, first: int, places: Array, ways: Array, speeds: Array, loads: Array
@@ -210,15 +212,15 @@ class Reader:
         return self._weights
 
     def _weights_at(self, speeds: Array, loads: Array) -> Array:
-        layers, rubbed = self._layers, self._rubbed
+        rubbed = self._rubbed
         radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
-        heights = self._followed * patch_mean(radii[:, None] / layers.spacings)
-        felt = np.sqrt(variance() * np.square(heights).sum(axis=1))
-        passing = speeds[:, None] / (self._rate * layers.spacings)  # spacings a sample
-        heard = np.clip((_FAST - passing) / (_FAST - _SLOW), 0, 1)
+        heights = self._followed * patch_mean(np.log(radii)[:, None] - self._scales)
+        felt = np.sqrt(variance() * np.vecdot(heights, heights))
+        falling = self._falls * speeds[:, None]
+        heard = np.minimum(np.maximum(_FAST / (_FAST - _SLOW) - falling, 0), 1)
         weights = heights * heard * rubbed.scale(felt, speeds, loads)[:, None]
-        loudest = weights.max(axis=1, keepdims=True)
-        return np.where(weights >= _FAINT * loudest, weights, 0.0)
+        faint = _FAINT * np.maximum.reduce(weights, axis=1)
+        return weights * (weights >= faint[:, None])
 
     def _read_profile(
         self, first: int, ways: Array, speeds: Array, loads: Array, out: Array
@@ -259,9 +261,11 @@ def pressure_mean(turns: Array) -> Array:
 
 
 def patch_mean(radii: Array) -> Array:
-    """Return the share of a texture layer that a Hertz contact feels, radii in spacings."""
-    known, shares = _patch_mean()
-    return np.interp(np.log(np.maximum(radii, 1e-300)), known, shares)
+    """Return the share of a layer that a Hertz contact feels, by the logarithm of its radius.
+
+    Radii are in spacings of the layer.
+    """
+    return np.interp(radii, *_patch_mean())
 
 
 @cache
@@ -274,10 +278,14 @@ def _patch_mean() -> tuple[Array, Array]:
     return np.log(radii), np.sqrt(powers)
 
 
-def fading(numbers: Array, fade: int, last: int | None) -> Array:
-    """Return factors that fade a contact in over `fade` samples, and out after its last one."""
-    if numbers[0] >= fade and (last is None or numbers[-1] <= last):
-        return np.ones(len(numbers))
+def fading(first: int, count: int, fade: int, last: int | None) -> Array | float:
+    """Return factors that fade a contact in over `fade` samples, and out after its last one.
+
+    They are those of `count` samples from number `first` on; one where all are 1.
+    """
+    if first >= fade and (last is None or first + count - 1 <= last):
+        return 1.0
+    numbers = np.arange(first, first + count, dtype=np.float64)
     rising = np.clip((numbers + 1) / fade, 0, 1)
     falling = 1.0 if last is None else np.clip((last + fade - numbers) / fade, 0, 1)
     return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))

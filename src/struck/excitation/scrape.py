@@ -317,10 +317,9 @@ class Rubbing:
         if self._path.repeat == "once" and ways[-1] >= self._path.length:
             end = self._now + int(np.searchsorted(ways, self._path.length))
             self._last = end if self._last is None else min(self._last, end)
-        numbers = np.arange(self._now, self._now + length, dtype=np.float64)
         self._way = float(ways[-1])
         self._now += length
-        return force * fading(numbers, self._fade, self._last)
+        return force * fading(self._now - length, length, self._fade, self._last)
 
     def _more(self) -> tuple[Array, Array]:
         """Return force, N, and distance, m, of the next chunks."""

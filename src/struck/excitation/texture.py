@@ -72,7 +72,9 @@ def add_heights(layers: Layers, weights: Array, first: int, places: Array, out: 
         add_heights_plainly(layers, weights, first, places, out)
         return
     lattices = layers.turned, layers.shifts, layers.seeds, len(layers.seeds)
-    compiled(*lattices, weights, first, places, len(places), out)
+    along, across = (stride // places.itemsize for stride in places.strides)
+    where = places.ctypes.data, along, across, len(places)
+    compiled(*lattices, weights, first, *where, out)
 
 
 def add_heights_plainly(

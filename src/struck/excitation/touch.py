@@ -242,13 +242,11 @@ class Touching:
     def _drives(self, lines: Lines, samples: Index) -> list[Array]:
         """Return the drives before some samples; what does not change is the same array."""
         drives = numbers_at(lines, samples, _DRIVE)
-        if len(self._pushed) != drives.shape[1]:
-            self._pushed = np.full(drives.shape[1], np.nan)
-        changed = np.any(np.diff(drives, axis=0, prepend=self._pushed[None]) != 0, axis=1)
+        same = [np.array_equal(drives[0], self._pushed)]
+        same += (drives[1:] == drives[:-1]).all(axis=1).tolist()
         found = []
-        for row, other in zip(drives, changed.tolist(), strict=True):
-            if other:
-                self._pushed = row
+        for row, known in zip(drives, same, strict=True):
+            self._pushed = self._pushed if known else row
             found.append(self._pushed)
         return found
 
@@ -260,8 +258,8 @@ class Touching:
         pressed, moving, loads, speeds = courses[:_PLACE]
         longer = np.concatenate([self._before, loads * pressed])
         self._before = longer[len(loads) :]
-        force = np.convolve(longer, self._window, "valid")
-        places = np.ascontiguousarray(courses[_PLACE:, first:].T)
+        force = smoothed(longer, self._window)
+        places = courses[_PLACE:, first:].T
         force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
         return list(force.reshape(count, length))
 
@@ -271,29 +269,33 @@ class Touching:
         begins, lengths = np.array([line.begin]), np.array([line.length])
         if told is None:
             return begins, lengths, line.low[None], line.high[None]
-        targets, gaps = self._targets(told)
-        if len(line.low) < targets.shape[1]:  # no drive was known
-            line = Line(*line[:2], *np.zeros((2, targets.shape[1])))
+        count, columns = len(told.samples), _DRIVE + told.drives.shape[1]
+        if len(line.low) < columns:  # no drive was known
+            line = Line(*line[:2], *np.zeros((2, columns)))
+        highs = np.empty((1 + count, columns))
+        highs[0] = line.high
+        gaps = self._aim(told, highs)
         earliest = max(self.now, line.begin)
         begins = np.append(begins, np.maximum.accumulate(np.maximum(told.samples, earliest)))
-        lengths, highs = np.append(lengths, gaps), np.vstack([line.high, targets])
+        lengths = np.append(lengths, gaps)
         return begins, lengths, joined(begins, lengths, line.low, highs), highs
 
-    def _targets(self, told: Updates) -> tuple[Array, list[int]]:
-        """Return where updates want all numbers (K, N), and within how many samples."""
-        pressed = told.forces > 0
-        loads = np.append(self._line.high[_LOAD], told.forces)
-        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(loads)), 0))
+    def _aim(self, told: Updates, highs: Array) -> Index:
+        """Fill in where updates want all numbers (1 + K, N), after the first row; return how soon.
+
+        A load of 0 lets go: the last one stays, and is no longer pressed.
+        """
+        pressed, targets = told.forces > 0, highs[1:]
+        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(highs)), 0))
         speeds = np.where(pressed, told.speeds, 0.0)
         before = told.samples[0] if self._heard is None else self._heard.sample
         between = np.diff(told.samples, prepend=before)
-        spots = self._spots(told.points, speeds * between / self._rate)
+        targets[:, _PLACE:_DRIVE] = self._spots(told.points, speeds * between / self._rate)
         self._heard = told.last
-        targets = np.empty((len(pressed), _DRIVE + told.drives.shape[1]))
-        targets[:, _PRESSED], targets[:, _MOVING] = pressed, speeds > 0
-        targets[:, _LOAD], targets[:, _SPEED] = loads[last], speeds
-        targets[:, _PLACE:_DRIVE], targets[:, _DRIVE:] = spots, told.drives
-        return targets, self._gaps(between.tolist())
+        targets[:, _PRESSED], targets[:, _MOVING], targets[:, _SPEED] = pressed, speeds > 0, speeds
+        targets[:, _LOAD], targets[:, _DRIVE:] = told.forces, told.drives
+        targets[:, _LOAD] = highs[last, _LOAD]
+        return self._gaps(between)
 
     def _spots(self, points: Array, ways: Array) -> Array:
         """Return the places of the surface that are felt, m (K, 3): the points said, if they move.
@@ -302,12 +304,13 @@ class Touching:
         said to go, m (K,), along a line of its own.
         """
         places = self._placed(points)
-        steps = np.zeros((len(places), 3))
+        steps, axes = np.zeros((len(places), 3)), places.shape[1]
         if self._heard is None:
             self._told, self._spot = places[0], np.zeros(3)
-            self._spot[: places.shape[1]] = places[0]
-        steps[:, : places.shape[1]] = np.diff(places, axis=0, prepend=self._told[None])
-        still = np.linalg.norm(steps, axis=1) < _MOVES * ways
+            self._spot[:axes] = places[0]
+        steps[0, :axes] = places[0] - self._told
+        steps[1:, :axes] = places[1:] - places[:-1]
+        still = np.sqrt(np.vecdot(steps, steps)) < _MOVES * ways
         steps[still] = ways[still, None] * [1.0, 0.0, 0.0]
         spots = self._spot + np.cumsum(steps, axis=0)
         self._told, self._spot = places[-1], spots[-1]
@@ -320,15 +323,10 @@ class Touching:
         chart = self._model.chart
         return points[:, :0] if chart is None else chart.places(points)
 
-    def _gaps(self, between: list[int]) -> list[int]:
+    def _gaps(self, between: Index) -> Index:
         """Return how many samples there are likely to be until the update after each, from it."""
-        shortest, longest = self._rate / FASTEST / _PAUSE, self._rate / SLOWEST * _PAUSE
-        interval, gaps = self._interval, []
-        for samples in between:
-            if shortest <= samples <= longest:
-                interval += _CALM * (samples - interval)
-            gaps.append(max(1, round(interval)))
-        self._interval = interval
+        bounds = self._rate / FASTEST / _PAUSE, self._rate / SLOWEST * _PAUSE
+        gaps, self._interval = expected(between, *bounds, self._interval)
         return gaps
 
     def _is_off(self) -> bool:
@@ -362,8 +360,7 @@ class Touching:
         squeezes = self._reader.squeezes(begun, places, ways, *looks[row:].T.copy())
         self._looks, self._way = looks[-2:], float(ways[-1])
         self._rubbed_for += count
-        numbers = np.arange(first, first + count, dtype=np.float64)
-        return limited(squeezes, loads) * fading(numbers, self._fade, None)
+        return limited(squeezes, loads) * fading(first, count, self._fade, None)
 
 
 @checked
@@ -528,20 +525,22 @@ class Replay:
         points, ways = log.places(chosen)
         if points is None:
             points = np.tile(self._model.contact().point, (len(chosen), 1))
-        held = [] if last is None else [last]
+        held = [last] if last is not None and not moved[0] else []
         if len(chosen):
             held.append(self._touching.grasps(points, ways))
-        rows = Grasps(*map(np.concatenate, zip(*held, strict=True)))
+        rows = Grasps(*map(np.concatenate, zip(*held, strict=True))) if held[1:] else held[0]
         self._last = Grasps(*(column[-1:] for column in rows))
-        number = np.cumsum(moved) - (1 if last is None else 0)
+        if not moved.all():
+            number = np.cumsum(moved) - moved[0]
+            rows = Grasps(*(column[number] for column in rows))
         forces, speeds = (np.asarray(each)[begin:end] for each in (log.forces, log.speeds))
         samples = self._samples[begin:end]
         self._touching.ended = end == len(self._samples)
         point, direction, normal, drives = (column[0] for column in self._last)
         return Updates(
             samples=samples,
-            points=rows.points[number],
-            drives=rows.drives[number],
+            points=rows.points,
+            drives=rows.drives,
             forces=forces,
             speeds=speeds,
             last=Update(
@@ -576,6 +575,30 @@ class Line(NamedTuple):
 
 
 Lines = tuple[Index, Index, Array, Array]  # begins and lengths (L,), lows and highs (L, N)
+
+
+def expected(
+    between: Index, shortest: float, longest: float, interval: float
+) -> tuple[Index, float]:
+    """Return the gaps that follow those between updates (K,), and the interval in the end."""
+    compiled = entry("lines_expect")
+    if compiled is None:
+        return expected_plainly(between, shortest, longest, interval)
+    gaps, now = np.empty(len(between), np.int64), np.array([interval])
+    compiled(between, len(between), shortest, longest, _CALM, now, gaps)
+    return gaps, float(now[0])
+
+
+def expected_plainly(
+    between: Index, shortest: float, longest: float, interval: float
+) -> tuple[Index, float]:
+    """Return what `expected` returns, update by update."""
+    gaps = []
+    for samples in between.tolist():
+        if shortest <= samples <= longest:
+            interval += _CALM * (samples - interval)
+        gaps.append(max(1, round(interval)))
+    return np.array(gaps), interval
 
 
 def joined(begins: Index, lengths: Index, low: Array, highs: Array) -> Array:
@@ -625,6 +648,16 @@ def numbers_at(lines: Lines, samples: Index, column: int) -> Array:
     read = np.empty((len(samples), lows.shape[1] - column))
     compiled(begins, lengths, lows, highs, *lows.shape, column, samples, len(samples), read)
     return read
+
+
+def smoothed(numbers: Array, window: Array) -> Array:
+    """Return numbers under a window that reaches back: those for which it is full."""
+    compiled = entry("lines_smooth")
+    if compiled is None:
+        return np.convolve(numbers, window, "valid")
+    out = np.empty(len(numbers) - len(window) + 1)
+    compiled(numbers, window, len(window), len(out), out)
+    return out
 
 
 def at_plainly(lines: Lines, samples: Index) -> Array:

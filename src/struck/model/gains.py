@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, Single, require_numbers
-from struck.model.mesh import Mesh, Surface, in_space
+from struck.model.mesh import Mesh, Surface, barycentric, in_space
 
 
 class Forms(Protocol):
@@ -347,8 +347,10 @@ class ShapeGains(Gains):
         if self.formula is not None:
             shapes = self.formula.displacements(points)
             return np.einsum("kd,kdm->km", pushes, shapes)[:, None, :]
-        faces, weights = self.locator.barycentric(points, faces)
-        return shapes_along(self.shapes, self.surface.faces[faces], weights, pushes)[:, None, :]
+        if faces is None:
+            _, faces, points = self.locator.closest(points)
+        corners = self.surface.faces[faces]
+        return shapes_along(self.surface.points, self.shapes, corners, points, pushes)[:, None, :]
 
     def motion(self, points: Array) -> Array:
         """Return the mode shapes at the nearest surface points along x, y and z: (K, 3, 1, M)."""
@@ -379,23 +381,32 @@ class ShapeGains(Gains):
         return self.outputs / np.maximum(distances, nearest)[:, None, None]
 
 
-def shapes_along(shapes: Single, corners: Index, weights: Array, ways: Array) -> Array:
-    """Return shapes (V, 3, M) between corners (K, 3) of weights (K, 3) along ways: (K, M)."""
+def shapes_along(
+    points: Array, shapes: Single, corners: Index, places: Array, ways: Array
+) -> Array:
+    """Return shapes (V, 3, M) along ways (K, 3): (K, M).
+
+    At places (K, 3) on the faces between corners (K, 3), which are numbers of points (V, 3).
+    """
+    given = (points, shapes, corners, places, ways)
     count, modes = len(corners), shapes.shape[2]
     if count < _FEW:
-        return shapes_along_plainly(shapes, corners, weights, ways)
+        return shapes_along_plainly(*given)
     from struck.core import entry
 
     compiled = entry("shapes_along")
     if compiled is None:
-        return shapes_along_plainly(shapes, corners, weights, ways)
-    along = np.empty((count, modes))
-    compiled(shapes, modes, corners, weights, np.ascontiguousarray(ways), count, along)
+        return shapes_along_plainly(*given)
+    along, pushes = np.empty((count, modes)), np.ascontiguousarray(ways)
+    compiled(points, shapes, modes, corners, np.ascontiguousarray(places), pushes, count, along)
     return along
 
 
-def shapes_along_plainly(shapes: Single, corners: Index, weights: Array, ways: Array) -> Array:
+def shapes_along_plainly(
+    points: Array, shapes: Single, corners: Index, places: Array, ways: Array
+) -> Array:
     """Return what `shapes_along` returns, in plain NumPy."""
+    weights = barycentric(points[corners], places)
     return np.einsum("kc,kd,kcdm->km", weights, ways, shapes[corners].astype(np.float64))
 
 

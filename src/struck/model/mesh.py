@@ -251,11 +251,10 @@ class Surface(Closest):
     def __init__(self, mesh: Mesh) -> None:
         super().__init__(mesh.points, mesh.faces)
 
-    def barycentric(self, points: Array, faces: Index | None = None) -> tuple[Index, Array]:
-        """Return the nearest faces (K,), unless known, and the weights of their corners (K, 3)."""
-        if faces is None:
-            _, faces, points = self.closest(points)
-        return faces, barycentric(self._points[self._parts[faces]], points)
+    def barycentric(self, points: Array) -> tuple[Index, Array]:
+        """Return the nearest faces (K,) and the weights of their corners (K, 3)."""
+        _, faces, nearest = self.closest(points)
+        return faces, barycentric(self._points[self._parts[faces]], nearest)
 
     def holds(self, points: Array) -> Mask:
         """Return which points (K,) lie within the surface: it winds around them (K,)."""

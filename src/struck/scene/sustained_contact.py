@@ -134,7 +134,7 @@ class SustainedContact:
                 self._squeeze(reader, sample_rate, way, sweep, loads, squeezes)
         moments = self.times[0] + np.arange(count) / sample_rate
         fade = max(1, round(FADE * sample_rate))
-        faded = fading(np.arange(count, dtype=np.float64), fade, max(0, count - fade))
+        faded = fading(0, count, fade, max(0, count - fade))
         return limited(squeezes, np.interp(moments, self.times, self.load)) * faded
 
     def _squeeze(

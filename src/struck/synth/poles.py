@@ -146,48 +146,60 @@ def require_pushes(
 ) -> dict[Key, tuple[Array, Array]]:
     """Return force and drive by body and voice; OptionError on bad ones."""
     # A drive that is the very array of the `last` block need not be looked at again.
-    checked: dict[Key, tuple[Array, Array]] = {}
+    drives: dict[Key, Array] = {}
+    fresh = []
     for push in pushes:
         if not isinstance(push, Push):
             raise OptionError(f"a push is a {type(push).__name__}: give a Push")
         key = (push.body, push.voice)
         if not 0 <= push.body < len(poles):
             raise OptionError(f"a push names body {push.body}: there are 0 to {len(poles) - 1}")
-        if key in checked:
+        if key in drives:
             raise OptionError(f"body {key[0]} has voice {key[1]} twice: number its pushes apart")
         drive = push.drive
         if key not in last or drive is not last[key][1]:
             drive = _drive(push, poles[push.body])
-        checked[key] = _force(push, block), drive
-    if len(checked) > voices:
+            fresh.append(drive)
+        drives[key] = drive
+    if len(drives) > voices:
         raise OptionError(
-            f"there are {len(checked)} pushes in a block, more than {voices}: add up forces on the "
+            f"there are {len(drives)} pushes in a block, more than {voices}: add up forces on the "
             "same place, or give more voices="
         )
-    return checked
+    if fresh and not _add_up(fresh, np.inf) and not all(map(np.all, map(np.isfinite, fresh))):
+        raise OptionError("a drive is not finite: look at the model's gains")
+    forces = _forces(pushes, block)
+    return dict(zip(drives, zip(forces, drives.values(), strict=True), strict=True))
 
 
-def _force(push: Push, block: int) -> Array:
-    force = numbers("a force", push.force)
-    if force.shape != (block,):
-        raise OptionError(f"a force has shape {force.shape}: give {block} samples")
-    # One sum of squares, small and no NaN, tells the same of nearly every block in less time.
-    if not (force @ force <= STRONGEST**2 or -STRONGEST <= force.min() <= force.max() <= STRONGEST):
-        raise OptionError(
-            f"a force reaches {np.abs(force).max():g} N: it must be finite and at most "
-            f"{STRONGEST:g} N"
-        )
-    return force
+def _add_up(arrays: Sequence[Array], most: float) -> bool:
+    """Tell whether the sum of all squares lies below a number, which tells much in little time."""
+    every = np.concatenate(arrays)
+    return bool(np.vdot(every, every) < most)
+
+
+def _forces(pushes: Sequence[Push], block: int) -> list[Array]:
+    """Return the forces of pushes, once they are bounded; OptionError on bad ones."""
+    forces = [numbers("a force", push.force) for push in pushes]
+    for force in forces:
+        if force.shape != (block,):
+            raise OptionError(f"a force has shape {force.shape}: give {block} samples")
+    if forces and not _add_up(forces, STRONGEST**2):
+        for reach in (float(np.abs(force).max()) for force in forces):
+            if not reach <= STRONGEST:
+                raise OptionError(
+                    f"a force reaches {reach:g} N: it must be finite and at most {STRONGEST:g} N"
+                )
+    return forces
 
 
 def _drive(push: Push, poles: Poles) -> Array:
+    """Return the drive of a push, with an entry for each pole."""
     drive = numbers("a drive", push.drive)
-    if drive.shape != poles.values.shape:
-        drive = np.atleast_1d(drive)
-        poles.require_size(drive, "a drive")
-    # Here too one sum of squares tells the same of nearly every drive in less time.
-    if not (np.vdot(drive, drive) < np.inf or np.isfinite(drive).all()):
-        raise OptionError("a drive is not finite: look at the model's gains")
+    if drive.shape == poles.values.shape:
+        return drive
+    drive = np.atleast_1d(drive)
+    poles.require_size(drive, "a drive")
     return poles.filled(drive)
 
 
