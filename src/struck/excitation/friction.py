@@ -285,10 +285,13 @@ def fading(first: int, count: int, fade: int, last: int | None) -> Array | float
     """
     if first >= fade and (last is None or first + count - 1 <= last):
         return 1.0
-    numbers = np.arange(first, first + count, dtype=np.float64)
-    rising = np.clip((numbers + 1) / fade, 0, 1)
-    falling = 1.0 if last is None else np.clip((last + fade - numbers) / fade, 0, 1)
-    return np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
+    end = np.inf if last is None else last
+    numbers, factors = np.arange(first, first + count), np.ones(count)
+    edges = (numbers < fade) | (numbers > end)
+    rising = np.minimum((numbers[edges] + 1) / fade, 1)
+    falling = np.clip((end + fade - numbers[edges]) / fade, 0, 1)
+    factors[edges] = np.square(np.sin(np.pi / 2 * rising) * np.sin(np.pi / 2 * falling))
+    return factors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError
-from struck.excitation.excitation import Burst, Excitation, Hold, Pushing
+from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
@@ -354,7 +354,7 @@ class DrivenBody:
             _, voice, begun = self._waiting.pop()
             self._pushings[voice] = begun
         pushes = [
-            replace(push, voice=voice)
+            Push(force=push.force, drive=push.drive, voice=voice)
             for voice, each in sorted(self._pushings.items())
             if (push := each.advance(_BLOCK)) is not None
         ]

@@ -205,12 +205,12 @@ class Playing:
         """Return the push of the next `length` samples, None where there is no force in them."""
         offset = self._now - self._first
         self._now += length
-        part = self._force[max(offset, 0) : max(offset + length, 0)]
-        if not len(part):
+        force = self._force[max(offset, 0) : max(offset + length, 0)]
+        if not len(force):
             return None
-        force = np.zeros(length)
-        begin = max(-offset, 0)
-        force[begin : begin + len(part)] = part
+        if len(force) < length:
+            before = max(-offset, 0)
+            force = np.pad(force, (before, length - before - len(force)))
         return Push(force=force, drive=self._drive_at(self._now / self._rate))
 
     def change(self, model: ModalModel) -> None:
