@@ -11,7 +11,8 @@ import numpy as np
 from struck import core as binding
 from struck.ears.delay_lines import READ, between, hear
 from struck.excitation.excitation import Push
-from struck.excitation.friction import Levels, add_reading
+from struck.excitation.friction import Levels, Reader, Rubbed, add_reading
+from struck.excitation.roughness import Roughness
 from struck.excitation.texture import Layers, add_heights
 from struck.excitation.touch import Lines, each_sample, expected, joined, numbers_at, smoothed
 from struck.live import callback, limiter, ring
@@ -107,6 +108,10 @@ def rough(random: Random) -> Iterator[Array]:
     out, levels = np.zeros(len(turns)), random.uniform(0, len(counts) + 1, 2).tolist()
     add_reading(table, turns, levels, random.normal(size=2).tolist(), out)
     yield out
+    name = random.choice(["wood", "sandpaper"])
+    rubbed = Rubbed(roughness=Roughness.named(name), modulus=1e10, radius=1e-3)
+    speeds, loads = 10 ** random.uniform(-300, 300, (2, random.integers(1, 40)))
+    yield Reader(rubbed, 48_000).weights_at(speeds, np.minimum(loads, 1e6))
 
 
 def textured(random: Random) -> Iterator[Array]:

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.excitation import friction
-from struck.excitation.friction import Levels
+from struck.excitation.friction import LIGHTEST, Levels, Reader, Rubbed
+from struck.excitation.roughness import Roughness
 from tests.core.agreement import EXACT, apart, golden
 
 Array = NDArray[np.float64]
@@ -49,3 +50,17 @@ def test_what_is_not_finite_reads_nothing_beyond_the_table() -> None:
     assert out[3] == 1
     friction.add_reading(table, np.zeros(4), (np.nan, np.inf), (1, 1), out)
     assert out[3] == 1
+
+
+@pytest.mark.parametrize("name", ["sandpaper", "wood", "glass"])
+def test_weights_of_layers_as_in_plain_numpy(name: str) -> None:
+    random = np.random.default_rng(2)
+    rubbed = Rubbed(roughness=Roughness.named(name), modulus=5e9, radius=2e-3)
+    reader = Reader(rubbed, 48_000)
+    speeds, loads = 10 ** random.uniform(-4, 3, 300), 10 ** random.uniform(-9, 6, 300)
+    speeds[:9], loads[5:20] = 0, 0
+    loads[20] = LIGHTEST
+    found, plain = reader.weights_at(speeds, loads), reader.weights_plainly(speeds, loads)
+    assert np.array_equal(found == 0, plain == 0)
+    assert np.abs(found - plain).max() < 1e-12 * plain.max()
+    assert np.count_nonzero(plain.any(axis=1)) > 100

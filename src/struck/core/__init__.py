@@ -89,6 +89,7 @@ SIGNATURES: dict[str, str] = {
     "core_level": " i",
     "ears_hear": "FiiFiiIIDDiFFiiiFiF -",
     "friction_add_reading": "PPPiDiddddD -",
+    "friction_weigh": "DDDiDiDDiDD -",
     "limiter_is_closed": "D i",
     "limiter_limit": "DiDiii -",
     "lines_expect": "IidddDI -",

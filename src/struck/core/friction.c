@@ -1,14 +1,55 @@
-/* The force of a rough surface, read at places that move: between two levels of a table, in each
-   of them by the cubic through the four points about a place (Lagrange).
+/* The force of a rough surface: how strongly each layer of a texture squeezes the dent, and readings
+   of a table at places that move. */
+#include "core.h"
+
+#include <math.h>
+
+/* Numbers that weights follow from, as struck.excitation.friction.Reader puts them. */
+enum { MODULUS, RADIUS, SHARE, EXPONENT, SPARED, VARIANCE, LIGHTEST, FLOOR, FAINT, FIRST, STEP };
+
+/* The weights (looks, layers) of texture layers under speeds and loads (looks,).
+
+   A layer has heights[l], m, as far as the tip does not follow; log(spacing) is scales[l], and it
+   falls silent by falls[l] s/m with speed. shares (knots,): of a layer that a contact feels, from
+   the logarithm laws[FIRST] of its radius in spacings on, in steps of laws[STEP]. */
+ENTRY void friction_weigh(const double *heights, const double *scales, const double *falls,
+                          int64_t layers, const double *shares, int64_t knots,
+                          const double *speeds, const double *loads, int64_t looks,
+                          const double *laws, double *restrict out) {
+  for (int64_t look = 0; look < looks; look++) {
+    double *restrict weights = out + look * layers;
+    const double load = larger(loads[look], laws[LIGHTEST]), speed = speeds[look];
+    const double radius = log(cbrt(3 * load * laws[RADIUS] / (4 * laws[MODULUS])));
+    double squares = 0, loudest = 0;
+    for (int64_t l = 0; l < layers; l++) {
+      const double at = (radius - scales[l] - laws[FIRST]) / laws[STEP];
+      const double known = smaller(larger(at, 0), (double)(knots - 1));
+      const int64_t low = least((int64_t)known, knots - 2);
+      weights[l] = heights[l] * (shares[low] + (known - (double)low) * (shares[low + 1] - shares[low]));
+      squares += weights[l] * weights[l];
+    }
+    const double felt = sqrt(laws[VARIANCE] * squares);
+    const double squeeze = cbrt(6 * laws[MODULUS] * laws[MODULUS] * laws[RADIUS] * load) / load;
+    const double share = smaller(laws[SHARE] * pow(speed, laws[EXPONENT]), 1);
+    const double scale = share * squeeze / (1 + pow(squeeze * felt, laws[SPARED]));
+    for (int64_t l = 0; l < layers; l++) {
+      const double heard = smaller(larger(laws[FLOOR] - falls[l] * speed, 0), 1);
+      weights[l] *= loads[look] > 0 ? heard * scale : 0;
+      loudest = larger(loudest, weights[l]);
+    }
+    for (int64_t l = 0; l < layers; l++)
+      if (weights[l] < laws[FAINT] * loudest) weights[l] = 0;
+  }
+}
+
+/* Readings between two levels of a table, in each of them by the cubic through the four points
+   about a place (Lagrange).
 
    With s = k / samples, at sample k the level is levels[0] + s (levels[1] - levels[0]), the weight
    likewise, and out[k] += weight * value.
 
    values: periods of all levels, level after level; the one at j has counts[j] points, at least 4,
    from starts[j] on (levels,). turns, out (samples,): places in periods, and what is added to. */
-#include "core.h"
-
-#include <math.h>
 
 /* The value of one period (count,) at a turn of it. Sums of two values are those of float. */
 static double cubic(const float *values, int64_t count, double turn) {

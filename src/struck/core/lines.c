@@ -82,10 +82,17 @@ ENTRY void lines_fill(const int64_t *begins, const int64_t *lengths, const doubl
 ENTRY void lines_smooth(const double *numbers, const double *window, int64_t taps, int64_t samples,
                         double *restrict out) {
   for (int64_t k = 0; k < samples; k++) out[k] = 0.0;
-  for (int64_t first = 0; first < samples; first += TOGETHER)
-    for (int64_t tap = 0; tap < taps; tap++) {
-      const double *from = numbers + taps - 1 - tap, weight = window[tap];
-      VECTORS
-      for (int64_t k = first; k < least(first + TOGETHER, samples); k++) out[k] += weight * from[k];
+  for (int64_t first = 0; first < samples; first += TOGETHER) {
+    const int64_t end = least(first + TOGETHER, samples);
+    int64_t tap = 0;
+    for (; tap + 3 < taps; tap += 4) { /* four at a time: each number is then stored less often */
+      const double *from = numbers + taps - 4 - tap, *w = window + tap;
+      VECTORS for (int64_t k = first; k < end; k++)
+        out[k] += w[3] * from[k] + w[2] * from[k + 1] + w[1] * from[k + 2] + w[0] * from[k + 3];
     }
+    for (; tap < taps; tap++) {
+      const double *from = numbers + taps - 1 - tap, weight = window[tap];
+      VECTORS for (int64_t k = first; k < end; k++) out[k] += weight * from[k];
+    }
+  }
 }

@@ -182,6 +182,11 @@ class Reader:
             self._layers = surface.layers(rubbed.seed)
             self._followed = self._layers.heights * followed(self._layers.spacings)
             self._scales = np.log(self._layers.spacings)
+            known, _ = _patch_mean()
+            self._laws = np.array([
+                *(rubbed.modulus, rubbed.radius, rubbed.share, _EXPONENT, _SPARED, variance()),
+                *(LIGHTEST, _FAST / (_FAST - _SLOW), _FAINT, known[0], known[1] - known[0]),
+            ])  # fmt: skip
             self._falls = 1 / (sample_rate * self._layers.spacings * (_FAST - _SLOW))
 
     def squeezes(
@@ -205,13 +210,25 @@ class Reader:
         pair = (float(speeds[0]), float(loads[0]))
         if not steady:
             self._known = None
-            return self._weights_at(speeds, loads)
+            return self.weights_at(speeds, loads)
         if pair != self._known or len(self._weights) < len(speeds):
-            rows = self._weights_at(speeds[:1], loads[:1])
+            rows = self.weights_at(speeds[:1], loads[:1])
             self._known, self._weights = pair, np.tile(rows, (max(len(speeds), 4), 1))
         return self._weights
 
-    def _weights_at(self, speeds: Array, loads: Array) -> Array:
+    def weights_at(self, speeds: Array, loads: Array) -> Array:
+        """Return the weight of each texture layer under speeds and loads (rows, O)."""
+        compiled = entry("friction_weigh")
+        if compiled is None:
+            return self.weights_plainly(speeds, loads)
+        weights, shares = np.empty((len(speeds), len(self._scales))), _patch_mean()[1]
+        layers = self._followed, self._scales, self._falls, len(self._scales)
+        looks = *map(np.ascontiguousarray, (speeds, loads)), len(speeds)
+        compiled(*layers, shares, len(shares), *looks, self._laws, weights)
+        return weights
+
+    def weights_plainly(self, speeds: Array, loads: Array) -> Array:
+        """Return what `weights_at` returns, in plain NumPy."""
         rubbed = self._rubbed
         radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
         heights = self._followed * patch_mean(np.log(radii)[:, None] - self._scales)
