@@ -259,7 +259,6 @@ class ShapeGains(Gains):
             ("centre", (3,)),
         ):
             require_numbers(name, getattr(self, name), shape)
-        object.__setattr__(self, "shapes", np.require(self.shapes, np.float32, ["C", "A"]))
 
     @classmethod
     def radiating(
@@ -390,7 +389,8 @@ def shapes_along(
     """
     given = (points, shapes, corners, places, ways)
     count, modes = len(corners), shapes.shape[2]
-    if count < _FEW:
+    fits = shapes.flags.c_contiguous and shapes.flags.aligned and shapes.dtype == np.float32
+    if count < _FEW or not fits:
         return shapes_along_plainly(*given)
     from struck.core import entry
 
