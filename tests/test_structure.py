@@ -45,7 +45,6 @@ SHORT: dict[str, str] = {
     "errors.py": "the tree of errors, at the root of every import",
     "live/callback.py": "what the audio device reaches, field by field as in the core",
     "solids/fem/cubic_surface.py": "the surface of thin bodies, which others do not load",
-    "solids/filling/membership.py": "cells in a body, asked for thin ones alone",
     "report/figurine.py": "a body that pages, examples and proofs share",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",
     **dict.fromkeys(

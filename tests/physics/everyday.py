@@ -35,6 +35,14 @@ def glass() -> Mesh:
     return meshed(_turned([foot, outer, [[33, 190], [31.8, 190]], inner], 96))
 
 
+def vase() -> Mesh:
+    """Return a vase of 3 mm whose floor meets its wall between two rows of facets."""
+    height = np.linspace(0, 220, 40)
+    outer = np.stack([35 + 18 * np.sin(height * np.pi / 100), height], axis=1)
+    inner = (outer - [3, 0])[:1:-1]
+    return meshed(_turned([[[0, 0]], outer, inner, [[inner[-1, 0], 4], [0, 4]]], 72))
+
+
 def bell() -> Mesh:
     """Return a bell 620 mm high, from 8 mm thick at its shoulder to 24 mm at its lip."""
     height = np.linspace(0, 500, 40)

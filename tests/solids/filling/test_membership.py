@@ -7,13 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from manifold3d import Manifold
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from struck.errors import MeshError
 from struck.model.mesh import Mesh
 from struck.solids.filling.filling import filled, flatness, piece_count
+from struck.solids.filling.membership import mended
+from struck.solids.filling.stuffing import cells_in
 from struck.solids.surface.distance import FilledBody
-from struck.solids.surface.thin_walls import SheetedBody, ThinBody
+from struck.solids.surface.thin_walls import Segments, SheetedBody, ThinBody
+from struck.solids.volume_mesh import VolumeMesh
 from tests.physics import everyday
 
 
@@ -93,3 +97,30 @@ def test_walls_that_take_too_many_functions_are_refused(monkeypatch: pytest.Monk
     monkeypatch.setattr("struck.solids.filling.filling._MOST_FUNCTIONS", 5_000)
     with pytest.raises(MeshError, match=r"walls cross so closely that they take \d+ functions on"):
         filled(FilledBody(mesh=everyday.hollow_cube()), "preview")
+
+
+def test_facets_that_a_floor_passes_are_no_rims() -> None:
+    """A vase has some sheets, and not one for each facet of its foot."""
+    segments = Segments.of(everyday.vase(), thin=0.02)
+    assert len(segments.areas) < 10
+
+
+def test_needless_cuts_are_undone() -> None:
+    """The same space is filled with far fewer tetrahedra, each turned as it should be."""
+    body = ThinBody(solid=FilledBody(mesh=everyday.table())).at(0.157)
+    assert isinstance(body, SheetedBody)
+    cut = cells_in(body.depths, body.bounds, 0.157, halved=1000, judge=body.judge)
+    whole = mended(cut)
+    before, after = (
+        VolumeMesh(nodes=each.points, elements=each.tetrahedra, kind="tet4")
+        for each in (cut, whole)
+    )
+    assert len(after.elements) < 0.5 * len(before.elements)
+    assert flatness(after).min() > 0
+    assert piece_count(after) == 1
+    assert after.volume() == pytest.approx(before.volume(), rel=1e-9)
+    areas = [mesh.surface()[0].areas.sum() for mesh in (before, after)]
+    assert areas[1] == pytest.approx(areas[0], rel=1e-5)
+    # What lies on a sheet is on it still, so that curved sides find their surface.
+    points = KDTree(cut.points).query(whole.points)[1]
+    assert np.array_equal(whole.depths == 0, cut.depths[points] == 0)

@@ -15,7 +15,7 @@ from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
-from struck.solids.filling.stuffing import PAIRS, Cells, Lattice, cells_in
+from struck.solids.filling.stuffing import Cells, Lattice, cells_in, determinants, shape_of
 from struck.solids.resolution import level
 from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
 from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, unique_rows
@@ -31,6 +31,7 @@ class Accuracy:
     nodes: int  # to begin with
     most: int  # nodes not to exceed
     thin: int  # nodes, or functions of cubic elements, not to exceed in thin bodies
+    crowded: int  # functions of cubic elements beyond which needless cuts are undone
     error: float  # relative, that the frequencies of most modes shall keep
 
     def coarser(self) -> Accuracy:
@@ -40,9 +41,9 @@ class Accuracy:
 
 ACCURACIES: Mapping[str, Accuracy] = MappingProxyType(
     {
-        "preview": Accuracy(nodes=3_000, most=15_000, thin=30_000, error=0.03),
-        "standard": Accuracy(nodes=12_000, most=70_000, thin=100_000, error=0.005),
-        "fine": Accuracy(nodes=25_000, most=130_000, thin=180_000, error=0.001),
+        "preview": Accuracy(nodes=3_000, most=15_000, thin=30_000, crowded=30_000, error=0.03),
+        "standard": Accuracy(nodes=12_000, most=70_000, thin=100_000, crowded=100_000, error=0.005),
+        "fine": Accuracy(nodes=25_000, most=130_000, thin=180_000, crowded=180_000, error=0.001),
     }
 )
 # Functions a cell: solid, in a wall of 2 or 3 elements, in a wall of one element with cubics.
@@ -292,6 +293,10 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     found = cells_in(
         seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge, widest=widest
     )
+    if cubic and FUNCTIONS_A_NODE * (len(found.points) + len(found.edges())) > goal.crowded:
+        from struck.solids.filling.membership import mended  # few bodies need it
+
+        found = mended(found)
     cells, crumbs = _whole(found)
     features = None if isinstance(body, WalledSheet) else Features(mesh=body.mesh)
     mesh, short = curved(cells, seen.onto, body.mesh.up, opposed=seen.opposed, features=features)
@@ -462,7 +467,7 @@ def flatness(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
     parts = []
     for start in range(0, len(elements), _CHUNK):
         corners = mesh.nodes[elements[start : start + _CHUNK]].transpose(2, 0, 1)
-        found = _determinants(corners[:, None] @ gradients)
+        found = determinants(corners[:, None] @ gradients)
         mean = np.abs(found).mean(axis=1)
         parts.append(found.min(axis=1) / np.maximum(mean, np.finfo(float).tiny))
     return np.concatenate(parts) if parts else np.empty(0)
@@ -470,22 +475,7 @@ def flatness(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
 
 def shapes(mesh: VolumeMesh, chosen: Index | slice = slice(None)) -> Array:
     """Return the volume of tetrahedra over that of regular ones with edges as long (E,)."""
-    return _shapes(mesh.nodes[mesh.corners[chosen]])
-
-
-def _shapes(corners: Array) -> Array:
-    # The edges' mean square stands for their length (Liu & Joe 1994).
-    corners = corners.transpose(2, 1, 0)
-    edges = np.stack([corners[:, b] - corners[:, a] for a, b in PAIRS])
-    square = (edges**2).sum(axis=1).mean(axis=0)
-    cube = np.maximum(square**1.5, np.finfo(float).tiny)
-    return np.sqrt(2) * _determinants(edges[:3].transpose(1, 0, 2)) / cube
-
-
-def _determinants(matrices: Array) -> Array:
-    """Return the determinants of matrices (3, 3, ...): many small ones, far faster than LU."""
-    (a, b, c), (d, e, f), (g, h, i) = matrices
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return shape_of(mesh.nodes[mesh.corners[chosen]])
 
 
 # Crisp edges: a lattice bevels convex ones and fills concave ones by a share of its spacing, which
@@ -600,7 +590,7 @@ class _Moves:
     def _worst_at(self, node: int) -> float:
         """Return the worst shape of the elements at a node: 1 is regular, 0 flat."""
         owners = self._owners[self._starts[node] : self._starts[node + 1]]
-        return float(_shapes(self.nodes[self._elements[owners]]).min(initial=1.0))
+        return float(shape_of(self.nodes[self._elements[owners]]).min(initial=1.0))
 
 
 def _lengths(nodes: Array, edges: Index) -> Array:

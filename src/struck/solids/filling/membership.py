@@ -2,7 +2,7 @@
 
 Beyond one of two such surfaces the body may go on, behind the other. Cells on the same sides of all
 surfaces are in the body together or not at all (set membership: Tilove 1980, IEEE Trans. Comput.
-C-29, 874).
+C-29, 874). Where a surface has cut what it does not bound, the cuts can be undone.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh_topology import components
-from struck.solids.filling.stuffing import Cells, Depths
+from struck.solids.filling.stuffing import Cells, Depths, determinants, shape_of
 from struck.solids.volume_mesh import VolumeMesh
 
 _JUDGED = 16  # cells of each region, the largest ones: they mostly agree
@@ -89,4 +89,72 @@ def _bounding(cells: Cells, heights: Heights) -> Array:
     on = np.zeros(cells.depths.shape, bool)
     for corner in sides.T:
         np.logical_or.at(on, corner, flat)
-    return np.where((cells.depths == 0) & ~on, -np.finfo(float).tiny, cells.depths)
+    return np.where((cells.depths == 0) & ~on, _NEEDLESS, cells.depths)
+
+
+_NEEDLESS = -np.finfo(float).tiny  # depth of a point below a surface that only made it
+_FLAT, _FAIR = 1e-3, 0.1  # shapes: no flatter ones are made, and none worse below the other
+_SAME = 1e-6  # share of their volume that tetrahedra around a point may lose with it
+_ROUNDS = 20  # more of them take hardly any more points out
+
+
+def mended(cells: Cells) -> Cells:
+    """Return the same body with points taken out where surfaces cut what they do not bound."""
+    # Such a point moves onto a neighbour on all surfaces that it lies on, with the edges between
+    # them; the tetrahedra around it must fill the same space afterwards.
+    needless = (cells.depths == _NEEDLESS).any(axis=1)
+    turn = np.random.default_rng(0).permutation(len(needless))
+    for _ in range(_ROUNDS):
+        moved, onto = _moves(cells, needless)
+        if not len(moved):
+            break
+        rank = np.full(len(needless), -1)
+        rank[moved] = turn[moved]
+        ranks = rank[cells.tetrahedra]  # of neighbours only one may move at a time
+        waits = np.zeros(len(needless), bool)
+        waits[cells.tetrahedra[ranks < ranks.max(axis=1, keepdims=True)]] = True
+        goal = np.arange(len(needless))
+        goal[moved] = np.where(waits[moved], moved, onto)
+        tetrahedra = goal[cells.tetrahedra]
+        flat = (np.diff(np.sort(tetrahedra, axis=1), axis=1) == 0).any(axis=1)
+        near = np.zeros(len(needless), bool)
+        near[cells.tetrahedra[(tetrahedra != cells.tetrahedra).any(axis=1)]] = True
+        needless &= (goal == np.arange(len(goal))) & (near | waits)
+        cells = replace(cells, tetrahedra=tetrahedra[~flat])
+    return cells.compact()
+
+
+def _moves(cells: Cells, needless: Mask) -> tuple[Index, Index]:
+    """Return points that can be taken out (K,), and the neighbours that they move onto (K,)."""
+    count, tetrahedra = len(cells.points), cells.tetrahedra
+    around, place = np.nonzero(needless[tetrahedra])
+    points = tetrahedra[around, place]
+    order = np.argsort(points, kind="stable")
+    points, around = points[order], around[order]
+    pairs = np.unique((points * count)[:, None] + tetrahedra[around])
+    point, goal = pairs // count, pairs % count
+    on = cells.depths == 0
+    able = (point != goal) & (~on[point] | on[goal]).all(axis=1)
+    point, goal = point[able], goal[able]
+    first, last = (np.searchsorted(points, point, side=side) for side in ("left", "right"))
+    pair = np.repeat(np.arange(len(point)), last - first)
+    old = around[np.arange(len(pair)) - np.repeat(np.cumsum(last - first) - last, last - first)]
+    stays = (tetrahedra[old] != goal[pair][:, None]).all(axis=1)
+    kept, last = pair[stays], old[stays]
+    new = np.where(tetrahedra[last] == point[kept][:, None], goal[kept][:, None], tetrahedra[last])
+    whole = np.bincount(pair, weights=_six(cells.points[tetrahedra])[old], minlength=len(point))
+    filled = np.bincount(kept, weights=_six(cells.points[new]), minlength=len(point))
+    same = np.abs(filled - whole) < _SAME * whole
+    worst, becomes = np.full((2, len(point)), np.inf)
+    np.minimum.at(worst, pair, shape_of(cells.points[tetrahedra])[old])
+    np.minimum.at(becomes, kept[same[kept]], shape_of(cells.points[new[same[kept]]]))
+    fits = same & (becomes >= np.clip(worst, _FLAT, _FAIR))
+    best = np.lexsort((-becomes, point))
+    best = best[fits[best]]
+    moved, once = np.unique(point[best], return_index=True)
+    return moved, goal[best][once]
+
+
+def _six(corners: Array) -> Array:
+    """Return six times the volumes of tetrahedra (T, 4, 3), m^3."""
+    return determinants((corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0))

@@ -443,7 +443,9 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
         for sign in (1, -1)
     )
     has_rim = np.bincount(labels, weights=sounded.rim, minlength=len(strip)) > 0
-    is_rim = strip & (has_rim & (hollow <= _HOLLOW * convex))[labels]
+    # One face alone that goes on smoothly is half of a facet that a wall's foot passes.
+    several = np.bincount(labels, minlength=len(strip)) > 1
+    is_rim = strip & (has_rim & several & (hollow <= _HOLLOW * convex))[labels]
     return is_rim & sounded.bent, is_rim & sounded.rim
 
 
