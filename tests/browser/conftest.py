@@ -9,11 +9,15 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
+import struck
+from struck.solids import Block
+
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 ALONE = (
     "--no-sandbox --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync --autoplay-policy=no-user-gesture-required "
-    "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
+    "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist "
+    "--disable-gpu-compositing"  # without a graphics processor it takes longer than all else
 )
 
 
@@ -34,3 +38,10 @@ def browser() -> Iterator[Browser]:
         made = playwright.chromium.launch(executable_path=path, args=ALONE.split())
         yield made
         made.close()
+
+
+@pytest.fixture(scope="session")
+def block() -> struck.ModalModel:
+    """Return a bronze block of finite elements."""
+    body = Block(size=(0.3, 0.12, 0.02))
+    return struck.analyze(body, "bronze", accuracy="preview")

@@ -6,12 +6,14 @@ import io
 from typing import Any
 
 from matplotlib.image import imread
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, ConsoleMessage, Page
 
 from struck.model.arrays import Array
 
 THERE = "[...struck.models.values()].filter(Boolean).length >= "
 SAID = "document.getElementById('messages').innerText.includes('{}')"
+# The camera has arrived, nothing moves, and the last picture is drawn.
+STANDS = "!struck.room.stage.tickers.size && !struck.room.stage.waiting"
 NO_WEBGL = """
   const get = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
@@ -33,10 +35,15 @@ class Visit:
             self.page.add_init_script(script)
         self.log: list[str] = []
         self.asked: list[str] = []
-        self.page.on("console", lambda one: self.log.append(f"{one.type}: {one.text}"))
+        self.page.on("console", self._note)
         self.page.on("pageerror", lambda error: self.log.append(str(error)))
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.goto(url)
+
+    def _note(self, said: ConsoleMessage) -> None:
+        # A browser that puts pictures together without a graphics processor reads them back.
+        if "GPU stall due to ReadPixels" not in said.text:
+            self.log.append(f"{said.type}: {said.text}")
 
     def wait(self, condition: str, seconds: float = 20.0) -> None:
         self.page.wait_for_function(condition, timeout=1000 * seconds, polling=50)

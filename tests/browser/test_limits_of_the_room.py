@@ -1,20 +1,26 @@
-"""The room at its limits: coarse shapes, many modes and vertices, no isolation, many clicks."""
+"""The room at its limits: bad files, coarse shapes, many modes and vertices, a lost server."""
 
 from __future__ import annotations
 
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Route
+from playwright.sync_api import Browser
 
 import struck
 from struck.explorer import page_files
+from struck.explorer.jobs import PAGED
 from struck.explorer.server import Explorer
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
 from struck.shapes import PolygonMembrane
-from struck.solids import Block
 from tests.browser.room import NO_WEBGL, SAID, THERE, Visit
+from tests.explorer.served import opened, patience
 
 STARTED = "struck.instrument.ready"
 
@@ -54,35 +60,33 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> struck.ModalModel:
     return model
 
 
-def test_blow_beyond_the_mesh_of_the_page_is_driven_by_the_server(
-    browser: Browser, coarse: struck.ModalModel
+@pytest.fixture
+def explorer(coarse: struck.ModalModel) -> Iterator[Explorer]:
+    """Yield a room of that body and two files that cannot be read."""
+    with Explorer(given=[coarse] * 3, names=["skin", "damaged", "newer"]) as room:
+        jobs = room._jobs.jobs
+        paths = [jobs[f"given_{number}"].path.with_suffix(PAGED) for number in (1, 2, 3)]
+        data = paths[0].read_bytes()
+        paths[1].write_bytes(data[:-100] + b"\x01" * 100)
+        paths[2].write_bytes(data.replace(b'"version":"1"', b'"version":"9"'))
+        yield room
+
+
+def test_files_that_cannot_be_read_coarse_meshes_and_a_lost_server_are_made_up_for(
+    browser: Browser, explorer: Explorer, coarse: struck.ModalModel
 ) -> None:
-    place = np.array([0.055, 0.081, 1.25e-4])
-    with Explorer(given=[coarse], names=["skin"]) as explorer:
-        visit = Visit(browser, explorer.url, script=NO_WEBGL)
-        visit.wait(THERE + "1")
-        visit.page.keyboard.press("1")
-        visit.wait(STARTED)
-        sent = visit.page.evaluate(SENT, place.tolist())
-        truth = coarse.gains.at(place[None], np.array([[0.0, 0.0, -1.0]]))[0, 0]
-        largest = np.abs(truth).max()
-        np.testing.assert_allclose(sent["drive"][: len(truth)], truth, atol=1e-5 * largest)
-        # The page alone is right to 1 % below what it says, and nowhere as right as the server.
-        apart = np.abs(np.array(sent["own"][: len(truth)]) - truth) / largest
-        below = coarse.natural_frequencies <= sent["exactTo"]
-        assert 0 < below.sum() < len(truth)
-        assert apart[below].max() < 0.01
-        assert apart[~below].max() > 1e-3
-        assert "approximate" not in visit.messages()
-        # Of a changed body the server's drive is changed along.
-        visit.page.locator("#size").fill("0.3")
-        visit.wait("struck.instrument.model('given_1').size > 1.9")
-        factor = visit.page.evaluate("struck.instrument.model('given_1').size")
-        changed = visit.page.evaluate(SENT, (factor * place).tolist())
-        larger = coarse.scaled(factor).gains
-        truth = larger.at(factor * place[None], np.array([[0.0, 0.0, -1.0]]))[0, 0]
-        found = changed["drive"][: len(truth)]
-        np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
+    visit = Visit(browser, explorer.url, script=NO_WEBGL)  # which is soon there
+    visit.wait("document.querySelectorAll('.message.bad').length >= 3")
+    said = visit.messages()
+    assert "Damaged cannot be read" in said
+    assert "Newer cannot be read" in said
+    assert "update struck" in said
+    visit.wait(THERE + "1")
+    visit.page.keyboard.press("1")
+    visit.wait(STARTED)
+    is_driven_by_the_server_beyond_the_mesh_of_the_page(visit, coarse)
+    explorer.stop()
+    visit.wait(SAID.format("does not answer"))
     blows = visit.page.evaluate("struck.blows")
     visit.page.locator("#hit").click()
     visit.wait(SAID.format("this one is approximate"))
@@ -90,6 +94,31 @@ def test_blow_beyond_the_mesh_of_the_page_is_driven_by_the_server(
     assert visit.page.evaluate("struck.drive") is None
     visit.wait("struck.report?.ringing > 0")
     visit.context.close()
+
+
+def is_driven_by_the_server_beyond_the_mesh_of_the_page(
+    visit: Visit, coarse: struck.ModalModel
+) -> None:
+    place, inward = np.array([[0.055, 0.081, 1.25e-4]]), np.array([[0.0, 0.0, -1.0]])
+    sent = visit.page.evaluate(SENT, place[0].tolist())
+    truth = coarse.gains.at(place, inward)[0, 0]
+    largest = np.abs(truth).max()
+    np.testing.assert_allclose(sent["drive"][: len(truth)], truth, atol=1e-5 * largest)
+    # The page alone is right to 1 % below what it says, and nowhere as right as the server.
+    apart = np.abs(np.array(sent["own"][: len(truth)]) - truth) / largest
+    below = coarse.natural_frequencies <= sent["exactTo"]
+    assert 0 < below.sum() < len(truth)
+    assert apart[below].max() < 0.01
+    assert apart[~below].max() > 1e-3
+    assert "approximate" not in visit.messages()
+    # Of a changed body the server's drive is changed along.
+    visit.page.locator("#size").fill("0.3")
+    visit.wait("struck.instrument.model('given_1').size > 1.9")
+    factor = visit.page.evaluate("struck.instrument.model('given_1').size")
+    changed = visit.page.evaluate(SENT, (factor * place[0]).tolist())
+    truth = coarse.scaled(factor).gains.at(factor * place, inward)[0, 0]
+    found = changed["drive"][: len(truth)]
+    np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
 
 
 def torus(rows: int, columns: int, modes: int) -> struck.ModalModel:
@@ -164,31 +193,10 @@ def test_two_thousand_modes_sound_and_are_listed(browser: Browser) -> None:
         visit.context.close()
 
 
-def test_page_that_is_not_isolated_says_so_and_sounds(browser: Browser) -> None:
-    block = struck.analyze(Block(size=(0.3, 0.12, 0.02)), "bronze", accuracy="preview")
-
-    def bare(route: Route) -> None:
-        answer = route.fetch()
-        kept = {name: value for name, value in answer.headers.items() if "cross-origin" not in name}
-        route.fulfill(response=answer, headers=kept)
-
-    with Explorer(given=[block], names=["block"]) as explorer:
-        visit = Visit(browser, "about:blank", script=NO_WEBGL)
-        visit.page.route(explorer.url, bare)
-        visit.page.goto(explorer.url)
-        visit.wait(THERE + "1")
-        assert not visit.page.evaluate("crossOriginIsolated")
-        assert "page is not isolated" in visit.messages()
-        assert "127.0.0.1" in visit.messages()
-        visit.page.keyboard.press("1")
-        visit.wait("struck.report?.ringing > 0")
-        assert visit.page.evaluate("struck.instrument.engine.ring") is None
-        visit.context.close()
-
-
 @pytest.mark.prove
-def test_two_hundred_clicks_in_the_room_leave_no_memory(browser: Browser) -> None:
-    block = struck.analyze(Block(size=(0.3, 0.12, 0.02)), "bronze", accuracy="preview")
+def test_two_hundred_clicks_in_the_room_leave_no_memory(
+    browser: Browser, block: struck.ModalModel
+) -> None:
     with Explorer(given=[block], names=["block"]) as explorer:
         visit = Visit(browser, explorer.url)
         visit.wait(THERE + "1")
@@ -210,3 +218,23 @@ def test_two_hundred_clicks_in_the_room_leave_no_memory(browser: Browser) -> Non
         visit.wait(f"struck.blows === {blows + 200}")
         assert used() - before < 20 * 2**20
         visit.context.close()
+
+
+@pytest.mark.prove
+@pytest.mark.timed
+@pytest.mark.parametrize(("core", "seconds"), [("", 10), ("off", 30)])
+def test_first_sound_comes_soon_after_the_start(
+    browser: Browser, tmp_path: Path, core: str, seconds: float
+) -> None:
+    """With no model kept from before, and without the compiled core."""
+    limit, begun = seconds * patience(), time.monotonic()
+    with opened(tmp_path, STRUCK_CORE=core) as process:
+        assert process.stderr is not None
+        visit = Visit(browser, process.stderr.readline().strip())
+        visit.wait(THERE + "1")
+        visit.page.keyboard.press("1")
+        visit.wait("struck.report?.peak > 1e-3")
+        took = time.monotonic() - begun
+        visit.context.close()
+        process.send_signal(signal.SIGINT)
+    assert took < limit

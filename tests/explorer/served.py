@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
+import subprocess
+import sys
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
-
-from struck.explorer.server import Explorer
+from urllib.parse import urlsplit
 
 
 @dataclass(frozen=True)
@@ -26,9 +30,10 @@ class Answer:
 class Client:
     """Requests as a browser sends them, or as nobody should."""
 
-    def __init__(self, explorer: Explorer) -> None:
-        self.port = explorer.port
-        self.path = explorer.url.partition(str(self.port))[2]
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        self.port = parts.port
+        self.path = f"{parts.path}?{parts.query}"
         self.origin = f"http://127.0.0.1:{self.port}"
         self.cookie = ""
 
@@ -60,3 +65,23 @@ class Client:
         connection.close()
         names = {name.lower(): value for name, value in answer.getheaders()}
         return Answer(answer.status, names, content)
+
+
+def opened(folder: Path, **environment: str) -> subprocess.Popen[str]:
+    """Return `struck explore`, started in a folder; it writes its address on standard error."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "struck", "explore", "--no-browser"],
+        cwd=folder,
+        env=os.environ | environment,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def patience() -> float:
+    """Return how much slower than alone this machine is now, at least 1."""
+    begun, used = time.monotonic(), time.process_time()
+    while time.process_time() - used < 0.2:
+        pass
+    return max(1.0, (time.monotonic() - begun) / 0.2)

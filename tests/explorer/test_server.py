@@ -5,9 +5,7 @@ from __future__ import annotations
 import hashlib
 import http.client
 import socket
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +13,8 @@ import numpy as np
 import pytest
 
 import struck
-from struck.errors import MissingDependencyError, OptionError
+from struck.cli import main
+from struck.errors import OptionError
 from struck.explorer import server
 from struck.explorer.admission import LARGEST_BODY
 from struck.explorer.server import STATIC, Explorer
@@ -37,13 +36,13 @@ def explorer(bar: struck.ModalModel) -> Iterator[Explorer]:
 
 @pytest.fixture
 def client(explorer: Explorer) -> Client:
-    client = Client(explorer)
+    client = Client(explorer.url)
     client.enter()
     return client
 
 
 def test_token_becomes_a_cookie_and_leaves_the_address(explorer: Explorer) -> None:
-    client = Client(explorer)
+    client = Client(explorer.url)
     entered = client.enter()
     assert (entered.status, entered.headers["location"]) == (303, "/")
     cookie = entered.headers["set-cookie"]
@@ -68,7 +67,7 @@ def test_token_becomes_a_cookie_and_leaves_the_address(explorer: Explorer) -> No
 def test_without_the_token_nothing_is_served(
     explorer: Explorer, path: str, cookie: str | None, status: int
 ) -> None:
-    client = Client(explorer)
+    client = Client(explorer.url)
     answer = client.ask("GET", path, cookie=cookie and cookie.format(port=client.port))
     assert answer.status == status
     assert b"token" in answer.body
@@ -241,34 +240,29 @@ def test_own_scripts_are_short() -> None:
     assert not {name: lines for name, lines in sizes.items() if lines > 500}
 
 
-def test_taken_port_is_an_error_in_one_line() -> None:
+def test_taken_port_and_missing_file_are_errors_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        done = subprocess.run(
-            [sys.executable, "-m", "struck", "explore", "--port", str(port), "--no-browser"],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
-        )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert f"port {port}" in done.stderr
-
-
-def test_missing_file_is_an_error_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    from struck.cli import main
-
+        assert main(["explore", "--port", str(port), "--no-browser"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"port {port}" in said
     assert main(["explore", "missing.struck", "--no-browser"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_without_its_libraries_the_install_line_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_its_libraries_the_install_line_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(MissingDependencyError, match=r"pip install 'struck\[explorer\]'"):
-        struck.explore(browser=False, wait=False)
+    assert main(["explore", "--no-browser"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "pip install 'struck[explorer]'" in said
 
 
 def test_names_and_models_are_as_many(bar: struck.ModalModel) -> None:
@@ -289,25 +283,3 @@ def test_browser_opens_where_there_is_a_display(
     with struck.explore(bar, wait=False) as explorer:
         assert opened == [explorer.url]
         assert explorer.url in capsys.readouterr().err
-
-
-def test_server_ends_with_control_c_and_takes_its_workers_along(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "struck", "explore", "--no-browser"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stderr is not None
-    address = process.stderr.readline()
-    assert address.startswith("http://127.0.0.1:")
-    time.sleep(1)
-    process.send_signal(2)
-    out, err = process.communicate(timeout=20)
-    assert process.returncode == 0, err
-    assert "Traceback" not in err
-    assert "closed" in out
-    port = int(address.split(":")[2].partition("/")[0])
-    with socket.socket() as probe, pytest.raises(ConnectionRefusedError):
-        probe.connect(("127.0.0.1", port))

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).parent / "static"
 _ENDED = 5.0  # s that an end may take
 _APART = 0.25  # m between given bodies
+_ONE_HEAD = threading.Lock()
 
 
 class Explorer:
@@ -263,10 +264,13 @@ class _Answers:
     def __init__(self, jobs: Jobs, ending: asyncio.Event) -> None:
         self._jobs = jobs
         self._ending = ending
+        self._heads: asyncio.Task[None] | None = None
 
     async def page(self, _request: Request) -> Response:
         from starlette.responses import FileResponse
 
+        if self._heads is None:
+            self._heads = asyncio.create_task(asyncio.to_thread(_prepare_heads))
         return FileResponse(STATIC / "index.html")
 
     async def core(self, _request: Request) -> Response:
@@ -280,11 +284,9 @@ class _Answers:
     async def head(self, request: Request) -> Response:
         from starlette.responses import Response
 
-        from struck.explorer.page_files import head_bytes
-
         name, rate = request.path_params["name"], request.path_params["rate"]
         try:
-            data = await asyncio.to_thread(head_bytes, name, rate)
+            data = await asyncio.to_thread(_head, name, rate)
         except StruckError as error:
             return _refusal(str(error), 404)
         return Response(data, media_type="application/octet-stream")
@@ -352,6 +354,20 @@ class _Answers:
 
     def _done(self, work: Any, name: str, wanted: Mapping[str, Any]) -> Any:  # noqa: ANN401 - JSON
         return work(self._jobs.model(name), wanted)
+
+
+def _head(name: str, rate: int) -> bytes:
+    """Return the tables of a head: made by one at a time, and kept for the next."""
+    from struck.explorer.page_files import head_bytes
+
+    with _ONE_HEAD:
+        return head_bytes(name, rate)
+
+
+def _prepare_heads() -> None:
+    """Make the tables of the ears at usual rates, Hz, so that the first click need not wait."""
+    for rate in (48_000, 44_100):
+        _head("kemar", rate)
 
 
 def _drive(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
