@@ -272,6 +272,13 @@ def test_narrow_page_cuts_nothing_off_and_stands_still_where_that_is_asked_for(
 
 
 NO_AUDIO = "delete window.AudioContext;"
+# What Firefox makes of a machine without an audio device: a context that waits for ever.
+NO_DEVICE = """
+  window.AudioContext = class extends AudioContext {
+    constructor(options) { super(options); this.suspend(); }
+    resume() { return new Promise(() => {}); }
+  };
+"""
 NO_SIMD = "WebAssembly.validate = () => false;"
 
 
@@ -301,13 +308,17 @@ def test_what_the_browser_lacks_is_said_and_keys_still_strike(
 
 
 @pytest.mark.prove
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [(NO_AUDIO, "opens no audio device"), (NO_DEVICE, "audio device does not start: connect one")],
+)
 def test_without_an_audio_device_modes_are_still_shown(
-    browser: Browser, explorer: Explorer
+    browser: Browser, explorer: Explorer, script: str, said: str
 ) -> None:
-    visit = Visit(browser, explorer.url, script=NO_AUDIO)
+    visit = Visit(browser, explorer.url, script=script)
     visit.wait(THERE + "3")
     visit.page.keyboard.press("1")
-    visit.wait(SAID.format("no sound"))
+    visit.wait(SAID.format(said))
     visit.page.evaluate("struck.choose('given_1')")
     visit.page.locator("#mode-0").click()
     visit.wait("struck.room.solids.get('given_1').mode === 0")

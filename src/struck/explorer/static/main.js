@@ -28,7 +28,7 @@ function complain(error, what) {
 
 const heads = await fetchRoom().catch((error) => complain(error));
 const room = new Room(get('canvas'), get('labels'), { strike, hold, release });
-const instrument = new Instrument(heads.strikers, (text, id) => say(text, { bad: true, id }));
+const instrument = new Instrument(heads.strikers, (text, id) => (text === null ? unsay(id) : say(text, { bad: true, id })));
 const objects = new ObjectList((id) => {
   choose(id);
   room.approach(id);

@@ -62,7 +62,9 @@ export class Spectrum {
       pen.fillStyle = '#ffffff26';
       pen.fillRect(x(frequency), 0, ratio, height);
       pen.fillStyle = '#ffffff8c';
-      pen.fillText(frequency < 1000 ? `${frequency} Hz` : `${frequency / 1000} kHz`, x(frequency) + 4 * ratio, height - 4 * ratio);
+      const right = x(frequency) < 0.85 * width; // of its line, where there is room
+      pen.textAlign = right ? 'left' : 'right';
+      pen.fillText(frequency < 1000 ? `${frequency} Hz` : `${frequency / 1000} kHz`, x(frequency) + (right ? 4 : -4) * ratio, height - 4 * ratio);
     }
     pen.fillStyle = '#7fb7d066';
     for (const frequency of this.marks) pen.fillRect(x(frequency), 0, ratio, 5 * ratio);

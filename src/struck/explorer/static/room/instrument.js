@@ -8,12 +8,15 @@ const AWAY = 2.5; // m
 const USUAL = 1; // Pa at 1 m: the peak that all bodies are given under the usual blow
 const SOFTEST = 1e-4; // Pa: a body that is softer still is not raised further
 const GRIP = 12; // N s/m, of a fingertip that damps
+const STARTED = 3000; // ms in which a device begins to play
+const SILENT = 'the audio device does not start: connect one, choose another in the system or let this page play sound in the browser, then click again. Pictures and modes still work';
 const GESTURES = ['pointerdown', 'pointerup', 'keydown', 'touchend'];
 
 export class Instrument {
   /**
    * @param {Record<string, object>} strikers by name, as in strikers.toml
-   * @param {(text: string, id: string) => void} say tells a person what falls short
+   * @param {(text: string | null, id: string) => void} say tells a person what falls short, or
+   *   null: that it no longer does
    */
   constructor(strikers, say) {
     this.strikers = strikers;
@@ -38,7 +41,10 @@ export class Instrument {
     this.context ??= this.#open();
     if (!this.context) return;
     if (this.context.state !== 'running') {
-      this.context.resume().catch(() => this.say('the audio device refuses to play: connect one or choose another in the system, then click again', 'device'));
+      const silent = () => this.context.state === 'running' || this.say(SILENT, 'device');
+      this.context.resume().catch(silent);
+      clearTimeout(this.late); // some browsers leave the promise open where there is no device
+      this.late = setTimeout(silent, STARTED);
     }
     this.starting ??= this.#start().catch((error) => {
       this.say(`there is no sound: ${error.message}. Pictures and modes still work; another browser may help`, 'engine');
@@ -48,7 +54,11 @@ export class Instrument {
   #open() {
     try {
       const context = new AudioContext({ latencyHint: 'interactive' });
-      context.onstatechange = () => this.onReady();
+      context.onstatechange = () => {
+        if (context.state === 'running') this.say(null, 'device');
+        this.onReady();
+      };
+      context.onerror = () => this.say(SILENT, 'device');
       return context;
     } catch (error) {
       this.say(`there is no sound: this browser opens no audio device (${error.message})`, 'device');
