@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,12 @@ from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Place
 from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
-from struck.model.gains import Gains, ShapeGains
+from struck.model.gains import ShapeGains
 from struck.model.material import Material, materials
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.recoil import Recoil
+from struck.model.timbre_table import SinglePoint
 from struck.scene.render import render
 
 POINTS = 10  # that keys strike: 1 to 9, and 0
@@ -73,14 +75,15 @@ def peak(model: ModalModel, at: Place) -> float:
 
 def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
     """Yield places all over a body for the keys 1 to 9 and 0: named ones first."""
-    if model.geometry is None:
+    surface = model.geometry
+    if surface is None:
         yield {"name": next(iter(model.places), "as recorded"), "point": None, "direction": None}
         return
     taken: list[Array] = []
-    near = 0.02 * model.geometry.extent
+    near = 0.02 * surface.extent
     # Names of people first; those of axes may lie on top of them.
     named = sorted(model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom")
-    for name, place in (*named, *_spread(model)):
+    for name, place in (*named, *_spread(surface, model.contact().point)):
         try:
             contact = model.contact(place)
         except StruckError:
@@ -97,11 +100,8 @@ def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
             return
 
 
-def _spread(model: ModalModel) -> Iterator[tuple[str, Array]]:
-    """Yield middles of faces, each as far from all before as any: from the loudest on."""
-    surface = model.geometry
-    assert surface is not None  # noqa: S101 - the caller asked
-    loudest = model.contact().point
+def _spread(surface: Mesh, loudest: Array) -> Iterator[tuple[str, Array]]:
+    """Yield middles of faces, each as far from all before as any: from the loudest place on."""
     distances = np.linalg.norm(surface.centroids - loudest, axis=1)
     yield "loudest", loudest
     for number in range(2 * POINTS):
@@ -111,33 +111,6 @@ def _spread(model: ModalModel) -> Iterator[tuple[str, Array]]:
 
 
 # Changes: the same body of another material, size or damping
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Origins(Gains):
-    """In place of gains while a model is changed: which modes stay, and how shapes grow."""
-
-    modes: Index  # (M,), of the model as it was
-    factor: float = 1.0  # of mode shapes
-
-    @property
-    def calibrated(self) -> bool:
-        return False
-
-    @property
-    def count(self) -> int:
-        return len(self.modes)
-
-    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> _Origins:
-        del frequencies
-        factor = self.factor * (density * size**3) ** -0.5
-        return _Origins(modes=self.modes[modes], factor=factor)
-
-    def at(self, points: Array, directions: Array) -> Array:
-        raise NotImplementedError
-
-    def toward(self, listeners: Array) -> Complex:
-        raise NotImplementedError
 
 
 def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -169,8 +142,9 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
         raise OptionError(f"{names} cannot be changed: give material, size or damping")
     size = _number("size", wanted.get("size", 1.0), SMALLEST, LARGEST)
     losses = _number("damping", wanted.get("damping", 1.0), 0.0, MOST_LOSSES)
-    origins = _Origins(modes=np.arange(len(model.frequencies)))
-    after = replace(model, gains=origins, geometry=None, places={})
+    # In place of gains numbers, which tell which modes stay: what changes gains keeps their phase.
+    numbers = SinglePoint(outputs=1 + 1j * np.arange(len(model.frequencies)))
+    after = replace(model, gains=numbers, geometry=None, places={})
     name = wanted.get("material")
     if name is not None and (model.material is None or name != model.material.name):
         after = after.made_of(_named(model, name))
@@ -210,35 +184,35 @@ def _number(name: str, value: object, least: float, most: float) -> float:
 
 
 def _outputs(
-    model: ModalModel, after: ModalModel, origins: _Origins, size: float, *, quick: bool
+    model: ModalModel, after: ModalModel, kept: Index, size: float, density: float, *, quick: bool
 ) -> tuple[Complex, bool]:
     """Return the outputs of a changed model (M,), and whether they are what they stay."""
     own = getattr(model.gains, "outputs", None)
     if own is None:
         raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
-    density = 1.0
-    if after.material is not None and model.material is not None:
-        density = after.material.density / model.material.density
-    if not isinstance(model.gains, ShapeGains):
-        gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
-        return getattr(gains, "outputs", own), True
     # A body of another size has the same waves around it, all lengths and periods in proportion:
     # for the same velocity of its skin the pressure at 1 m goes with its size.
-    before = model.natural_frequencies[origins.modes]
+    before = model.natural_frequencies[kept]
     same = np.allclose(after.natural_frequencies * size, before, rtol=1e-9)
-    if same or quick:
-        return own[origins.modes] * (origins.factor * size), same
-    gains = model.gains.changed(after.natural_frequencies, origins.modes, size, density)
-    return gains.outputs, True
+    if isinstance(model.gains, ShapeGains) and (same or quick):
+        return own[kept] * (size * _growth(size, density)), same
+    gains = model.gains.changed(after.natural_frequencies, kept, size, density)
+    return getattr(gains, "outputs", own), True
+
+
+def _growth(size: float, density: float) -> float:
+    """Return the factor of mass-normalised shapes of a body of another size and density."""
+    return (density * size**3) ** -0.5
 
 
 def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> dict[str, Any]:
     """Return a changed model without its shapes, as JSON values."""
-    origins = after.gains
-    if not isinstance(origins, _Origins):
-        raise TypeError(f"its gains are {type(origins).__name__}")
-    kept, material = origins.modes, after.material
-    outputs, settled = _outputs(model, after, origins, size, quick=quick)
+    numbers = getattr(after.gains, "outputs", np.zeros(0, complex))
+    kept = np.rint(numbers.imag / numbers.real).astype(np.intp)
+    material, density = after.material, 1.0
+    if material is not None and model.material is not None:
+        density = material.density / model.material.density
+    outputs, settled = _outputs(model, after, kept, size, density, quick=quick)
     whole = len(kept) == len(model.frequencies) and bool((np.diff(kept) > 0).all())
     return {
         "modes": None if whole else kept.tolist(),
@@ -247,7 +221,7 @@ def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> 
         "decays": after.decays.tolist(),
         "outputs": np.stack([outputs.real, outputs.imag], axis=-1).tolist(),
         "settled": settled,
-        "factor": origins.factor,
+        "factor": _growth(size, density),
         "size": size,
         "mass": after.mass,
         "centre": None if after.centre is None else after.centre.tolist(),
