@@ -19,7 +19,7 @@ from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
 from struck.shapes import PolygonMembrane
-from tests.browser.room import NO_WEBGL, SAID, THERE, Visit
+from tests.browser.room import NO_WEBGL, SAID, STANDS, THERE, Visit
 from tests.explorer.served import opened, patience
 
 STARTED = "struck.instrument.ready"
@@ -200,6 +200,7 @@ def test_two_hundred_clicks_in_the_room_leave_no_memory(
     with Explorer(given=[block], names=["block"]) as explorer:
         visit = Visit(browser, explorer.url)
         visit.wait(THERE + "1")
+        visit.wait(STANDS)
         place = visit.pixel("given_1", np.array([0.0, 0.0, 0.01]))
         session = visit.context.new_cdp_session(visit.page)
 

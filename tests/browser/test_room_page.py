@@ -52,6 +52,7 @@ def visit(browser: Browser, explorer: Explorer) -> Iterator[Visit]:
     one.wait(THERE + "3")
     one.page.mouse.click(500, 8)
     one.wait("struck.instrument.ready")
+    one.wait(STANDS)
     yield one
     one.context.close()
 

@@ -10,7 +10,7 @@ from struck.cli.command import Result
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
-EXAMPLES = ("--help",)
+EXAMPLES = ("bell.struck glass.struck",)
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

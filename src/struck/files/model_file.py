@@ -267,7 +267,8 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
     try:
         return from_bytes(data)
     except FileFormatError as error:
-        raise FileFormatError(f"{path}: {error}") from error
+        made = "; struck analyze makes a model of a mesh, struck fit of recordings"
+        raise FileFormatError(f"{path}: {error}{'' if is_model(path) else made}") from error
 
 
 def to_bytes(model: ModalModel) -> bytes:

@@ -48,7 +48,12 @@ export class Room {
     const surface = model.vertices && model.faces ? { vertices: model.vertices, faces: model.faces } : null;
     const solid = new Solid(told, surface);
     this.solids.set(told.id, solid);
-    if (told.kind === 'file') told.middle = solid.box().getCenter(new THREE.Vector3()).toArray();
+    if (told.kind === 'file') {
+      const box = solid.box();
+      told.middle = box.getCenter(new THREE.Vector3()).toArray();
+      this.stage.own = box.union(this.stage.own ?? box);
+      this.stage.home();
+    }
     const group = new THREE.Group();
     group.add(solid.group, holderOf(told));
     this.stage.add(group);

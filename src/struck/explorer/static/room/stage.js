@@ -52,6 +52,7 @@ export class Stage {
     this.tickers = new Set(); // called before each picture with its time, s; true: once more
     this.moved = true;
     this.onMoved = () => {};
+    this.own = null; // the box around a person's own bodies, if these are what stands there
     this.home();
     new ResizeObserver(() => this.#resize()).observe(canvas.parentElement);
     this.#resize();
@@ -151,15 +152,14 @@ export class Stage {
     return () => this.tickers.delete(once);
   }
 
-  /** Show the whole room. */
+  /** Show the whole room, or all bodies of a person's own. */
   home() {
-    this.atHome = true;
-    this.#fly(new THREE.Vector3(...HOME.from), new THREE.Vector3(...HOME.to));
+    if (this.own) this.approach(this.own);
+    else this.#fly(new THREE.Vector3(...HOME.from), new THREE.Vector3(...HOME.to));
   }
 
   /** Come near a box, from where the person looks. */
   approach(box) {
-    this.atHome = false;
     const middle = box.getCenter(new THREE.Vector3());
     const radius = Math.max(0.12, box.getSize(new THREE.Vector3()).length() / 2);
     const away = (radius * 1.35) / Math.sin(THREE.MathUtils.degToRad(FIELD / 2)) / Math.min(1.3, Math.max(0.7, this.camera.aspect));
