@@ -466,6 +466,7 @@ def test_on_the_clock_a_strike_sounds_and_an_overloaded_worklet_counts_underruns
     assert told["kind"] == "wasm"
     assert 0.2 < told["struck"]["peak"] < 0.3  # -12 dB at 1 m
     assert told["struck"]["ringing"] == 1
+    assert told["struck"]["modes"] == len(models[0].frequencies)  # its recoil is none of them
     assert told["burnt"]["underruns"] > told["struck"]["underruns"]
     assert told["burnt"]["load"] > 0.5
 

@@ -244,10 +244,11 @@ instrument.onReady = () => {
 };
 instrument.onReport = (report) => {
   page.report = report;
-  const words = [`${report.modes} modes ring`];
+  const many = (count, what) => `${count} ${what}${count === 1 ? '' : 's'}`;
+  const words = [`${many(report.modes, 'mode')} ${report.modes === 1 ? 'rings' : 'ring'}`];
   words.push(report.reduction < -0.5 ? `limiter at −1 dB takes ${(-report.reduction).toFixed(0)} dB away` : 'limiter at −1 dB');
-  if (report.dropped) words.push(`${report.dropped} strikes dropped`);
-  if (report.underruns) words.push(`${report.underruns} gaps`);
+  if (report.dropped) words.push(`${many(report.dropped, 'strike')} dropped`);
+  if (report.underruns) words.push(many(report.underruns, 'gap'));
   get('counts').textContent = words.join(' · ');
 };
 room.onMoved = (head) => instrument.listen(head);

@@ -185,7 +185,7 @@ export class Engine {
     );
     const poles = logarithms(model, null, this.sampleRate);
     const outputs = Float64Array.from([...re, ...im]);
-    const add = { count: re.length, poles, outputs, centre, radius: model.radius };
+    const add = { count: re.length, modes: model.count, poles, outputs, centre, radius: model.radius };
     this.#adding++;
     this.node.port.postMessage({ number, add });
     this.#bodies.set(number, { model, place, holds: new Map() });

@@ -56,8 +56,9 @@ class Body {
   silent = 0; // samples since it fell asleep
   left = Infinity; // blocks for which it is heard
 
-  constructor(kit, propagation, voices, { count, poles, outputs, centre, radius }) {
-    this.count = count;
+  constructor(kit, propagation, voices, { count, modes = count, poles, outputs, centre, radius }) {
+    this.count = count; // of modes, and of the terms of recoil behind them
+    this.modes = modes;
     this.bank = kit.bank(count, voices);
     this.bank.setPoles(poles, 0);
     this.bank.setOutputs(outputs, 0);
@@ -325,7 +326,7 @@ export class Synthesis {
     for (const body of this.#list) {
       if (body.bank.asleep) continue;
       report[REPORT.RINGING]++;
-      report[REPORT.MODES] += body.count;
+      report[REPORT.MODES] += body.modes;
     }
     report[REPORT.TIME] = this.now / kit.session.sampleRate;
     report[REPORT.LEAST_GAIN] = kit.limited[places.LEAST_GAIN];
