@@ -348,12 +348,11 @@ class _Answers:
         if not isinstance(wanted, dict):
             return _refusal("what was sent is no JSON object", 400)
         try:
-            return JSONResponse(await asyncio.to_thread(self._done, work, name, wanted))
+            return JSONResponse(
+                await asyncio.to_thread(lambda: work(self._jobs.model(name), wanted))
+            )
         except StruckError as error:
             return _refusal(str(error), 400)
-
-    def _done(self, work: Any, name: str, wanted: Mapping[str, Any]) -> Any:  # noqa: ANN401 - JSON
-        return work(self._jobs.model(name), wanted)
 
 
 def _head(name: str, rate: int) -> bytes:
@@ -366,7 +365,7 @@ def _head(name: str, rate: int) -> bytes:
 
 def _prepare_heads() -> None:
     """Make the tables of the ears at usual rates, Hz, so that the first click need not wait."""
-    for rate in (48_000, 44_100):
+    for rate in (44_100, 48_000):
         _head("kemar", rate)
 
 

@@ -100,8 +100,7 @@ function showMode(mode) {
 /** Strike an object where a ray has met it. */
 function strike({ id, face, point }, pressure) {
   choose(id);
-  const direction = undefined;
-  strikeAt(id, { point: scaled(id, point), face, direction }, pressure === null ? page.speed : page.speed * (0.3 + 1.4 * pressure));
+  strikeAt(id, { point: scaled(id, point), face }, pressure === null ? page.speed : page.speed * (0.3 + 1.4 * pressure));
 }
 
 /** Strike an object at a place of its own coordinates, m. */
