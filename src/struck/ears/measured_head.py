@@ -237,7 +237,7 @@ def _kernel_table() -> tuple[Array, Array]:
     series = np.zeros(_DEGREES + 1)
     series[1:] = (2 * degrees + 1) / (degrees * (degrees + 1)) ** _SMOOTHNESS
     chords = np.linspace(0, math.sqrt(2), 2**15 + 1)
-    return chords, np.polynomial.legendre.legval(1 - chords**2, series)
+    return chords, np.asarray(np.polynomial.legendre.legval(1 - chords**2, series), np.float64)
 
 
 # Head-related impulse responses from SOFA files (AES69), convention SimpleFreeFieldHRIR.

@@ -143,7 +143,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
     size = _number("size", wanted.get("size", 1.0), SMALLEST, LARGEST)
     losses = _number("damping", wanted.get("damping", 1.0), 0.0, MOST_LOSSES)
     # In place of gains numbers, which tell which modes stay: what changes gains keeps their phase.
-    numbers = SinglePoint(outputs=1 + 1j * np.arange(len(model.frequencies)))
+    numbers = SinglePoint(outputs=np.array([complex(1, n) for n in range(len(model.frequencies))]))
     after = replace(model, gains=numbers, geometry=None, places={})
     name = wanted.get("material")
     if name is not None and (model.material is None or name != model.material.name):
@@ -207,7 +207,7 @@ def _growth(size: float, density: float) -> float:
 
 def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> dict[str, Any]:
     """Return a changed model without its shapes, as JSON values."""
-    numbers = getattr(after.gains, "outputs", np.zeros(0, complex))
+    numbers = np.array(getattr(after.gains, "outputs", []), np.complex128)
     kept = np.rint(numbers.imag / numbers.real).astype(np.intp)
     material, density = after.material, 1.0
     if material is not None and model.material is not None:
