@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from struck.ears.listeners import Trajectory
-from struck.ears.orientation import Carried, Orientation, Turning
+from struck.ears.orientation import Carried, Centres, Orientation, Turning
 from struck.errors import OptionError
 
 CHANCE = np.random.default_rng(5)
@@ -53,6 +53,33 @@ def test_a_point_is_carried_and_seen() -> None:
     np.testing.assert_allclose(places, origin.at(ASKED) + moved, atol=1e-14)
     seen = [carried.seen(places[k], ASKED[k : k + 1])[0] for k in (0, 7, 40)]
     np.testing.assert_allclose(seen, np.tile(carried.point, (3, 1)), atol=1e-14)
+
+
+def test_bodies_of_one_table_are_placed_together_where_scipy_has_each() -> None:
+    ways, points = CHANCE.standard_normal((3, 6, 3)), CHANCE.standard_normal((3, 3))
+    apart = Carried(  # of another table
+        origin=Trajectory.of("position", (TIMES + 0.05, ways[2])),
+        orientation=Orientation.of("rotation", (TIMES + 0.05, QUATERNIONS)),
+        point=points[2],
+    )
+    together = [
+        Carried(
+            origin=Trajectory.of("position", (TIMES, way)),
+            orientation=Orientation.of("rotation", (TIMES, turned * QUATERNIONS)),
+            point=point,
+        )
+        for way, point, turned in zip(ways, points, (1, -1, 1), strict=True)
+    ]
+    bodies = [together[0], Trajectory.of("position", points[0]), together[1], apart, together[2]]
+    moments = CHANCE.uniform(-0.2, 1.2, (5, 30))  # before and after the tables too
+    found = Centres(bodies).at(moments)
+    for row, body in zip((0, 2, 4), together, strict=True):
+        held = np.clip(moments[row], 0, 1)
+        way = [np.interp(held, TIMES, axis) for axis in body.origin.points.T]
+        wanted = np.transpose(way) + Slerp(TIMES, TURNS)(held).apply(body.point)
+        np.testing.assert_allclose(found[row], wanted, atol=1e-13)
+    np.testing.assert_array_equal(found[1], np.tile(points[0], (30, 1)))
+    np.testing.assert_array_equal(found[3], apart.at(moments[3]))
 
 
 @pytest.mark.parametrize(

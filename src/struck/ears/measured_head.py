@@ -210,8 +210,8 @@ def _window(taps: int, sample_rate: float) -> Array:
     return np.sin(0.5 * np.pi * np.clip(np.minimum(start, end) + 0.05, 0, 1)) ** 2
 
 
-def spline_weights(measured: Array, wanted: Array) -> Array:
-    """Return the weights (W, M) that interpolate from measured to wanted directions.
+def splined(measured: Array, values: Array, wanted: Array) -> Array:
+    """Return values (M, K) in measured directions interpolated to wanted ones (W, K).
 
     A spline on the sphere: exact where measured, and of the least mean square of a derivative of
     order 2.5 (of Laplace and Beltrami) between, so that it stays bounded where none is near (Wahba
@@ -221,9 +221,8 @@ def spline_weights(measured: Array, wanted: Array) -> Array:
     system = np.ones((count + 1, count + 1))
     system[:count, :count] = _kernel(measured @ measured.T)
     system[count, count] = 0
-    right = np.ones((len(wanted), count + 1))
-    right[:, :count] = _kernel(wanted @ measured.T)
-    return np.asarray(np.linalg.solve(system, right.T).T[:, :count], dtype=np.float64)
+    weights = np.linalg.solve(system, np.pad(values, ((0, 1), (0, 0))))
+    return np.asarray(_kernel(wanted @ measured.T) @ weights[:-1] + weights[-1], np.float64)
 
 
 def _kernel(cosines: Array) -> Array:
@@ -509,12 +508,12 @@ def _nodes() -> Array:
 def _grid(ready: Aligned, length: int) -> Single:
     """Return delays and spectra on the grid: a spline over what is measured."""
     nodes = _nodes()
-    weights = spline_weights(ready.directions, nodes)
     # Far from all that was measured, delays tend to Kuhn's for low frequencies, which are smooth.
     excess = ready.delays + _KUHN * (ready.directions @ EARS.T)
-    delays = weights @ excess - _KUHN * (nodes @ EARS.T)
-    responses = weights @ ready.responses.reshape(len(ready.responses), -1)
-    return _table(delays, responses.reshape(len(nodes), 2, -1), length)
+    measured = np.hstack([excess, ready.responses.reshape(len(excess), -1)])
+    between = splined(ready.directions, measured, nodes)
+    delays = between[:, :2] - _KUHN * (nodes @ EARS.T)
+    return _table(delays, between[:, 2:].reshape(len(nodes), 2, -1), length)
 
 
 def _table(delays: Array, responses: Array, length: int) -> Single:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Trajectory
 from struck.errors import OptionError
-from struck.model.arrays import Array, numbers
+from struck.model.arrays import Array, Index, numbers
 
 Turning = ArrayLike | tuple[Sequence[float], ArrayLike] | Callable[[float], ArrayLike]
 """A matrix (3, 3) or a unit quaternion (w, x, y, z); (times in s, quaternions (T, 4)), turned
@@ -90,10 +90,7 @@ class Orientation:
             return matrices(np.array(rotations).reshape(-1, 4))
         if len(self.times) == 1:
             return np.broadcast_to(matrices(self.quaternions), (len(times), 3, 3))
-        times = np.maximum(times, 0.0)
-        after = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
-        begin = self.times[after - 1]
-        share = np.clip((times - begin) / (self.times[after] - begin), 0, 1)
+        after, share = _within(self.times, np.maximum(times, 0.0))
         return matrices(slerp(self.quaternions[after - 1], self.quaternions[after], share))
 
 
@@ -131,18 +128,74 @@ class Carried:
         apart = place - self.origin.at(times)
         return np.einsum("nd,nde->ne", apart, self.orientation.at(times))
 
+    @property
+    def tabled(self) -> bool:
+        """Whether its origin and its orientation are given at the same times, from 0 s on."""
+        times = self.origin.times
+        alike = np.array_equal(times, self.orientation.times)
+        return alike and not self._steady and len(times) > 1 and bool(times[0] >= 0)
+
+
+class Centres:
+    """Centres of bodies, each asked at moments of its own.
+
+    Bodies of one simulation are given at the same times, and are placed together: to place each
+    alone takes longer than all the rest that ears do.
+    """
+
+    def __init__(self, centres: Sequence[Trajectory | Carried]) -> None:
+        tabled = [
+            (n, each) for n, each in enumerate(centres) if isinstance(each, Carried) and each.tabled
+        ]
+        self._times = tabled[0][1].origin.times if tabled else np.zeros(0)
+        self._together = {
+            n: each for n, each in tabled if np.array_equal(each.origin.times, self._times)
+        }
+        self._alone = {n: each for n, each in enumerate(centres) if n not in self._together}
+        self._rows = np.array(list(self._together), np.intp)
+        self._points = np.array([each.point for each in self._together.values()])
+
+    def at(self, moments: Array) -> Array:
+        """Return where bodies are, m (bodies, n, 3), at moments of each, s (bodies, n)."""
+        places = np.empty((*moments.shape, 3))
+        for row, each in self._alone.items():
+            places[row] = each.at(moments[row])
+        if self._together:
+            places[self._rows] = self._carried(moments[self._rows])
+        return places
+
+    def _carried(self, moments: Array) -> Array:
+        """Return the places of those that are given at the same times."""
+        after, share = _within(self._times, moments)
+        ends = np.stack([after - 1, after], axis=1)
+        bodies = list(zip(self._together.values(), ends, strict=True))
+        origins = np.array([each.origin.points.take(its, axis=0) for each, its in bodies])
+        turns = np.array([each.orientation.quaternions.take(its, axis=0) for each, its in bodies])
+        between = slerp(turns[:, 0].reshape(-1, 4), turns[:, 1].reshape(-1, 4), share.ravel())
+        turned = matrices(between).reshape(*moments.shape, 3, 3) @ self._points[:, None, :, None]
+        share = share[..., None]
+        return (1 - share) * origins[:, 0] + share * origins[:, 1] + turned[..., 0]
+
+
+def _within(table: Array, times: Array) -> tuple[Index, Array]:
+    """Return the next rows of a table of times after some times, and how far on the way to them."""
+    after = np.minimum(np.maximum(np.searchsorted(table, times), 1), len(table) - 1)
+    begin = table[after - 1]
+    share = (times - begin) / (table[after] - begin)
+    return after, np.minimum(np.maximum(share, 0), 1)
+
 
 def slerp(first: Array, last: Array, share: Array) -> Array:
     """Return unit quaternions (n, 4) at shares (n,) of the shorter way between two."""
     cosine = np.einsum("nq,nq->n", first, last)
     last = np.where(cosine[:, None] < 0, -last, last)
-    angle = np.arccos(np.clip(np.abs(cosine), 0, 1))
-    apart = np.where(angle < _NEAR, 1.0, np.sin(angle))
+    angle = np.arccos(np.minimum(np.abs(cosine), 1))
     near = angle < _NEAR  # where the way is as good as straight
+    apart = np.where(near, 1.0, np.sin(angle))
     begin = np.where(near, 1 - share, np.sin((1 - share) * angle) / apart)
     end = np.where(near, share, np.sin(share * angle) / apart)
     between = begin[:, None] * first + end[:, None] * last
-    return between / np.linalg.norm(between, axis=1, keepdims=True)
+    return between / np.sqrt(np.einsum("nq,nq->n", between, between))[:, None]
 
 
 def matrices(quaternions: Array) -> Array:

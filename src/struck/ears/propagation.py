@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
-from struck.ears.orientation import Carried
+from struck.ears.orientation import Carried, Centres
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
@@ -75,6 +75,7 @@ class Sources:
 
     def __init__(self, emitters: Sequence[Emitter], signs: Array, offsets: Array) -> None:
         self._emitters, self._signs, self._offsets = emitters, signs, offsets
+        self._centres = Centres([each.centre for each in emitters])
         images = len(signs)
         self.emitter = np.repeat(np.arange(len(emitters)), images)
         self.image = np.tile(np.arange(images), len(emitters))
@@ -117,8 +118,8 @@ class Sources:
         sent = times[:, None] - ways / AIR.sound_speed
         shape = len(times), len(self._emitters), len(self._signs)
         moments = sent.reshape(shape).swapaxes(0, 1).reshape(len(self._emitters), -1)
-        centres = [each.centre.at(its) for each, its in zip(self._emitters, moments, strict=True)]
-        apart = np.array(centres).reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
+        centres = self._centres.at(moments)
+        apart = centres.reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
         return (self._signs * apart + self._offsets).reshape(*ways.shape, 3)
 
 

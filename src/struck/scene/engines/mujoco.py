@@ -75,6 +75,7 @@ class MujocoRecorder:
         self._still: tuple[Array, Array] | None = None
         self._time = self._last = -np.inf
         self._flexible = 0
+        self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _WARNED]
         self._force = np.zeros(6)
 
     @property
@@ -229,7 +230,7 @@ class MujocoRecorder:
 
     def _require_sane(self, data: mujoco.MjData, time: float) -> None:
         """Refuse a state that MuJoCo warned of, or faster than anything is."""
-        warned = [n for n in _WARNED if data.warning[getattr(self._mujoco.mjtWarning, n)].number]
+        warned = data.warning.number[self._warnings].any()
         fast = float(np.abs(data.qvel).max(initial=0.0))
         far = float(np.abs(data.xpos).max(initial=0.0))
         if not warned and fast < _FASTEST and far < _FARTHEST:
