@@ -27,9 +27,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         staged = SCENES["chimes"](Path(folder), "preview")
         simulation = ready(staged, Path(folder), "preview")
-    ears = struck.Binaural(position=staged.listener, facing=(0.0, 1.0, 0.0))
     begun = time.process_time()
-    ears.filters(48_000)
+    staged.ears.filters(48_000)
     clock = [time.process_time()]
     once = clock[0] - begun
     scene, contacts = simulation.run(staged.seconds, control=staged.control)
@@ -37,7 +36,7 @@ def main() -> None:
     excited = events_of(scene, contacts).on()
     clock.append(time.process_time())
     bodies = [body for body in excited.bodies.values() if not body.silent]
-    struck.render(bodies, listener=ears, seconds=staged.seconds)
+    struck.render(bodies, listener=staged.ears, seconds=staged.seconds)
     clock.append(time.process_time())
     stages = [late - early for early, late in pairwise(clock)]
     for name, taken in zip(("simulation", "events", "two ears"), stages, strict=True):

@@ -1,7 +1,8 @@
 """The five scenes of O'Brien et al. (2002): python examples/scenes_of_2002.py chimes bowl.
 
 Sounds, contact logs, animations (GLB) and pictures are left in the folder `scenes`. The names are
-chimes, bowl, chute, blocks, boxes and the_end; without one the stack of blocks falls.
+chimes, bowl, chute, blocks, boxes and the_end; without one the stack of blocks falls. With --stems
+the sound of each body is written too.
 """
 
 import sys
@@ -11,5 +12,5 @@ from struck.report import scene2002
 
 SCENES = ("chimes", "bowl", "chute", "blocks", "boxes", "the_end")
 for name in [word for word in sys.argv[1:] if word in SCENES] or ["blocks"]:
-    for path in scene2002(name, Path("scenes"), accuracy="preview"):
+    for path in scene2002(name, Path("scenes"), accuracy="preview", stems="--stems" in sys.argv):
         print("wrote", path)

@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
 from struck.scene import Contacts, Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
+from struck.scene.stems import save_stems
 
 EXAMPLES = (
     (
@@ -32,7 +34,6 @@ EXAMPLES = (
     ),
 )
 _PATTERN = "PATTERN=VALUE"
-_FULL_SCALE = 20.0  # Pa, that a file of absolute level writes as 1
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -78,11 +79,12 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     excited = events.on()
     if options.listener is None and options.walk is None:
         options.listener = _before(excited)
-    sound = _heard(excited, options)
+    heard = _heard(options)
+    sound = _sound(excited, heard)
     factor = sound.save(output)
     files = [output, log, *_beside(output, scene, events, sound, options.seconds, progress)]
     if options.stems:
-        files += _stems(output, excited, options, factor)
+        files += save_stems(excited, output, factor=factor, **heard)
     notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
     count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
     count += f"{len(events.sustained)} lasting contacts"
@@ -121,23 +123,28 @@ def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple
     )
 
 
-def _heard(scene: Scene, options: argparse.Namespace) -> Sound:
-    """Return the sound of a scene, silent where no body sounds."""
+def _heard(options: argparse.Namespace) -> dict[str, Any]:
+    """Return how a scene is heard, as options of `struck.render`."""
     someone = listener(options)
     if not (someone is None or is_listener(someone)):
         someone = Mono(position=position_of(someone))
+    seconds = options.seconds + options.ring
+    return {
+        "listener": someone,
+        "room": room(options),
+        "seconds": seconds,
+        "sample_rate": options.rate,
+    }
+
+
+def _sound(scene: Scene, heard: Mapping[str, Any]) -> Sound:
+    """Return the sound of a scene."""
     bodies = [body for body in scene.bodies.values() if not body.silent]
     if not any(body.actions for body in bodies):
         raise OptionError(
             "nothing sounds: " + ("; ".join(scene.notes) or "no contact is strong enough to hear")
         )
-    sound = struck.render(
-        bodies,
-        listener=someone,
-        room=room(options),
-        seconds=options.seconds + options.ring,
-        sample_rate=options.rate,
-    )
+    sound = struck.render(bodies, **heard)
     return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
 
 
@@ -168,22 +175,6 @@ def _beside(
     save_animation(scene, motion, seconds=seconds)
     save_picture(contact_sheet(scene, events.contacts, sound, seconds=seconds), sheet)
     return table, motion, sheet
-
-
-def _stems(
-    output: Path, scene: Scene, options: argparse.Namespace, factor: float
-) -> Sequence[Path]:
-    """Write the sound of each body by itself, as loud as it is in the whole."""
-    written = []
-    for name, body in scene.bodies.items():
-        if body.silent or not body.actions:
-            continue
-        alone = _heard(Scene(bodies={name: body}), options)
-        safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        path = output.with_name(f"{output.stem}.{safe}.wav")
-        replace(alone, samples=alone.samples * (factor * _FULL_SCALE)).save(path, level="absolute")
-        written.append(path)
-    return written
 
 
 def _lines(rows: Sequence[Mapping[str, object]]) -> str:

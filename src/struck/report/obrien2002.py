@@ -37,8 +37,10 @@ from struck.scene.animation import save_animation
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
 from struck.scene.engines.simulation import Simulation
+from struck.scene.events import events_of
 from struck.scene.log_files import save_contacts
 from struck.scene.render import render
+from struck.scene.stems import save_stems
 from struck.solids import Block, Extrusion, Tube
 from struck.solids.revolution import bowl
 
@@ -75,6 +77,7 @@ _SHELVES = {
     "aluminium": ("aluminium shelf", (0.17, 0, 0.47), -24, (20.0, 16_000.0)),
     "wood": ("wood shelf", (-0.1, 0, 0.19), 22, (20.0, 3000.0)),
 }
+_RING = 1.5  # s, heard after motion ends
 _OPTIONS = '<option timestep="0.001" integrator="implicitfast"/>'
 
 
@@ -96,6 +99,11 @@ class Staged:
     keyframe: str | None = None
     again: Mapping[str, Mapping[str, ModalModel]] = field(default_factory=dict)  # same motion
 
+    @property
+    def ears(self) -> Binaural:
+        """Who listens."""
+        return Binaural(position=self.listener, facing=(0.0, 1.0, 0.0))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Played:
@@ -116,7 +124,12 @@ def constants(name: str) -> Material:
 
 @checked
 def scene2002(
-    name: str, folder: Path, *, accuracy: str = "standard", progress: Progress = silent
+    name: str,
+    folder: Path,
+    *,
+    accuracy: str = "standard",
+    stems: bool = False,
+    progress: Progress = silent,
 ) -> list[Path]:
     """Make one of the five scenes: sounds, contact log, animation and pictures in a folder.
 
@@ -128,6 +141,8 @@ def scene2002(
         Made where it is missing.
     accuracy : str
         As for `struck.analyze`.
+    stems : bool
+        Whether the sound of each body is written too, beside that of all.
     progress : callable
         Told the stage and the fraction of it that is done.
 
@@ -146,7 +161,8 @@ def scene2002(
     if name not in SCENES:
         raise OptionError(f"name is {name!r}: give one of {', '.join(SCENES)}")
     folder.mkdir(parents=True, exist_ok=True)
-    return _saved(_played(SCENES[name](folder, accuracy), folder, accuracy, progress), folder)
+    played = _played(SCENES[name](folder, accuracy), folder, accuracy, progress)
+    return _saved(played, folder, stems=stems)
 
 
 def ready(staged: Staged, folder: Path, accuracy: str, progress: Progress = silent) -> Simulation:
@@ -170,12 +186,11 @@ def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> 
     simulation = ready(staged, folder, accuracy, progress)
     scene, contacts = simulation.run(staged.seconds, control=staged.control, progress=progress)
     progress("render", 0.0)
-    ears = Binaural(position=staged.listener, facing=(0.0, 1.0, 0.0))
     scenes = {staged.name: scene} | {
         f"{staged.name}_{name}": _remodelled(scene, models) for name, models in staged.again.items()
     }
     sounds = {
-        name: render(each, contacts, listener=ears, seconds=staged.seconds + 1.5)
+        name: render(each, contacts, listener=staged.ears, seconds=staged.seconds + _RING)
         for name, each in scenes.items()
     }
     return Played(staged=staged, scene=scene, contacts=contacts, sounds=sounds)
@@ -190,13 +205,18 @@ def _remodelled(scene: Scene, models: Mapping[str, ModalModel]) -> Scene:
     return replace(scene, bodies=bodies)
 
 
-def _saved(played: Played, folder: Path) -> list[Path]:
+def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
     """Write all that came of a scene, and return its sounds."""
-    base, seconds = folder / played.staged.name, played.staged.seconds
-    paths = []
-    for name, sound in played.sounds.items():
-        paths.append(folder / f"{name}.wav")
-        sound.save(paths[-1], encoding="int24")
+    staged, base = played.staged, folder / played.staged.name
+    paths, seconds = [folder / f"{name}.wav" for name in played.sounds], staged.seconds
+    factors = [
+        sound.save(path, encoding="int24")
+        for path, sound in zip(paths, played.sounds.values(), strict=True)
+    ]
+    if stems:
+        excited = events_of(played.scene, played.contacts).on()
+        heard = {"listener": staged.ears, "seconds": seconds + _RING}
+        paths += save_stems(excited, paths[0], factor=factors[0], **heard)
     save_contacts(played.contacts, base.with_suffix(".npz"))
     save_animation(played.scene, base.with_suffix(".glb"), seconds=seconds)
     first = next(iter(played.sounds.values()))
