@@ -125,8 +125,8 @@ def test_blows_of_many_animations_are_found_and_few_are_invented(tmp_path: Path)
     assert len(found) > 60
     assert np.mean(found) >= 0.9
     assert np.mean(true) >= 0.9
-    assert len(missed) > 10
-    assert np.quantile(missed, 0.9) < 0.3
+    assert len(missed) > 80
+    assert max(missed) < 0.3
 
 
 def test_what_lands_and_slides_is_a_blow_and_a_load() -> None:

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from struck.errors import FileFormatError, OptionError
@@ -40,10 +41,14 @@ _QUIETEST = 0.02  # m/s, the least leap of speed that is a hit
 _SHARE = 0.01  # of the fastest motion: smaller leaps are not told from errors of the frames
 _NEAR = 0.03  # of the smaller body's extent: bodies as near as that may touch
 _CLOSE = 5e-3  # m, or as near as that
+_SLACK = 0.02  # m, beyond that
 _TIE = 1e-3  # m: places whose distances differ by less touch together
 _CARRIED = 0.2  # of gravity: with less a body flies
 _UNMATCHED = 0.5  # share by which the leaps of two bodies may miss each other
 _BESIDE = 0.25  # frames, that a hit may lie beside those it was found between
+_BESIDES = 9  # frames, over which the median is a load: what hits is shorter
+_ASIDE = 1e-3  # of what two frames bend aside, by which a pair of them is the worse
+_AGAINST = 0.7  # cosine of what is against a load
 _ROUNDS = 12  # of projection from one surface to the other
 
 
@@ -123,9 +128,10 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
         raise OptionError("the log has no poses: give some, as load_animation reads them")
     posed = scene.posed(motion)
     flights = _flights(posed, motion)
-    leaps = [leap for flight in flights for leap in _leaps(flight)]
-    touches, lost = _paired(posed, motion.names, leaps)
-    touches += [row for flight in flights for row in _carried(posed, motion.names, flight, leaps)]
+    parted = [_leaps(flight) for flight in flights]
+    touches, lost = _paired(posed, motion.names, [leap for leaps, _ in parted for leap in leaps])
+    for flight, (_, loads) in zip(flights, parted, strict=True):
+        touches += _carried(posed, motion.names, flight, loads)
     notes = (f"{lost} leaps of speed have nothing near: left out",) if lost else ()
     return _log(motion, touches, notes)
 
@@ -200,42 +206,55 @@ def _centre(body: Body) -> Array:
     return model.geometry.bounds.mean(axis=0)
 
 
-def _leaps(flight: _Flight) -> Sequence[_Leap]:
-    """Return the leaps of a body's velocity, the largest first taken."""
+def _leaps(flight: _Flight) -> tuple[Sequence[_Leap], Array]:
+    """Return the leaps of a body's velocity, and the second differences of the rest (T, 3)."""
     frame, centre = flight.frame, flight.centre
     bent = _second_differences(centre)
     speeds = np.linalg.norm(np.diff(centre, axis=0), axis=1) / frame
     least = max(_QUIETEST, _SHARE * float(speeds.max(initial=0.0)))
-    found: dict[int, tuple[Array, float]] = {}
-    left = bent.copy()
-    for _ in range(len(centre)):
-        above = _above(left)
-        sizes = np.linalg.norm(above, axis=1) / frame
-        sizes[list(found)] = 0.0
-        k = int(np.argmax(sizes))
-        if sizes[k] < least:
-            break
-        base = (left[k] + left[k + 1] - above[k]) / 2
-        change = above[k] / frame
-        share = float((left[k] - base) @ change / max(frame * change @ change, 1e-30))
-        found[k] = change, flight.times[k + 1] - frame * float(np.clip(share, 0, 1))
-        left[k], left[k + 1] = base, base
-    return [_refined(flight, k, *found[k], set(found) - {k}) for k in sorted(found)]
+    base = median_filter(bent, (_BESIDES, 1), mode="nearest")
+    above = bent - base
+    frames, leaps = _hit(above, base, least * frame), []
+    for k in frames:
+        change = (above[k] + above[k + 1]) / frame
+        share = float(above[k] @ change / max(frame * change @ change, 1e-30))
+        time = flight.times[k + 1] - frame * float(np.clip(share, 0, 1))
+        leaps.append(_refined(flight, k, change, time, set(frames) - {k}))
+        bent[k : k + 2] = (bent[k] + bent[k + 1] - leaps[-1].change * frame) / 2
+    return leaps, bent
+
+
+def _hit(above: Array, base: Array, least: float) -> list[int]:
+    """Return the frames after which a body is hit.
+
+    Of all ways to part frames into pairs with a hit between them and single ones without, that
+    which leaves the least: of single frames all that they bend beyond a load, `least` for each
+    pair, and a little of what it bends in two directions, as two hits do. What bears a body does
+    not pull it: where a load is less for a while there is no hit.
+    """
+    alone = np.linalg.norm(above, axis=1)
+    sums, loads = above[:-1] + above[1:], base[:-1] + base[1:]
+    sizes = np.linalg.norm(sums, axis=1)
+    aside = np.linalg.norm(np.cross(above[:-1], above[1:]), axis=1) / np.maximum(sizes, 1e-30)
+    against = np.einsum("kd,kd->k", sums, loads) < -_AGAINST * sizes * np.linalg.norm(loads, axis=1)
+    pulled = np.einsum("kd,kd->k", sums + loads, loads) < -_CARRIED * np.square(loads).sum(axis=1)
+    together = np.where((sizes < least) | (against & ~pulled), np.inf, least + _ASIDE * aside)
+    # The best of what ends before each frame, from the first on, and then back from the last.
+    best = np.zeros(len(above) + 1)
+    for k, single in enumerate(alone):
+        best[k + 1] = min(best[k] + single, best[k - 1] + together[k - 1] if k else np.inf)
+    frames, k = [], len(above)
+    while k > 1:
+        paired = best[k] < best[k - 1] + alone[k - 1]
+        frames += [k - 2] if paired else []
+        k -= 2 if paired else 1
+    return frames[::-1]
 
 
 def _second_differences(centre: Array) -> Array:
     """Return second differences of places (T, 3), at the ends as beside them."""
     inner = centre[2:] - 2 * centre[1:-1] + centre[:-2]
     return np.concatenate([inner[:1], inner, inner[-1:]])
-
-
-def _above(bent: Array) -> Array:
-    """Return what two second differences have above their neighbours (T - 1, 3)."""
-    padded = np.pad(bent, ((2, 3), (0, 0)), mode="edge")
-    count = len(bent) - 1
-    sides = np.stack([padded[shift : shift + count] for shift in (0, 1, 4, 5)])
-    base = np.median(sides, axis=0)
-    return bent[:-1] + bent[1:] - 2 * base
 
 
 def _refined(flight: _Flight, k: int, change: Array, time: float, others: set[int]) -> _Leap:
@@ -297,6 +316,8 @@ def _touch_of(
 ) -> tuple[_Touch, _Leap | None] | None:
     """Return the contact that explains a leap best, and the leap that answers it, if any."""
     impulse = leap.flight.mass * leap.change
+    # Of several hits between two frames one is found, farther from where the bodies met.
+    slack = max(_SLACK, float(np.linalg.norm(leap.change)) * leap.flight.frame)
     choices = []
     for other, name in enumerate(names):
         partner = _answer(leap, other, impulse, others)
@@ -304,7 +325,7 @@ def _touch_of(
         if other == leap.flight.number or moot:
             continue
         its = scene.bodies[name] if partner is None else partner.body
-        found = nearest_places(leap.body, its, leap.time)
+        found = nearest_places(leap.body, its, leap.time, slack)
         if found is not None:
             choices.append((found[0] - (partner is not None) * _CLOSE, other, found[1], partner))
     if not choices:
@@ -348,16 +369,18 @@ def _gives_way(body: Body, impulse: Array) -> bool:
     return float(np.linalg.norm(impulse)) / mass > 2 * _QUIETEST
 
 
-def nearest_places(body: Body, other: Body, time: float) -> tuple[float, Array] | None:
+def nearest_places(
+    body: Body, other: Body, time: float, slack: float = _SLACK
+) -> tuple[float, Array] | None:
     """Return how far apart two bodies are, m, and where they are nearest, in the scene (3,).
 
-    None where they are too far apart to touch, or one has no surface.
+    None where they are too far apart to touch, beyond a slack, m, or one has no surface.
     """
     mine, its = body.model.geometry, other.model.geometry
     moment = np.array([time])
     if mine is None or its is None:
         return None
-    reach = max(_CLOSE, _NEAR * min(mine.extent, its.extent))
+    reach = max(_CLOSE, _NEAR * min(mine.extent, its.extent)) + slack
     pairs = []
     for one, two, mesh, target in ((body, other, mine, its), (other, body, its, mine)):
         points = np.concatenate([mesh.points, mesh.centroids])
@@ -375,7 +398,7 @@ def nearest_places(body: Body, other: Body, time: float) -> tuple[float, Array] 
     near = apart <= apart.min() + _TIE
     place = _between(body, other, moment, middles[near].mean(axis=0))
     distance = float(apart.min())
-    return (distance, place) if distance <= reach + 0.02 else None
+    return (distance, place) if distance <= reach else None
 
 
 def _beside(mesh: Mesh, points: Array, reach: float) -> Index:
@@ -406,18 +429,14 @@ def _seen(body: Body, moment: Array, places: Array) -> Array:
     return seen_from(body, times, places, places)[0]
 
 
-def _carried(
-    scene: Scene, names: Sequence[str], flight: _Flight, leaps: Sequence[_Leap]
-) -> Sequence[_Touch]:
+def _carried(scene: Scene, names: Sequence[str], flight: _Flight, bent: Array) -> Sequence[_Touch]:
     """Return rows of the frames in which something carries a body."""
     frame, gravity = flight.frame, float(np.linalg.norm(scene.gravity))
-    bent = _second_differences(flight.centre)
-    taken = {e.frame + s for e in leaps if e.flight is flight for s in (0, 1)}
     loads = np.linalg.norm(bent, axis=1) > _CARRIED * gravity * frame**2
-    loads[list(taken)] = False
     rows, last = [], None
     for k in np.flatnonzero(loads).tolist():
-        last = _bearer(scene, names, flight, k, last)
+        # A body that is hit often is a little off what bears it in most frames.
+        last = _bearer(scene, names, flight, k, last, float(np.linalg.norm(bent[k])))
         if last is not None:
             rows.append(
                 _Touch(
@@ -438,6 +457,7 @@ def _bearer(
     flight: _Flight,
     k: int,
     last: tuple[int, Array] | None,
+    slack: float,
 ) -> tuple[int, Array] | None:
     """Return which body carries another in a frame, the last one first asked, and where."""
     time = float(flight.times[k])
@@ -446,7 +466,7 @@ def _bearer(
         if other == flight.number:
             continue
         found = nearest_places(flight.body, scene.bodies[names[other]], time)
-        if found is not None and found[0] < _CLOSE:
+        if found is not None and found[0] < _CLOSE + slack:
             return other, found[1]
     return None
 
