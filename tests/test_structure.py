@@ -46,6 +46,7 @@ SHORT: dict[str, str] = {
     "live/callback.py": "what the audio device reaches, field by field as in the core",
     "solids/fem/cubic_surface.py": "the surface of thin bodies, which others do not load",
     "report/figurine.py": "a body that pages, examples and proofs share",
+    "scene/engines/step_log.py": "what both engines note alike",
     "scene/stems.py": "files that a command and the scenes of 2002 write alike",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",
     **dict.fromkeys(

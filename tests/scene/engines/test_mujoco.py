@@ -180,6 +180,10 @@ def test_runge_kutta_steps_cannot_rebound_and_say_so(tmp_path: Path) -> None:
     path = written(tmp_path, FLOOR.format(3) + BALL.format(x=0, z=0.1), options=options)
     with pytest.raises(SimulationError, match="set integrator to Euler or implicitfast"):
         Simulation(path, restitution=0.5)
+    # With the file's own settings they run, and tell that their contacts are of one stage alone.
+    _, contacts = Simulation(path).run(0.3)
+    assert len(contacts)
+    assert "the last of RK4's four stages" in contacts.notes[0]
 
 
 def test_compiled_meshes_are_turned_back_to_their_files(tmp_path: Path) -> None:

@@ -22,12 +22,31 @@ if TYPE_CHECKING:
 _DEEP = 0.1  # of the thinner body's least width: starts that overlap by more are refused
 _SHALLOW = 1e-4  # m, and those by less are not worth a word
 _DEAD = 0.05  # restitution, below which blows are dead
+_FASTEST, _FARTHEST = 1000.0, 1e5  # m/s or rad/s, and m: beyond it a simulation has exploded
 _MOST_KINDS = 8  # of contacts that are tried
 # By a blow bodies part at most as fast as they met, so that none is sped up by more than twice
 # that, and a light one at the end of a row of bodies that touch by not many times more. In one
 # step; and in a window of time, in which there may be several blows.
 _GAIN, _GAIN_IN_WINDOW, _WINDOW = 4.0, 8.0, 0.02  # 1, 1, s
 _PUSHED_OUT = 0.5  # m/s that bodies may be pushed apart with that begin in each other
+
+
+def require_slow(time: float, velocities: Array, places: Array, *, warned: bool = False) -> None:
+    """Refuse bodies faster or farther away than any are, or of which the engine warned.
+
+    Raises
+    ------
+    SimulationError
+        With the time, s, of a simulation that has exploded.
+    """
+    fast = float(np.abs(velocities).max(initial=0.0))
+    far = float(np.abs(places).max(initial=0.0))
+    if warned or not (fast < _FASTEST and far < _FARTHEST):
+        raise SimulationError(
+            f"the simulation exploded at {time:.4g} s (a velocity is {fast:.3g}, a position "
+            f"{far:.3g} m): take smaller steps, start bodies apart, or soften contacts and "
+            "actuators"
+        )
 
 
 def require_no_blast(contacts: Contacts, links: Sequence[Link], masses: Array) -> None:

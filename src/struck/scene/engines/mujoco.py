@@ -16,14 +16,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import OptionError, SimulationError
+from struck.errors import OptionError
 from struck.model.arrays import Array, Index
 from struck.model.provenance import Progress, silent
 from struck.scene.body import Scene
-from struck.scene.contacts import Contacts, Poses
-from struck.scene.engines.explosion import dead, free_masses, require_no_blast
+from struck.scene.contacts import Contacts
+from struck.scene.engines.explosion import dead, free_masses, require_no_blast, require_slow
 from struck.scene.engines.links import Link, links_of, mass_properties, owners
 from struck.scene.engines.sound_sources import SoundOptions, SoundSources
+from struck.scene.engines.step_log import StepLog
 
 if TYPE_CHECKING:
     import mujoco
@@ -31,13 +32,7 @@ if TYPE_CHECKING:
     from struck.analysis.analysis import Fixed
     from struck.scene.engines.sound_sources import Materials, Sounding
 
-POSES = 240.0  # Hz, at which bodies are placed that touch nothing
-_FASTEST = 1000.0  # m/s and rad/s: beyond it a simulation has exploded
-_FARTHEST = 1e5  # m
 _WARNED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
-
-_NO_ROWS = np.zeros((0, 16))
-_IMPULSE = slice(13, 16)
 
 Control = Callable[["mujoco.MjModel", "mujoco.MjData"], None]
 
@@ -69,11 +64,9 @@ class MujocoRecorder:
         self._owners = owners(model, self.links)
         self._carried = [n for n, link in enumerate(self.links) if link.frame_is_body]
         self._frames = np.array([self.links[n].frame for n in self._carried], np.int64)
-        self._alone = [n for n, link in enumerate(self.links) if not link.frame_is_body]
-        self._rows: list[Array] = []
-        self._poses: list[tuple[float, Array, Array]] = []
+        self._log = StepLog(self.links)
         self._still: tuple[Array, Array] | None = None
-        self._time = self._last = -np.inf
+        self._time = -np.inf
         self._flexible = 0
         self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _WARNED]
         self._force = np.zeros(6)
@@ -101,42 +94,25 @@ class MujocoRecorder:
                 "mj_step, and begin a new recorder after a reset"
             )
         self._time = time
-        if self._still is None:
-            self._keep_still(data)
         touched = data.ncon > 0 and self._note_contacts(data, time)
-        if touched or time - self._last >= 1 / POSES - 1e-9:
-            self._last = time
-            frames = self._frames
-            self._poses.append((time, data.xpos[frames], data.xquat[frames]))
+        if touched or self._log.due(time):
+            self._place(data, time)
 
     def place(self, data: mujoco.MjData) -> None:
         """Note where bodies are before the first step."""
+        self._place(data, data.time)
+
+    def _place(self, data: mujoco.MjData, time: float) -> None:
         if self._still is None:
-            self._keep_still(data)
-        self._last = data.time
-        frames = self._frames
-        self._poses.append((data.time, data.xpos[frames], data.xquat[frames]))
+            self._still = self._standing(data)
+        places, turns = (each.copy() for each in self._still)
+        places[self._carried] = data.xpos[self._frames]
+        turns[self._carried] = data.xquat[self._frames]
+        self._log.pose(time, places, turns)
 
     def contacts(self) -> Contacts:
         """Return the log so far."""
-        if not self._poses:
-            raise OptionError("nothing was noted: call step(data) after each mj_step")
-        rows = np.concatenate([_NO_ROWS, *self._rows])
-        time, step, body0, body1 = rows[:, :4].T
-        position, normal, velocity, impulse = np.split(rows[:, 4:], (3, 6, 9), axis=1)
-        return Contacts(
-            names=[link.name for link in self.links],
-            time=time,
-            dt=step,
-            body0=body0,
-            body1=body1,
-            position=position,
-            normal=normal,
-            impulse=impulse,
-            velocity=velocity,
-            poses=self._placed(),
-            notes=self._notes(),
-        )
+        return self._log.contacts(self._notes())
 
     def scene(
         self,
@@ -193,9 +169,15 @@ class MujocoRecorder:
         return scene.posed(contacts), contacts
 
     def _notes(self) -> tuple[str, ...]:
-        if not self._flexible:
-            return ()
-        return (f"{self._flexible} contacts of flexible bodies were left out: they are not rigid",)
+        notes = []
+        if self._flexible:
+            notes.append(f"{self._flexible} contacts of flexible bodies were left out: not rigid")
+        if self._model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4:
+            notes.append(
+                "contacts are those of the last of RK4's four stages, so that their impulses may "
+                "differ from those of the motion: set integrator to Euler or implicitfast"
+            )
+        return tuple(notes)
 
     # One step.
 
@@ -223,54 +205,22 @@ class MujocoRecorder:
         velocity = _speed(self._model, data, bodies[:, 1], place) - _speed(
             self._model, data, bodies[:, 0], place
         )
-        times = np.full((len(kept), 1), time)
-        rows = (times, times * 0 + step, pair[kept], place, frames[:, 0], velocity, impulse)
-        self._rows.append(_together(np.hstack(rows)))
+        self._log.touch(time, step, pair[kept], place, frames[:, 0], velocity, impulse)
         return True
 
     def _require_sane(self, data: mujoco.MjData, time: float) -> None:
         """Refuse a state that MuJoCo warned of, or faster than anything is."""
         warned = data.warning.number[self._warnings].any()
-        fast = float(np.abs(data.qvel).max(initial=0.0))
-        far = float(np.abs(data.xpos).max(initial=0.0))
-        if not warned and fast < _FASTEST and far < _FARTHEST:
-            return
-        why = f"a velocity is {fast:.3g}, a position {far:.3g} m"
-        raise SimulationError(
-            f"the simulation exploded at {time:.4g} s ({why}): take smaller steps, start bodies "
-            "apart, or soften contacts and actuators"
-        )
+        require_slow(time, data.qvel, data.xpos, warned=bool(warned))
 
-    # Poses.
-
-    def _keep_still(self, data: mujoco.MjData) -> None:
-        """Keep the places of geoms of the world, which never move."""
-        geoms = [self.links[n].frame for n in self._alone]
-        quaternions = np.zeros((len(geoms), 4))
-        for row, geom in zip(quaternions, geoms, strict=True):
-            self._mujoco.mju_mat2Quat(row, data.geom_xmat[geom])
-        self._still = data.geom_xpos[geoms], quaternions
-
-    def _placed(self) -> Poses:
-        """Return where the coordinates of all shapes are."""
-        if self._still is None:
-            raise OptionError("nothing was noted: call step(data) after each mj_step")
-        times = np.array([time for time, _, _ in self._poses])
-        places = np.stack([place for _, place, _ in self._poses])
-        turns = np.stack([turn for _, _, turn in self._poses])
-        parts = []
+    def _standing(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Return the places of geoms of the world, which never move, among those of all links."""
+        places, turns = np.zeros((len(self.links), 3)), np.zeros((len(self.links), 4))
         for number, link in enumerate(self.links):
-            here = slice(0, 1 if link.fixed else None)  # what stands needs one row
-            if link.frame_is_body:
-                column = self._carried.index(number)
-                course = places[here, column], turns[here, column]
-            else:
-                row = self._alone.index(number)
-                course = self._still[0][row][None], self._still[1][row][None]
-            moved = link.placement.carried(*course)
-            parts.append((times[here], np.full(len(times[here]), number), *moved))
-        time, body, position, rotation = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return Poses(time=time, body=body, position=position, rotation=rotation)
+            if not link.frame_is_body:
+                places[number] = data.geom_xpos[link.frame]
+                self._mujoco.mju_mat2Quat(turns[number], data.geom_xmat[link.frame])
+        return places, turns
 
 
 class MujocoEngine:
@@ -305,17 +255,6 @@ class MujocoEngine:
     def contacts(self) -> Contacts:
         """Return the log so far."""
         return self.recorder.contacts()
-
-
-def _together(rows: Array) -> Array:
-    """Return the rows of a step, those of one pair and place in one: edges meet at such twice."""
-    same = (rows[1:, : _IMPULSE.start] == rows[:-1, : _IMPULSE.start]).all(axis=1)
-    if not same.any():
-        return rows
-    first = np.flatnonzero(np.append(True, ~same))
-    summed = rows[first]
-    summed[:, _IMPULSE] = np.add.reduceat(rows[:, _IMPULSE], first, axis=0)
-    return summed
 
 
 def _speed(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, places: Array) -> Array:

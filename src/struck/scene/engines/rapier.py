@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from struck.errors import MissingDependencyError, OptionError, SimulationError
 from struck.model.arrays import Array, Index
-from struck.scene.contacts import Contacts, Poses
-from struck.scene.engines.explosion import free_masses
+from struck.scene.contacts import Contacts
+from struck.scene.engines.explosion import free_masses, require_slow
 from struck.scene.engines.links import (
     Link,
     geom_placement,
@@ -31,14 +31,13 @@ from struck.scene.engines.links import (
 )
 from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws
+from struck.scene.engines.step_log import StepLog
 
 if TYPE_CHECKING:
     import mujoco
 
     from struck.scene.engines.mujoco import Control
 
-POSES = 240.0  # Hz, at which bodies are placed that touch nothing
-_FASTEST, _FARTHEST = 1000.0, 1e5  # m/s and m, beyond which a simulation has exploded
 _PLANE, _FIELD, _SPHERE, _CAPSULE, _CYLINDER, _BOX = 0, 1, 2, 3, 5, 6
 # A cylinder of Rapier stands along y, MuJoCo's along z.
 _UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
@@ -71,9 +70,7 @@ class RapierEngine:
             self._world.physics_hooks = self
         self._said: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
         self._begin(MujocoEngine(model, links, keyframe).data)
-        self._time, self._last = 0.0, -np.inf
-        self._rows: list[Array] = []
-        self._poses: list[tuple[float, Array, Array]] = []
+        self._time, self._log = 0.0, StepLog(links)
 
     def advance(self, control: Control | None = None) -> None:
         """Take one step and note it."""
@@ -84,27 +81,12 @@ class RapierEngine:
         self._world.step()
         self._time += self.step
         touched = self._note_contacts(begin, state)
-        if touched or begin - self._last >= 1 / POSES - 1e-9:
-            self._last = begin
-            self._poses.append((begin, state[0], state[1]))
+        if touched or self._log.due(begin):
+            self._log.pose(begin, state[0], state[1])
 
     def contacts(self) -> Contacts:
         """Return the log so far."""
-        rows = np.concatenate([np.zeros((0, 16)), *self._rows])
-        time, step, body0, body1 = rows[:, :4].T
-        position, normal, velocity, impulse = np.split(rows[:, 4:], (3, 6, 9), axis=1)
-        return Contacts(
-            names=[link.name for link in self._links],
-            time=time,
-            dt=step,
-            body0=body0,
-            body1=body1,
-            position=position,
-            normal=normal,
-            impulse=impulse,
-            velocity=velocity,
-            poses=self._placed(),
-        )
+        return self._log.contacts()
 
     def velocity(self, name: str) -> Array:
         """Return how fast a body's centre of mass moves, m/s (3,)."""
@@ -205,12 +187,7 @@ class RapierEngine:
             row[3:7] = turn.w, turn.i, turn.j, turn.k
             row[7:10] = speed.x, speed.y, speed.z
             row[10:] = spin.x, spin.y, spin.z
-        fast, far = np.abs(found[:, 7:]).max(), np.abs(found[:, :3]).max()
-        if not (fast < _FASTEST and far < _FARTHEST):
-            raise SimulationError(
-                f"the simulation exploded at {self._time:.4g} s (a velocity is {fast:.3g}, a "
-                f"position {far:.3g} m): take smaller steps, or start bodies apart"
-            )
+        require_slow(self._time, found[:, 7:], found[:, :3])
         places, turns, speeds, spins = np.split(found, (3, 7, 10), axis=1)
         return places, turns, speeds, spins
 
@@ -229,9 +206,8 @@ class RapierEngine:
         ]
         place = (sides[0] + sides[1]) / 2
         velocity = self._speed(state, bodies[:, 1], place) - self._speed(state, bodies[:, 0], place)
-        clock = np.broadcast_to([begin, self.step], (len(table), 2))
-        columns = (clock, table[:, :2], place, table[:, 8:11], velocity, table[:, 11:])
-        self._rows.append(np.hstack(columns))
+        normal, impulse = table[:, 8:11], table[:, 11:]
+        self._log.touch(begin, self.step, bodies, place, normal, velocity, impulse)
         return True
 
     def _of(self, pair: Any) -> Iterator[tuple[float, ...]]:  # noqa: ANN401 - of Rapier
@@ -258,18 +234,6 @@ class RapierEngine:
         frames = Rotation.from_quat(turns, scalar_first=True)
         centres = origins + frames.apply(self._centres[bodies])
         return speeds + np.cross(spins, places - centres)
-
-    def _placed(self) -> Poses:
-        times = np.array([time for time, _, _ in self._poses])
-        parts = []
-        for number, link in enumerate(self._links):
-            here = slice(0, 1 if link.fixed else None)
-            places = np.stack([place[number] for _, place, _ in self._poses[here]])
-            turns = np.stack([turn[number] for _, _, turn in self._poses[here]])
-            moved = link.placement.carried(places, turns)
-            parts.append((times[here], np.full(len(times[here]), number), *moved))
-        time, body, position, rotation = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return Poses(time=time, body=body, position=position, rotation=rotation)
 
 
 def _carried_back(
