@@ -137,11 +137,7 @@ class Carried:
 
 
 class Centres:
-    """Centres of bodies, each asked at moments of its own.
-
-    Bodies of one simulation are given at the same times, and are placed together: to place each
-    alone takes longer than all the rest that ears do.
-    """
+    """Centres of bodies, asked at moments of their own; those of one simulation in one go."""
 
     def __init__(self, centres: Sequence[Trajectory | Carried]) -> None:
         tabled = [

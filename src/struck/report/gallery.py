@@ -82,6 +82,7 @@ class Piece:
             band=self.band,
             wall=self.wall,
             damping=self.damping,
+            accuracy="preview",
             progress=staged,
         )
         model_file.save(model, folder / f"{self.name}.struck")

@@ -4,49 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from struck.files.sound import FULL_SCALE
 from struck.scene.body import Scene
 from struck.scene.render import render
 
-if TYPE_CHECKING:
-    from struck.ears.listeners import Listener
-    from struck.ears.room import Room
 
+def save_stems(scene: Scene, whole: Path, *, factor: float, **heard: Any) -> list[Path]:  # noqa: ANN401 - of `render`
+    """Write what is heard of each excited body beside the file of all, and return the files.
 
-def save_stems(
-    scene: Scene,
-    whole: Path,
-    *,
-    factor: float,
-    seconds: float,
-    listener: Listener | None,
-    room: Room | None = None,
-    sample_rate: int = 48_000,
-) -> list[Path]:
-    """Write what is heard of each body beside the file of all, and return the files.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its bodies excited.
-    whole : Path
-        WHOLE.wav, beside which WHOLE.BODY.wav are written.
-    factor : float
-        What the samples of the whole were multiplied by in its file; so are these.
-    seconds, listener, room, sample_rate
-        As for `render`.
+    `factor` is what the samples of the whole were multiplied by in its file; so are these. The
+    rest is said to `render`.
     """
     written = []
     for name, body in scene.bodies.items():
-        if body.silent or not body.actions:
-            continue
-        alone = render(
-            [body], listener=listener, room=room, seconds=seconds, sample_rate=sample_rate
-        )
-        safe = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        written.append(whole.with_name(f"{whole.stem}.{safe}.wav"))
-        scaled = replace(alone, samples=alone.samples * (factor * FULL_SCALE))
-        scaled.save(written[-1], level="absolute")
+        if not body.silent and body.actions:
+            alone = render([body], **heard)
+            safe = "".join(each if each.isalnum() or each in "-_" else "_" for each in name)
+            written.append(whole.with_name(f"{whole.stem}.{safe}.wav"))
+            scaled = replace(alone, samples=alone.samples * (factor * FULL_SCALE))
+            scaled.save(written[-1], level="absolute")
     return written

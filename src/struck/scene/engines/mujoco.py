@@ -10,15 +10,13 @@ all dimensions of friction; over one step they are impulses.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index
-from struck.model.provenance import Progress, silent
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
 from struck.scene.engines.explosion import dead, free_masses, require_no_blast, require_slow
@@ -28,9 +26,6 @@ from struck.scene.engines.step_log import StepLog
 
 if TYPE_CHECKING:
     import mujoco
-
-    from struck.analysis.analysis import Fixed
-    from struck.scene.engines.sound_sources import Materials, Sounding
 
 _WARNED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
 
@@ -114,21 +109,7 @@ class MujocoRecorder:
         """Return the log so far."""
         return self._log.contacts(self._notes())
 
-    def scene(
-        self,
-        *,
-        materials: Materials | None = None,
-        models: Mapping[str, Sounding] | None = None,
-        walls: Mapping[str, float] | None = None,
-        fixed: Mapping[str, Fixed] | None = None,
-        roughness: Mapping[str, str] | None = None,
-        mute: Sequence[str] = (),
-        band: tuple[float, float] | None = None,
-        accuracy: str = "standard",
-        damping: str = "own",
-        cache: bool | str | os.PathLike[str] = True,
-        progress: Progress = silent,
-    ) -> tuple[Scene, Contacts]:
+    def scene(self, **sounds: Any) -> tuple[Scene, Contacts]:  # noqa: ANN401 - of `SoundOptions`
         """Return the scene, whose bodies sound and move, and the log of its contacts so far.
 
         Parameters
@@ -147,21 +128,7 @@ class MujocoRecorder:
         """
         contacts = self.contacts()
         require_no_blast(contacts, self.links, free_masses(self._model, self.links))
-        sources = SoundSources(
-            SoundOptions(
-                materials=materials,
-                models=models or {},
-                walls=walls or {},
-                fixed=fixed or {},
-                roughness=roughness or {},
-                mute=mute,
-                band=band,
-                accuracy=accuracy,
-                damping=damping,
-                cache=cache,
-                progress=progress,
-            )
-        )
+        sources = SoundSources(SoundOptions(**sounds))
         masses = [mass_properties(self._model, link) for link in self.links]
         bodies = sources.bodies(self.links, masses)
         notes = (*sources.notes, *contacts.notes, *dead(self._model))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,10 +31,8 @@ from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model
 if TYPE_CHECKING:
     import mujoco
 
-    from struck.analysis.analysis import Fixed
     from struck.scene.engines.mujoco import Control
     from struck.scene.engines.rapier import RapierEngine
-    from struck.scene.engines.sound_sources import Materials, Sounding
 
 ENGINES = ("mujoco", "rapier")
 _DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
@@ -109,12 +107,6 @@ class Simulation:
         self,
         file: str | os.PathLike[str],
         *,
-        materials: Materials | None = None,
-        models: Mapping[str, Sounding] | None = None,
-        walls: Mapping[str, float] | None = None,
-        fixed: Mapping[str, Fixed] | None = None,
-        roughness: Mapping[str, str] | None = None,
-        mute: Sequence[str] = (),
         restitution: PairValues | None = None,
         friction: PairValues | None = None,
         engine: str = "mujoco",
@@ -122,11 +114,9 @@ class Simulation:
         keyframe: str | None = None,
         folder: str | os.PathLike[str] | None = None,
         convex: str = "parts",
-        band: tuple[float, float] | None = None,
-        accuracy: str = "standard",
-        damping: str = "own",
         cache: bool | str | os.PathLike[str] = True,
         progress: Progress = silent,
+        **sounds: Any,  # noqa: ANN401 - of `SoundOptions`
     ) -> None:
         _require_choices(engine, convex, step)
         mujoco_itself()
@@ -135,21 +125,8 @@ class Simulation:
         if step is not None:
             spec.option.timestep = step
         self._stages = Stages(cache=opened(choice=cache), progress=progress)
-        self._sources = SoundSources(
-            SoundOptions(
-                materials=materials,
-                models=models or {},
-                walls=walls or {},
-                fixed=fixed or {},
-                roughness=roughness or {},
-                mute=mute,
-                band=band,
-                accuracy=accuracy,
-                damping=damping,
-                cache=cache,
-                progress=progress,
-            )
-        )
+        options = SoundOptions(cache=cache, progress=progress, **sounds)
+        self._sources = SoundSources(options)
         self._engine, self._keyframe, self._convex = engine, keyframe, convex
         self._prepare(spec, read.notes, restitution, friction)
 

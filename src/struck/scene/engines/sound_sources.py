@@ -55,10 +55,10 @@ class SoundOptions:
             "walls": self.walls,
             "fixed": self.fixed,
             "roughness": self.roughness,
-            "mute": dict.fromkeys(self.mute),
+            "mute": dict.fromkeys(self.mute or ()),
         }
         for option, table in tables.items():
-            for pattern in table:
+            for pattern in table or ():
                 if not any(fnmatchcase(name, pattern) for name in names):
                     raise OptionError(
                         f"{option} names {pattern!r}, and there are {', '.join(map(repr, names))}: "

@@ -33,11 +33,7 @@ class StepLog:
         velocities: Array,
         impulses: Array,
     ) -> None:
-        """Note the contacts of one step; those of one pair and place become one.
-
-        Edges meet at such twice. `pairs` (K, 2) are numbers of links; the rest is (K, 3), as in
-        `Contacts`.
-        """
+        """Note the contacts of one step, (K, ...); those of one pair and place become one."""
         clock = np.broadcast_to([time, step], (len(pairs), 2))
         rows = np.hstack([clock, pairs.astype(np.float64), places, normals, velocities, impulses])
         alike = (rows[1:, : _IMPULSE.start] == rows[:-1, : _IMPULSE.start]).all(axis=1)
