@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from struck.scene.body import Action, Body, Scene
     from struck.scene.contacts import Contacts
     from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.simulation import Simulation
 
 
 @checked
@@ -368,45 +369,45 @@ def simulate(
 
 
 def play(
-    model: ModalModel | Sequence[ModalModel],
+    model: ModalModel | Sequence[ModalModel] | Scene | Simulation,
     *,
     listener: Listener | ArrayLike | None = None,
     device: int | str | None = None,
     sample_rate: float | None = None,
     block: int = 128,
     volume: float = 0.0,
-    voices: int = 16,
-    ahead: int = 2,
+    voices: int | None = None,
+    ahead: int | None = None,
+    control: Control | None = None,
 ) -> Player:
-    """Play a model, or several, on an audio device until the player is stopped.
+    """Play models, a scene or a simulation on an audio device until the player is stopped.
 
     Parameters
     ----------
-    model : ModalModel or sequence of them
-        The bodies, in one system of coordinates.
+    model : ModalModel or sequence of them, Scene or Simulation
+        The bodies, in one system of coordinates; or those of a scene, which `player.move` and
+        `player.follow` move, or a simulation that runs beside the sound.
     listener : Mono, Stereo, Binaural or array-like (3,), optional
         Who hears them, as for `render`, with a position and a direction that stay until
         `player.listener` is set anew.
-    device : int or str, optional
-        Its number or part of its name (`struck play --list-devices`); the system's own choice
-        unless given.
-    sample_rate : float, optional
-        Hz; the device's own unless given.
+    device, sample_rate : int or str, float, optional
+        Number or part of the name (`struck play --list-devices`), and Hz; the system's own choice
+        and the device's own rate unless given.
     block : int
         Samples for each call of the device: fewer are heard sooner and cost more.
     volume : float
         dB. At 0 the default strike of the loudest body at its default contact peaks at -12 dB of
         full scale; a limiter keeps all below -1 dB.
-    voices : int
-        Excitations at once; strikes at one place share one.
-    ahead : int
-        Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
+    voices, ahead : int, optional
+        Excitations at once, 16 or of a scene 128; strikes at one place share one. And blocks of
+        forces kept ready, 2 or of a scene 8: more bear a busier machine, and are heard later.
+    control : callable, optional
+        Of a simulation, as for `simulate`: what it pushes is heard some 200 ms later.
 
     Returns
     -------
     Player
-        Running; use it in a `with`, or call its `stop()`. The first call takes seconds, as all
-        that runs on the device is compiled before it opens.
+        Running; use it in a `with`, or call its `stop()`. The first call compiles for seconds.
 
     Raises
     ------

@@ -89,7 +89,7 @@ def test_bodies_of_one_table_are_placed_together_where_scipy_has_each() -> None:
         ((np.nan, 0.0, 0.0, 0.0), "unit quaternions"),
         (np.ones((3, 3)), "orthonormal"),
         (-np.eye(3), "mirrors"),
-        (([0.0, 0.0], QUATERNIONS[:2]), "ascending"),
+        (([0.0, 0.0], QUATERNIONS[:2]), "finite and ascend"),
         (([0.0, 1.0], QUATERNIONS[:3]), r"of \(3, 4\)"),
     ],
 )

@@ -25,10 +25,7 @@ _SAME = (
 )
 
 
-EXAMPLES = (
-    "taps/*.wav -o mug.struck --report mug.html",
-    "takes -o vase.struck --symmetry axial",
-)
+EXAMPLES = ("taps/*.wav -o mug.struck --report mug.html", "takes -o vase.struck --symmetry axial")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -56,16 +56,13 @@ class Trajectory:
         """
         if callable(course):
             return cls(name=name, times=np.zeros(0), points=np.zeros((0, 3)), function=course)
-        if _is_table(course):
+        if is_table(course):
             return cls._table(name, *course)
         return cls(name=name, times=np.zeros(1), points=_points(name, course, (3,))[None])
 
     @classmethod
     def _table(cls, name: str, times: ArrayLike, points: ArrayLike) -> Trajectory:
-        moments = np.atleast_1d(np.asarray(times, np.float64))
-        ascend = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
-        if not (len(moments) and ascend):
-            raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
+        moments = ascending(name, times)
         return cls(name=name, times=moments, points=_points(name, points, (len(moments), 3)))
 
     @property
@@ -89,7 +86,16 @@ class Trajectory:
         return (1 - share) * self.points[after - 1] + share * self.points[after]
 
 
-def _is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
+def ascending(name: str, times: ArrayLike) -> Array:
+    """Return the times of a table, s (T,); OptionError where they do not ascend."""
+    moments = np.atleast_1d(np.asarray(times, np.float64))
+    ascend = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
+    if not (len(moments) and ascend):
+        raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
+    return moments
+
+
+def is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
     """Tell (times, points) from a point: its second part is a list."""
     return isinstance(course, tuple) and len(course) == 2 and not np.isscalar(course[1])
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.ears.listeners import Trajectory
+from struck.ears.listeners import Trajectory, ascending, is_table
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index, numbers
 
@@ -58,10 +58,9 @@ class Orientation:
         if callable(turning):
             empty = np.zeros((0, 4))
             return cls(name=name, times=np.zeros(0), quaternions=empty, function=turning)
-        if isinstance(turning, tuple) and len(turning) == 2 and not np.isscalar(turning[1]):
-            times, quaternions = (numbers(name, each) for each in turning)
-            ascend = times.ndim == 1 and np.isfinite(times).all() and (np.diff(times) > 0).all()
-            if not (ascend and len(times) and quaternions.shape == (len(times), 4)):
+        if is_table(turning):
+            times, quaternions = ascending(name, turning[0]), numbers(name, turning[1])
+            if quaternions.shape != (len(times), 4):
                 raise OptionError(
                     f"{name} has times of shape {times.shape} and quaternions of "
                     f"{quaternions.shape}: give ascending times, s, and as many (w, x, y, z)"

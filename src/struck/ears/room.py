@@ -6,12 +6,9 @@ import difflib
 import itertools
 import math
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -30,6 +27,7 @@ from struck.model.arrays import (
     require_sample_rate,
 )
 from struck.model.material import AIR
+from struck.model.provenance import table_of
 
 Wall = str | float
 WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")  # z0 is the floor, z1 the ceiling
@@ -287,11 +285,9 @@ class Room:
         return dict(zip(names, map(library.Material, tables), strict=True))
 
 
-@cache
 def wall_materials() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of wall materials by name: absorption (7 bands) and its source."""
-    text = resources.files("struck.ears").joinpath("walls.toml").read_text("utf-8")
-    return MappingProxyType(tomllib.loads(text))
+    return table_of("struck.ears", "walls")
 
 
 def _absorption(wall: Wall) -> Array:

@@ -9,13 +9,10 @@ lets the area of contact shape the sound).
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
-from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -414,13 +411,6 @@ def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
 class _Placed(Protocol):
     @property
     def at(self) -> Place: ...
-
-
-@cache
-def table_of(name: str) -> Mapping[str, Mapping[str, Any]]:
-    """Return a table of ``<name>.toml`` in this package."""
-    text = resources.files("struck.excitation").joinpath(f"{name}.toml").read_text("utf-8")
-    return MappingProxyType(tomllib.loads(text))
 
 
 def require_kernel(

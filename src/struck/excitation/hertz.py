@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.excitation.excitation import require_known, table_of
+from struck.excitation.excitation import require_known
 from struck.model.arrays import checked, require_number
 from struck.model.material import Material
+from struck.model.provenance import table_of
 
 # 2.8683: contact time in units of (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4)
 CONTACT_CONSTANT = 4 * math.sqrt(math.pi) / 5 * math.gamma(0.4) / math.gamma(0.9) * (15 / 16) ** 0.4
@@ -67,7 +68,7 @@ class Striker:
 
 def strikers() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of strikers by name."""
-    return table_of("strikers")
+    return table_of("struck.excitation", "strikers")
 
 
 def contact_modulus(*solids: Striker | Material) -> float:

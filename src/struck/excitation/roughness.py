@@ -13,13 +13,10 @@ from safetensors.numpy import load
 from scipy.optimize import least_squares
 
 from struck.errors import OptionError
-from struck.excitation.excitation import (
-    require_known,
-    require_positive,
-    table_of,
-)
+from struck.excitation.excitation import require_known, require_positive
 from struck.excitation.texture import Layers, fitted, variance
 from struck.model.arrays import Array, checked, require_number
+from struck.model.provenance import table_of
 
 _FEWEST, _MOST = 16, 1 << 18
 _STEEPEST, _FLATTEST = -4.0, -1.2  # slopes
@@ -253,12 +250,12 @@ Finish = Roughness | Profile
 
 def roughnesses() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of finishes by name."""
-    return table_of("roughness")
+    return table_of("struck.excitation", "roughness")
 
 
 def profiles() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of measured profiles by name."""
-    return table_of("profiles")
+    return table_of("struck.excitation", "profiles")
 
 
 @cache

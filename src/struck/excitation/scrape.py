@@ -232,10 +232,7 @@ class Roll:
             material = Material.named(material)
         solids = (material,) if model.material is None else (material, model.material)
         rubbed = Rubbed(
-            roughness=surface,
-            modulus=contact_modulus(*solids),
-            radius=self.radius,
-            share=ROLLER,
+            roughness=surface, modulus=contact_modulus(*solids), radius=self.radius, share=ROLLER
         )
         below = surface.layers(self.seed)
         ball = Roller(
@@ -258,11 +255,7 @@ class Rubbing:
     # says speed or load is asked no earlier than it must.
 
     def __init__(
-        self,
-        contact: Scrape | Roll,
-        load: Course,
-        model: ModalModel,
-        sample_rate: float,
+        self, contact: Scrape | Roll, load: Course, model: ModalModel, sample_rate: float
     ) -> None:
         require_positive(sample_rate=sample_rate)
         self._path = Path.over(model, contact.path, repeat=contact.repeat)

@@ -8,8 +8,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from struck.analysis.analysis import Source, analyze
 from struck.model.arrays import Array
 from struck.model.material import Material
 from struck.model.model import ModalModel
-from struck.model.provenance import Progress
+from struck.model.provenance import Progress, table_of
 from struck.recordings.fit import fit_recordings
 from struck.report.gallery import SKIN, WIRE, bird
 from struck.shapes import (
@@ -46,7 +47,7 @@ class Thing:
     Parameters
     ----------
     name, title, text : str
-        For addresses, for people, and a sentence about it.
+        For addresses, for people, and a sentence about it; most stand in `objects.toml`.
     kind : str
         "formula", "elements", "recording" or "file": what its modes come from.
     make : callable
@@ -62,10 +63,10 @@ class Thing:
     name: str
     title: str
     text: str
-    kind: str
     make: Callable[[Progress], ModalModel]
     position: Place
-    rotation: Array
+    kind: str = "elements"
+    rotation: Array = field(default_factory=lambda: np.eye(3))
     swelling: Place = (1.0, 1.0, 1.0)
 
     def told(self) -> dict[str, object]:
@@ -155,77 +156,56 @@ def recorded(progress: Progress) -> ModalModel:
         return fit_recordings(path, progress=progress).model
 
 
+def _told(name: str) -> dict[str, Any]:
+    """Return what `objects.toml` says of an object: its texts and where it stands."""
+    told = {"turned": {}, **table_of("struck.explorer", "objects")[name]}
+    return {"name": name, "rotation": turned(**told.pop("turned")), **told}
+
+
 _FORMULAS = (
     Thing(
-        name="string",
-        title="String",
-        text="A steel wire of 650 mm at 110 Hz. Near the end it is bright; at its middle every "
-        "second mode is silent.",
+        **_told("string"),
         kind="formula",
         make=computed(lambda: String(length=0.65, radius=4e-4, tension=80.7), WIRE),
-        position=(0.695, 0.17, 0.665),
-        rotation=turned(),
-        swelling=(1.0, 5.0, 5.0),
     ),
     Thing(
-        name="bar",
-        title="Bar",
-        text="A free steel bar, 400 x 40 x 8 mm, as on a glockenspiel.",
+        **_told("bar"),
         kind="formula",
         make=computed(
             lambda: Bar(length=0.4, width=0.04, thickness=0.008, ends="free"),
             "steel",
             damping="heard",
         ),
-        position=(0.82, 0.03, 0.634),
-        rotation=turned(),
     ),
     Thing(
-        name="rod",
-        title="Rod",
-        text="A free round rod of aluminium, 400 mm long and 12 mm thick.",
+        **_told("rod"),
         kind="formula",
         make=computed(
             lambda: Bar(length=0.4, section=RoundSection(radius=0.006), ends="free"),
             "aluminium",
             damping="heard",
         ),
-        position=(0.82, -0.1, 0.636),
-        rotation=turned(),
     ),
     Thing(
-        name="square",
-        title="Square membrane",
-        text="A drum of 400 mm: at its middle three quarters of its modes are silent.",
+        **_told("square"),
         kind="formula",
         make=computed(
             lambda: RectangularMembrane(length=0.4, width=0.4, thickness=2.5e-4, tension=3000.0),
             SKIN,
             band=(20.0, _DRUM),
         ),
-        position=(-1.85, 1.26, 0.92),
-        rotation=turned(x=90),
-        swelling=(1.0, 1.0, 16.0),
     ),
     Thing(
-        name="l_membrane",
-        title="L-shaped membrane",
-        text="Three squares, the classic without a formula: found by the method of particular "
-        "solutions.",
+        **_told("l_membrane"),
         kind="formula",
         make=computed(
             lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
             SKIN,
             band=(20.0, _SHARP),
         ),
-        position=(-1.28, 1.26, 0.92),
-        rotation=turned(x=90),
-        swelling=(1.0, 1.0, 16.0),
     ),
     Thing(
-        name="plate",
-        title="Plate",
-        text="A free plate of glass, 400 x 300 x 5 mm.",
+        **_told("plate"),
         kind="formula",
         make=computed(
             lambda: RectangularPlate(length=0.4, width=0.3, thickness=0.005, edges="free"),
@@ -233,8 +213,6 @@ _FORMULAS = (
             damping="heard",
             band=(20.0, _BAND),
         ),
-        position=(-0.7, 1.26, 0.97),
-        rotation=turned(x=90),
     ),
 )
 
@@ -250,78 +228,29 @@ def _chimes() -> Iterator[Thing]:
             title=f"Chime {number + 1}",
             text=f"An aluminium tube, {1000 * length:.0f} mm long: one of six wind chimes "
             "(O'Brien et al. 2002).",
-            kind="elements",
             make=computed(
                 lambda length=length: Tube(length=length, radius=0.0125, wall=0.001),
                 "aluminium",
                 damping="heard",
             ),
             position=(0.32 + 0.11 * number, 0.85, 1.55 - length / 2),
-            rotation=turned(),
         )
 
 
 _ELEMENTS = (
+    Thing(**_told("bowl"), make=computed(bowl, "bronze")),
+    Thing(**_told("bell"), make=computed(bell, "bronze")),
     Thing(
-        name="bowl",
-        title="Bowl",
-        text="A singing bowl of bronze, by finite elements.",
-        kind="elements",
-        make=computed(bowl, "bronze"),
-        position=(-0.08, 0.3, 0.502),
-        rotation=turned(),
-    ),
-    Thing(
-        name="bell",
-        title="Bell",
-        text="A bell of bronze with a thick sound bow: where the clapper strikes, its low modes "
-        "speak.",
-        kind="elements",
-        make=computed(bell, "bronze"),
-        position=(1.62, 0.75, 0.98),
-        rotation=turned(),
-    ),
-    Thing(
-        name="figurine",
-        title="Figurine",
-        text="A hollow bird of ceramic, from a closed triangle mesh.",
-        kind="elements",
+        **_told("figurine"),
         make=computed(lambda: bird().scaled(1.8), "ceramic", wall=0.004, damping="heard"),
-        position=(-0.48, 0.33, 0.5432),
-        rotation=turned(z=200),
     ),
-    Thing(
-        name="table",
-        title="Table",
-        text="A table of oak, 0.9 m by 0.56 m, its top and legs one body of finite elements.",
-        kind="elements",
-        make=computed(table, "oak", band=(20.0, _FURNITURE)),
-        position=(-0.72, 0.05, 0.0),
-        rotation=turned(),
-    ),
-    Thing(
-        name="chair",
-        title="Chair",
-        text="A chair of oak: its slender legs ring lowest.",
-        kind="elements",
-        make=computed(chair, "oak", band=(20.0, _FURNITURE)),
-        position=(-1.5, 0.12, 0.0),
-        rotation=turned(z=28),
-    ),
+    Thing(**_told("table"), make=computed(table, "oak", band=(20.0, _FURNITURE))),
+    Thing(**_told("chair"), make=computed(chair, "oak", band=(20.0, _FURNITURE))),
 )
 
 
 def _recording() -> Thing:
-    return Thing(
-        name="tabla",
-        title="Recorded tabla",
-        text="A drum that somebody recorded, at one place: wherever it is struck, it sounds as "
-        "there.",
-        kind="recording",
-        make=recorded,
-        position=(1.75, 0.02, 0.5),
-        rotation=turned(),
-    )
+    return Thing(**_told("tabla"), kind="recording", make=recorded)
 
 
 def things() -> list[Thing]:

@@ -99,10 +99,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Coun
         # NumPy only warns when text numbers end in something else, and drops the rest.
         warnings.filterwarnings("error", message="string or file could not be read to its end")
         scene = trimesh.load_scene(
-            io.BytesIO(source.data),
-            file_type=source.kind,
-            process=False,
-            **_OPTIONS[source.kind],
+            io.BytesIO(source.data), file_type=source.kind, process=False, **_OPTIONS[source.kind]
         )
     parts = _few(_surfaces(scene), limits)
     count = sum(len(part.faces) for part in parts)

@@ -53,9 +53,7 @@ def metres(values: Array, letters: str) -> Variable:
 
 
 def write_container(
-    path: str | os.PathLike[str],
-    variables: Mapping[str, Variable],
-    attributes: Mapping[str, str],
+    path: str | os.PathLike[str], variables: Mapping[str, Variable], attributes: Mapping[str, str]
 ) -> None:
     """Write a SOFA file, whole or not at all.
 

@@ -6,15 +6,20 @@ feeder fills the next block; then it changes the host, which writes the block's 
 
 from __future__ import annotations
 
+import heapq
 import threading
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import count
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
 
-from struck.ears.listeners import Listener, is_listener, position_of
+from struck.ears.listeners import Course3, Listener, Trajectory, is_listener, position_of
+from struck.ears.orientation import Orientation, Turning
 from struck.ears.propagation import aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Hold, Pushing, drive
@@ -23,13 +28,14 @@ from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.strike import Strike
 from struck.excitation.touch import Touching, TouchLog, Update
 from struck.live.callback import arena
-from struck.live.ears import LiveEars
+from struck.live.ears import FARTHEST, LiveEars
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring
 from struck.live.voices import Blows, LastError, Started, Voices
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
-from struck.scene.body import away_from, centre_of, place_beside, radius_of, unknowns
+from struck.scene.body import Body, away_from, centre_of, place_beside, radius_of, unknowns
+from struck.scene.sustained_contact import Rub
 from struck.synth.memory import BodyColumn
 from struck.synth.poles import Poles, require_session, with_recoil
 from struck.synth.resonators import Resonators, Stepped
@@ -38,6 +44,8 @@ Kept = TypeVar("Kept")
 STRIKE_PEAK = 10 ** (-12 / 20)  # of full scale: peak of a default strike
 MOST_NOTED = 60_000  # updates kept of each touch: ten minutes at 100 Hz
 MOST_COMMANDS = 1024  # that may wait for the next block; more are refused and counted
+MOST_PLANNED = 65_536  # that may wait for a moment of their own
+LAST_MOMENT = 1e6  # s
 MOST_AHEAD = 64  # blocks that may be kept ready
 _KEPT = 256  # contacts, and drives, that are not looked up again
 _LISTENED, _BLOCK = 0.25, 256  # s and samples a block of the strike that sets the loudness
@@ -48,7 +56,7 @@ class Host:
 
     def __init__(
         self,
-        models: Sequence[ModalModel],
+        bodies: Mapping[str, Body],
         *,
         listener: Array | Listener,
         sample_rate: float,
@@ -66,11 +74,14 @@ class Host:
             )
         self.listener, self.volume = listener, volume
         self._rate, self._block = sample_rate, block
-        self._bodies = [PlayedBody(model, sample_rate) for model in models]
+        played = list(bodies.values())
+        self._numbers = {name: number for number, name in enumerate(bodies)}
+        self._bodies = [PlayedBody(body.sounding, sample_rate) for body in played]
         self._ears: LiveEars | None = None
         if not isinstance(listener, np.ndarray):
-            self._ears = LiveEars(models, listener, sample_rate=sample_rate, block=block)
-        self._scale = full_scale(self._bodies, self._place, sample_rate)
+            self._ears = LiveEars(played, listener, sample_rate=sample_rate, block=block)
+        places = self._ears.seen() if self._ears else [self._place] * len(played)
+        self._scale = full_scale(self._bodies, places, sample_rate)
         self._prepare(voices, ahead)
         self.error = LastError()
         self._voices = Voices(voices, self.error)
@@ -80,7 +91,7 @@ class Host:
         self._poles: dict[int, Complex] = {}
         self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
         self._first = True
-        self._dropped = self.now = 0
+        self._dropped = self.now = self.drawn_in = 0
         self._done: dict[tuple[int, type], None] = {}  # kinds of action on each body, in order
 
     def _prepare(self, voices: int, ahead: int) -> None:
@@ -117,18 +128,41 @@ class Host:
         """What recorded bodies could not know of what was done to them, each said once."""
         done, many = list(self._done), len(self._bodies) > 1
         every = ((n, unknowns(self._bodies[n].model, [kind])) for n, kind in done)
-        told = (f"body {n}: {note}" if many else note for n, notes in every for note in notes)
+        told = [f"body {n}: {note}" if many else note for n, notes in every for note in notes]
+        if self.drawn_in:
+            told.append(
+                f"{self.drawn_in} poses are more than {FARTHEST:g} m from the listener: heard as "
+                "from there"
+            )
         return tuple(dict.fromkeys(told))
 
-    def body(self, number: int) -> PlayedBody:
-        """Return a body; OptionError where there is none of that number."""
-        if not 0 <= number < len(self._bodies):
-            raise OptionError(f"body is {number}: there are 0 to {len(self._bodies) - 1}")
-        return self._bodies[number]
+    def number(self, body: int | str) -> int:
+        """Return the number of a body; OptionError where there is none of that name or number."""
+        if isinstance(body, str):
+            if body not in self._numbers:
+                known = ", ".join(map(repr, self._numbers))
+                raise OptionError(f"body is {body!r}: those that sound are {known}")
+            return self._numbers[body]
+        if not 0 <= body < len(self._bodies):
+            raise OptionError(f"body is {body}: there are 0 to {len(self._bodies) - 1}")
+        return body
 
-    def strike(self, body: int, drive: Array, pulse: Samples) -> None:
-        """Strike a body with a pulse whose first sample counts from now."""
-        self.queue.add(lambda sample: self._strike(body, drive, pulse, sample))
+    def body(self, body: int | str) -> PlayedBody:
+        """Return a body; OptionError where there is none of that name or number."""
+        return self._bodies[self.number(body)]
+
+    def strike(self, body: int, drive: Array, pulse: Samples, moment: float | None) -> None:
+        """Strike a body with a pulse whose first sample counts from now, or from a moment, s."""
+        self._say(lambda sample: self._strike(body, drive, pulse, sample), moment)
+
+    def _say(self, command: Command, moment: float | None, key: str = "") -> None:
+        """Queue a command for now, or for a moment on the player's clock, s."""
+        if moment is None:
+            _ = self.queue.put(key, command) if key else self.queue.add(command)
+            return
+        wanted = "give seconds on the player's clock, player.now and later"
+        require_number("moment", moment, 0.0, LAST_MOMENT, wanted=wanted)
+        self.queue.plan(round(moment * self._rate), command)
 
     def start(self, body: int, started: Started, kind: type) -> None:
         """Start an excitation with the next block; it has ended at once where there is no room."""
@@ -146,9 +180,70 @@ class Host:
             self._touches.setdefault(key, (touching, Notes(chosen)))
         return self._touches[key]
 
-    def touch(self, body: int, finger: int, update: Update) -> None:
-        """Let a touch follow an update from now on."""
-        self.queue.add(lambda sample: self._touch(body, finger, update, sample))
+    def touch(self, body: int, finger: int, update: Update, moment: float | None) -> None:
+        """Let a touch follow an update from now on, or from a moment, s."""
+        self._say(lambda sample: self._touch(body, finger, update, sample), moment)
+
+    def move(
+        self, body: int, position: Course3 | None, rotation: Turning | None, moment: float | None
+    ) -> None:
+        """Let a body go somewhere now, or be there at a moment, s; OptionError without ears."""
+        ears = self._ears
+        if ears is None:
+            raise OptionError(
+                "the player has a bare position for a listener, by which nothing moves: begin it "
+                "with listener=Mono(position=...), Stereo(...) or Binaural(...)"
+            )
+        start = np.zeros(1)
+        place = None if position is None else Trajectory.of("position", position).at(start)[0]
+        turned = None if rotation is None else Orientation.of("rotation", rotation)
+        turn = None if turned is None else turned.quaternions[0]
+        self._say(self._going(partial(ears.go, body), place, turn, moment), moment)
+
+    def _going(
+        self, go: Callable[..., None], place: Array | None, turn: Array | None, moment: float | None
+    ) -> Command:
+        """Return the command to go somewhere, in time with the strikes of its sample."""
+        exact = moment is not None
+        return lambda sample: go((sample + LEAD) / self._rate, place, turn, exact=exact)
+
+    def blow(self, body: str, strike: Strike) -> Callable[[int], None]:
+        """Return what plans a strike, given the sample from which its time counts."""
+        number, model = self._numbers[body], self.body(body).model
+        contact = model.contact(strike.at, strike.direction)
+        pulse = strike.pulse(strike.resolved(model, contact), self._rate)
+        drives = drive(model, contact, radius=strike.patch)
+
+        def plan(zero: int) -> None:
+            first = zero + LEAD + pulse.first
+            self.queue.plan(first, lambda _: self._strike(number, drives, pulse, zero))
+
+        return plan
+
+    def rub(self, body: str, rub: Rub) -> Callable[[int], None]:
+        """Return what plans one side of a sustained contact, as `blow` does."""
+        number, playing = self._numbers[body], rub.begin(self.body(body).model, self._rate)
+
+        def begin(_: int) -> None:
+            playing.resume(self.now)
+            self._add(playing, number, playing)
+
+        def plan(zero: int) -> None:
+            self.queue.plan(playing.put_off(zero + LEAD), begin)
+
+        return plan
+
+    def follow(self, poses: Mapping[str, tuple[Array, Array, Array]], zero: int) -> None:
+        """Let bodies take poses at times, s, that count from sample `zero`."""
+        later = (zero + LEAD) / self._rate
+
+        def go(_: int) -> None:
+            for body, (times, places, turns) in poses.items():
+                if self._ears and body in self._numbers and len(times):
+                    number = self._numbers[body]
+                    self.drawn_in += self._ears.follow(number, times + later, places, turns)
+
+        self.queue.add(go)
 
     def notes(self, body: int, finger: int) -> Notes:
         """Return the notes of a touch; OptionError where there was none."""
@@ -175,20 +270,25 @@ class Host:
                 ("change", body), lambda _: self._change(body, other.model, poles, outputs)
             )
 
-    def listen(self, listener: Array | Listener) -> None:
+    def listen(self, listener: Array | Listener, moment: float | None = None) -> None:
         """Move the listener; OptionError on ears of another kind."""
         with self._changing:
-            if self._ears is not None and not isinstance(listener, np.ndarray):
-                self._ears.listen(listener)
-            elif self._ears is None and isinstance(listener, np.ndarray):
+            ears = self._ears
+            if ears is not None and not isinstance(listener, np.ndarray):
+                go = self._going(partial(ears.go, None), *ears.wanted(listener), moment)
+            elif ears is None and isinstance(listener, np.ndarray):
                 outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
-                self.queue.put("listener", lambda _: self._outputs.update(outputs))
+                go = partial(self._heard_as, outputs)
             else:
                 raise OptionError(
                     f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
                     "with a bare position to positions; start another"
                 )
+            self._say(go, moment, key="listener")
             self.listener = listener
+
+    def _heard_as(self, outputs: Mapping[int, Complex], _: int) -> None:
+        self._outputs.update(outputs)
 
     @property
     def _place(self) -> Array:
@@ -269,18 +369,15 @@ class CommandQueue:
     """
 
     def __init__(
-        self,
-        clock: Callable[[], float],
-        *,
-        block: int,
-        sample_rate: float,
-        error: LastError,
+        self, clock: Callable[[], float], *, block: int, sample_rate: float, error: LastError
     ) -> None:
         self._clock, self._block, self._length = clock, block, block / sample_rate
         self._error = error
         self._waiting: dict[Hashable, tuple[float, Command]] = {}
+        self._planned: list[tuple[int, int, Command]] = []
+        self._order = count()
         self._lock = threading.RLock()
-        self.refused, self._emptied = 0, clock()
+        self.refused, self.overdue, self._emptied = 0, 0, clock()
 
     @property
     def idle(self) -> float:
@@ -308,16 +405,30 @@ class CommandQueue:
             self._waiting.pop(key, None)  # the new one comes last
             self._waiting[key] = self._clock(), command
 
+    def plan(self, sample: int, command: Command) -> None:
+        """Queue a command for a sample; where that is over, it comes at once and is counted."""
+        with self._lock:
+            if len(self._planned) >= MOST_PLANNED:
+                self.refused += 1
+            else:
+                heapq.heappush(self._planned, (sample, next(self._order), command))
+
     def run(self, sample: int) -> None:
         """Run the commands since the last call, in the block that begins at this sample."""
-        now, last = self._clock(), 0
+        now, last, due = self._clock(), 0, []
         with self._lock:
             waiting, self._waiting = self._waiting, {}
+            while self._planned and self._planned[0][0] < sample + self._block:
+                planned, _, command = heapq.heappop(self._planned)
+                self.overdue += planned < sample
+                due.append((max(planned, sample), command))
         for said, command in waiting.values():
             place = int((said - self._emptied) / self._length * self._block)
             last = max(last, min(place, self._block - 1))
+            due.append((sample + last, command))
+        for place, command in sorted(due, key=itemgetter(0)):
             try:
-                command(sample + last)
+                command(place)
             except Exception as failure:  # noqa: BLE001 - raised for whoever plays
                 self._error.keep(failure)
         self._emptied = now
@@ -448,9 +559,15 @@ def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
     return known.setdefault(key, value)
 
 
-def full_scale(bodies: Sequence[PlayedBody], listener: Array, sample_rate: float) -> float:
-    """Return full scale per Pa at which a default strike of the loudest body peaks at -12 dB."""
-    peak = max(_peak(body, listener, sample_rate) for body in bodies)
+def full_scale(
+    bodies: Sequence[PlayedBody], listeners: Sequence[Array], sample_rate: float
+) -> float:
+    """Return full scale per Pa at which a default strike of the loudest body peaks at -12 dB.
+
+    The listener is in the coordinates of each body, m (3,).
+    """
+    seen = zip(bodies, listeners, strict=True)
+    peak = max(_peak(body, listener, sample_rate) for body, listener in seen)
     if not peak > 0:
         raise OptionError(
             "none of the bodies is heard at the listener: look at the models' gains, or give "

@@ -14,27 +14,26 @@ import importlib.util
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_long, c_ulong, c_void_p
 from ctypes.util import find_library
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from struck.errors import DeviceError, MissingDependencyError
+from struck.live.callback import OPEN, Shared
 
 # Structures and constants of `portaudio.h`.
-INPUT_UNDERFLOW, INPUT_OVERFLOW, OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW = (
-    1,
-    2,
-    4,
-    8,
-)  # a callback's flags
+INPUT_UNDERFLOW, INPUT_OVERFLOW = 1, 2  # a callback's flags
+OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW = 4, 8
 CONTINUE, COMPLETE = 0, 1  # what a callback returns
 _FLOAT32 = 1  # sample format, interleaved
 _UNANTICIPATED_HOST_ERROR = -9999
 TO_FILE = "`struck render MODEL -o FILE.wav` needs no device"
 _LONGEST_LATENCY = 10.0  # s; JACK's dummy driver states a day
+_FADED = 1.0  # s, in which a stream ends after it was asked to
 _PATIENCE = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
 
 
@@ -384,3 +383,106 @@ def _asked(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 -
     if not channels:
         return None
     return byref(_Parameters(device, channels, _FLOAT32, latency, None))
+
+
+class Outlet(Protocol):
+    """Where a player's sound leaves: an audio device, or a test's own loop."""
+
+    name: str
+    sample_rate: float  # Hz
+    channels: int
+
+    def open(self, callback: int, shared: Shared, block: int) -> None:
+        """Get ready to call the callback at an address for each block."""
+        ...
+
+    def start(self) -> None:
+        """Begin to call it."""
+        ...
+
+    @property
+    def active(self) -> bool:
+        """Whether it is being called."""
+        ...
+
+    @property
+    def load(self) -> float:
+        """The share of its time that the callback takes, 0 to 1."""
+        ...
+
+    @property
+    def latency(self) -> float:
+        """From the callback to the air, s."""
+        ...
+
+    def close(self) -> None:
+        """Fade out, and let nothing be called any more."""
+        ...
+
+
+class DeviceOutlet:
+    """An audio device from opening to closing."""
+
+    def __init__(self, device: int | str | None = None, sample_rate: float | None = None) -> None:
+        self._portaudio = PortAudio()
+        try:
+            chosen = self._portaudio.device(device)
+        except DeviceError:
+            self._portaudio.close()
+            raise
+        self.name = chosen.name
+        self.sample_rate = chosen.sample_rate if sample_rate is None else float(sample_rate)
+        self.channels = min(2, chosen.outputs)
+        self._number = chosen.number
+        self._stream: Stream | None = None
+        self._used: Shared | None = None
+
+    def open(self, callback: int, shared: Shared, block: int) -> None:
+        """Open the stream; DeviceError where the device refuses."""
+        self._used = shared
+        self._stream = self._portaudio.open(
+            callback,
+            shared.address,
+            sample_rate=self.sample_rate,
+            block=block,
+            channels=self.channels,
+            device=self._number,
+        )
+
+    def start(self) -> None:
+        """Let the callback be called."""
+        if self._stream is None:
+            raise DeviceError(f"{self.name} is not open: play anew")
+        self._stream.start()
+
+    @property
+    def active(self) -> bool:
+        """Whether the callback is being called."""
+        return self._stream is not None and self._portaudio.answers and self._stream.active
+
+    @property
+    def load(self) -> float:
+        """The share of its time that the callback takes, 0 to 1."""
+        return 0.0 if self._stream is None else self._stream.load
+
+    @property
+    def latency(self) -> float:
+        """From the callback to the air, s."""
+        return 0.0 if self._stream is None else self._stream.latency
+
+    def close(self) -> None:
+        """Fade out and close; a device that no longer answers is left alone."""
+        stream, self._stream = self._stream, None
+        if stream is not None and self._used is not None:
+            self._end(stream, self._used)
+            if not stream.close():
+                keep(self._used)
+        self._portaudio.close()
+
+    def _end(self, stream: Stream, shared: Shared) -> None:
+        shared.counters[OPEN] = 0
+        give_up = time.monotonic() + _FADED
+        with contextlib.suppress(DeviceError):
+            while stream.active and time.monotonic() < give_up:
+                time.sleep(0.005)
+            stream.stop()

@@ -1,28 +1,31 @@
 """A listener's ears while bodies are played: the feeder finds the delays, the callback hears.
 
 What the callback needs lies in arrays that are laid out once; `struck.ears.delay_lines` says what
-it does with them.
+it does with them. Bodies and listener go where they are told: their poses are tables that grow.
 """
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from struck.ears.delay_lines import between
-from struck.ears.listeners import Listener
+from struck.ears.listeners import Listener, Trajectory
+from struck.ears.orientation import Carried, Orientation
 from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
 from struck.errors import ContactError, OptionError
 from struck.live.ring import NEW_WAYS, SINCE, Record
 from struck.model.arrays import Array
-from struck.model.model import ModalModel
-from struck.scene.body import Body
+from struck.scene.body import Body, centre_of
 
 FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
 _GROUP = 8  # taps in a vector
+_NOTHING = 1e-7  # m
+_KEPT = 1.5  # s, for which poses are kept: sound that left a body then has arrived
 
 
 class EarsMemory(ctypes.Structure):
@@ -36,25 +39,68 @@ class EarsMemory(ctypes.Structure):
     )
 
 
+class Course:
+    """Poses that something takes over time, told while it is heard; between them it moves evenly.
+
+    The feeder's thread alone adds to them.
+    """
+
+    def __init__(self, place: Array, turn: Array) -> None:
+        self._times, self._places = np.zeros(1), place[None]
+        self._turns = _quaternions(turn[None])
+
+    @property
+    def last(self) -> tuple[Array, Array]:
+        """The last pose: place, m (3,), and unit quaternion (4,)."""
+        return self._places[-1], self._turns[-1]
+
+    def add(self, times: Array, places: Array, turns: Array) -> None:
+        """Add poses at ascending times, s (K,), in place of all from the first one on."""
+        long_ago = np.searchsorted(self._times, times[0] - _KEPT) - 1
+        kept = slice(max(0, int(long_ago)), int(np.searchsorted(self._times, times[0])))
+        self._times = np.concatenate([self._times[kept], times])
+        self._places = np.concatenate([self._places[kept], places])
+        self._turns = np.concatenate([self._turns[kept], turns])
+
+    def go(self, time: float, place: Array | None, turn: Array | None, within: float) -> None:
+        """Go to a pose from a time on, `within` s; what is None stays as it was."""
+        here, turned = self.last
+        here, turned = here if place is None else place, turned if turn is None else turn
+        if not within:
+            return self.add(np.array([time]), here[None], turned[None])
+        now = np.array([time])
+        begin, begun = self.carried(np.zeros(3)).at(now), self.orientation.at(now)
+        places, turns = np.vstack([begin, here]), np.vstack([_quaternions(begun), turned])
+        return self.add(np.array([time, time + within]), places, turns)
+
+    @property
+    def orientation(self) -> Orientation:
+        """How it is turned over time."""
+        return Orientation(name="rotation", times=self._times, quaternions=self._turns)
+
+    def carried(self, point: Array) -> Carried:
+        """Return a point (3,) of it as it moves, m."""
+        origin = Trajectory(name="position", times=self._times, points=self._places)
+        return Carried(origin=origin, orientation=self.orientation, point=point)
+
+
+def _quaternions(rotations: Array) -> Array:
+    return Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+
+
 class Following:
-    """Pose of a listener who moves to where the player says, one stretch of time after another."""
+    """Pose of a listener who moves to where the player says."""
 
     moves = True
 
     def __init__(self, pose: Pose) -> None:
         self.ear_points = pose.ear_points
-        self.wanted = self._end = self._begin = _at_rest(pose)
-
-    def go_on(self) -> None:
-        """Begin the next stretch."""
-        self._begin, self._end = self._end, self.wanted
+        self.course = Course(*_at_rest(pose))
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return places and axes as `Pose.at`, at even shares of the stretch up to its end."""
-        shares = np.arange(1, len(times) + 1) / len(times)
-        (here, turned), (there, wanted) = self._begin, self._end
-        centres = here + shares[:, None] * (there - here)
-        turns = Slerp([0, 1], Rotation.from_matrix(np.array([turned, wanted])))(shares).as_matrix()
+        """Return places and axes as `Pose.at`."""
+        carried = self.course.carried(np.zeros(3))
+        centres, turns = carried.at(times), carried.orientation.at(times)
         ears = centres[:, None] + self.ear_points @ turns
         return np.concatenate([centres[:, None], ears], axis=1), turns
 
@@ -69,17 +115,29 @@ def _at_rest(pose: Pose) -> tuple[Array, Array]:
     return places[0, 0].copy(), turned[0].copy()
 
 
+class _Bounded(Propagation):
+    """Propagation that goes on where a body comes over its listener: pressure is bounded there."""
+
+    def _require_possible(self, distances: Array, times: Array, places: Array) -> None:
+        pass
+
+
 class LiveEars:
     """The ears of a listener, and the memory of the sound that travels to them."""
 
     def __init__(
-        self, models: Sequence[ModalModel], listener: Listener, *, sample_rate: float, block: int
+        self, bodies: Sequence[Body], listener: Listener, *, sample_rate: float, block: int
     ) -> None:
-        self._emitters = [_emitter(model) for model in models]
+        self._emitters = [_emitter(body) for body in bodies]
+        self._centres = [_middle(body) for body in bodies]
+        start = np.zeros(1)
+        self._courses = [Course(b.origin.at(start)[0], b.orientation.at(start)[0]) for b in bodies]
+        self._moved = set(range(len(bodies)))
         self._pose = Following(Pose.of(listener, self._emitters))
         self._rate, self._block = sample_rate, block
         self._stretch = block * max(1, round(STRETCH / block))
-        self.propagation = Propagation(
+        self._place_bodies()
+        self.propagation = _Bounded(
             self._emitters,
             self._pose,
             listener.filters(sample_rate, brief=True),
@@ -92,8 +150,17 @@ class LiveEars:
 
     @property
     def position(self) -> Array:
-        """Centre of the head, m (3,)."""
-        return self._pose.wanted[0]
+        """Centre of the head where it goes, m (3,)."""
+        return self._pose.course.last[0]
+
+    def seen(self) -> list[Array]:
+        """Return the centre of the head in the coordinates of each body, m (3,)."""
+        poses = [course.last for course in self._courses]
+        turned = [Rotation.from_quat(turn, scalar_first=True) for _, turn in poses]
+        return [
+            turn.inv().apply(self.position - place)
+            for (place, _), turn in zip(poses, turned, strict=True)
+        ]
 
     @property
     def paths(self) -> int:
@@ -137,22 +204,48 @@ class LiveEars:
             **{name: array.ctypes.data for name, array in self._arrays.items()},
         )
 
-    def listen(self, listener: Listener) -> None:
-        """Move the listener, from the next stretch on."""
+    def wanted(self, listener: Listener) -> tuple[Array, Array]:
+        """Return where a listener is to go, and turn: (3,), (4,); errors as where it begins."""
         pose = Pose.of(listener, self._emitters)
         if pose.ear_points.shape != self._pose.ear_points.shape:
             raise OptionError(
                 f"the player has {self.propagation.ears} ears, the new listener "
                 f"{len(pose.ear_points)}: start another player for it"
             )
-        wanted = _at_rest(pose)
-        self._require_possible(wanted[0])
-        self._pose.wanted = wanted
+        place, turn = _at_rest(pose)
+        self._require_possible(place)
+        return place, _quaternions(turn[None])[0]
+
+    def go(
+        self, body: int | None, time: float, place: Array | None, turn: Array | None, *, exact: bool
+    ) -> None:
+        """Let a body, or the listener, be somewhere at a time, s; or go there from then on."""
+        course = self._pose.course if body is None else self._courses[body]
+        course.go(time, place, turn, 0.0 if exact else self._stretch / self._rate)
+        self._moved |= set() if body is None else {body}
+
+    def follow(self, body: int, times: Array, places: Array, turns: Array) -> int:
+        """Let a body take poses at times, s (K,); return how many were too far away, and drawn in.
+
+        The lines of sound are no longer than `FARTHEST`.
+        """
+        apart = places - self.position
+        near = np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(apart, axis=1), 1e-9))
+        self._courses[body].add(times, self.position + apart * near[:, None], turns)
+        self._moved.add(body)
+        return int(np.count_nonzero(near < 1))
+
+    def _place_bodies(self) -> None:
+        """Let the emitters, which `propagation` asks, be where the courses are by now."""
+        for body in self._moved:
+            carried = self._courses[body].carried(self._centres[body])
+            self._emitters[body] = replace(self._emitters[body], centre=carried)
+        self._moved.clear()
 
     def _require_possible(self, place: Array) -> None:
         for number, emitter in enumerate(self._emitters):
-            distance = float(np.linalg.norm(emitter.centre.at(np.zeros(1))[0] - place))
-            if emitter.holds(place, 0.0):
+            distance = float(np.linalg.norm(emitter.centre.at(np.array([np.inf]))[0] - place))
+            if emitter.holds(place, np.inf):
                 raise ContactError(
                     f"the listener is {distance:.3g} m from the centre of body {number}, inside "
                     "its surface: move it away"
@@ -167,7 +260,7 @@ class LiveEars:
         """Write delays, gains and responses of the next block into its record."""
         record.stretch[NEW_WAYS] = self._since == self._stretch
         if self._since == self._stretch:
-            self._pose.go_on()
+            self._place_bodies()
             paths, self._since = self.propagation.go_on(), 0
             record.ways[0], record.ways[1] = paths.delays, paths.gains
             record.responses[:, : paths.after.shape[1]] = paths.after
@@ -175,9 +268,15 @@ class LiveEars:
         self._since += self._block
 
 
-def _emitter(model: ModalModel) -> Emitter:
-    if model.gains.directional:
+def _middle(body: Body) -> Array:
+    """Return a body's centre, m (3,); but for rounding the origin, where turning is nothing."""
+    centre = centre_of(body.model)
+    return np.where(np.abs(centre) < _NOTHING, 0.0, centre)
+
+
+def _emitter(body: Body) -> Emitter:
+    if body.sounding.gains.directional:
         raise OptionError(
             "a body with a timbre field is played for a bare position, or rendered for two ears"
         )
-    return Body(model=model).emitter
+    return body.emitter

@@ -8,17 +8,16 @@ callback (`struck.live.callback`) reads them without Python.
 from __future__ import annotations
 
 import atexit
-import contextlib
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from numpy.typing import ArrayLike
 
-from struck.ears.listeners import Listener
+from struck.ears.listeners import Course3, Listener, Mono
+from struck.ears.orientation import Turning
 from struck.errors import DeviceError, OptionError
 from struck.excitation.excitation import Excitation
 from struck.excitation.friction import Tool
@@ -26,18 +25,25 @@ from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
-from struck.live.callback import OPEN, Shared
 from struck.live.commands import Host, default_listener, listening
-from struck.live.device import TO_FILE, PortAudio, Stream, keep
+from struck.live.contact_stream import ContactStream, SimulationRun, hurry
+from struck.live.device import TO_FILE, DeviceOutlet, Outlet
 from struck.live.ring import Ring
 from struck.live.voices import Started
 from struck.model.arrays import Array, Index
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
+from struck.scene.body import Body, Scene
 
+if TYPE_CHECKING:
+    from struck.scene.contacts import Contacts
+    from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.simulation import Simulation
+
+_VOICES, _AHEAD = 16, 2  # unless given; and of scenes, which are planned ahead anyway
+_SCENE_VOICES, _SCENE_AHEAD = 128, 8
 QUIETEST, LOUDEST = -120.0, 60.0  # bounds of the volume, dB
 _STALLED = 2.0  # s without a new block: the device is gone
-_FADED = 1.0  # s, in which a stream ends after it was asked to
 _SWITCH_INTERVAL = 0.00005  # s
 
 
@@ -46,52 +52,45 @@ class Player:
 
     `struck.play` makes it. All of its methods may be called from any thread, at any rate: they
     return at once, and what they say is heard two blocks and the device's own latency later, in
-    order and as far apart as it was said.
+    order and as far apart as it was said. What has a `moment` comes at that moment of the player's
+    clock instead, to the sample.
 
-    Parameters
-    ----------
-    models : sequence of ModalModel
-        One or more bodies, in one system of coordinates.
-    listener : Mono, Stereo, Binaural or array-like (3,), optional
-        Who hears them, as for `render`; with a position and a direction that stay until
-        `listener` is set anew.
-    outlet : Outlet
-        Where sound leaves: an audio device.
-    block : int
-        Samples for each call of the device.
-    volume : float
-        dB. At 0 the default strike of the loudest body peaks at -12 dB of full scale.
-    voices : int
-        Excitations at once; strikes at one place share one.
-    ahead : int
-        Blocks of forces kept ready: more of them bear a busier machine, and are heard later.
+    Its arguments are those of `struck.play`, with the outlet where sound leaves.
     """
 
     def __init__(
         self,
-        models: Sequence[ModalModel],
+        models: Sequence[ModalModel] | Scene,
         *,
         outlet: Outlet,
         listener: Listener | ArrayLike | None = None,
         block: int = 128,
         volume: float = 0.0,
-        voices: int = 16,
-        ahead: int = 2,
+        voices: int | None = None,
+        ahead: int | None = None,
     ) -> None:
-        if not models:
-            raise OptionError("there is nothing to play: give at least one model")
+        scene = models if isinstance(models, Scene) else None
+        bodies = _sounding(models)
         _require_volume(volume)
         rate = outlet.sample_rate
+        usual = (_SCENE_VOICES, _SCENE_AHEAD) if scene else (_VOICES, _AHEAD)
+        voices, ahead = (
+            least if given is None else given
+            for given, least in zip((voices, ahead), usual, strict=True)
+        )
         self._outlet, self._block, self._ahead = outlet, block, ahead
+        beside = Mono() if scene else default_listener([each.sounding for each in bodies.values()])
         self._host = Host(
-            models,
-            listener=default_listener(models) if listener is None else listening(listener),
+            bodies,
+            listener=beside if listener is None else listening(listener),
             sample_rate=rate,
             block=block,
             volume=volume,
             voices=voices,
             ahead=ahead,
         )
+        self._stream = scene and ContactStream(scene=scene, host=self._host, sample_rate=rate)
+        self._run: SimulationRun | None = None
         self._limited = limiter.limiter(sample_rate=rate, channels=outlet.channels)
         self._shared = callback.Shared(
             records=self._host.records,
@@ -106,7 +105,14 @@ class Player:
         self._stopped = False
         outlet.open(callback.play(), self._shared, block)
 
-    def strike(self, strike: Strike | None = None, *, body: int = 0, **given: Any) -> None:  # noqa: ANN401 - of `Strike`
+    def strike(
+        self,
+        strike: Strike | None = None,
+        *,
+        body: int | str = 0,
+        moment: float | None = None,
+        **given: Any,  # noqa: ANN401 - of `Strike`
+    ) -> None:
         """Strike a body.
 
         Where there is no voice for it the strike is left out and counted in `dropped`.
@@ -114,9 +120,11 @@ class Player:
         Parameters
         ----------
         strike : Strike, optional
-            Its `time` counts from now.
-        body : int
-            Which one.
+            Its `time` counts from the moment.
+        body : int or str
+            Which one: its number, or its name in the scene.
+        moment : float, optional
+            When, on the player's clock (`now`), s; at once unless given.
         **given
             What makes a `Strike`, in place of one.
 
@@ -133,15 +141,15 @@ class Player:
         if not self._host.queue.have_room():
             return
         blow = Strike(**given) if strike is None else strike
-        struck = self._host.body(body)
-        if blow.transient:
+        number, struck = self._host.number(body), self._host.body(body)
+        if blow.transient and moment is None:
             self.start(blow, body=body)
             return
         contact = struck.contact(blow.at, blow.direction)
         pulse = blow.pulse(blow.resolved(struck.model, contact), self.sample_rate)
-        self._host.strike(body, struck.drive(contact, blow.patch), pulse)
+        self._host.strike(number, struck.drive(contact, blow.patch), pulse, moment)
 
-    def start(self, excitation: Excitation, *, body: int = 0) -> Started:
+    def start(self, excitation: Excitation, *, body: int | str = 0) -> Started:
         """Start any excitation; its `time` counts from now.
 
         Returns
@@ -159,7 +167,7 @@ class Player:
         rate = self._outlet.sample_rate
         pushing = excitation.begin(self._host.body(body).model, rate, start=-LEAD)
         started = Started(pushing, rate)
-        self._host.start(body, started, type(excitation))
+        self._host.start(self._host.number(body), started, type(excitation))
         return started
 
     def touch(
@@ -169,9 +177,10 @@ class Player:
         velocity: float | ArrayLike = 0.0,
         *,
         direction: Place = None,
-        body: int = 0,
+        body: int | str = 0,
         finger: int = 0,
         tool: Tool | None = None,
+        moment: float | None = None,
     ) -> None:
         """Say where a hand, a tool or a haptic device is, how hard it presses and how it moves.
 
@@ -187,10 +196,12 @@ class Player:
             Along the surface, m/s; its magnitude counts.
         direction : array-like (3,), optional
             Along which it presses; straight into the surface unless given.
-        body, finger : int
+        body, finger : int or str, int
             Which body, and which of several touches on it.
         tool : Tool, optional
             What touches, said with the first touch of a finger.
+        moment : float, optional
+            As for `strike`.
 
         Raises
         ------
@@ -198,11 +209,11 @@ class Player:
             As for `strike`.
         """
         self._require_playing()
-        contact = self._host.body(body).contact(at, direction)
-        touching, _ = self._host.touching(body, finger, tool)
-        self._host.touch(body, finger, touching.word(contact, force, velocity))
+        number, contact = self._host.number(body), self._host.body(body).contact(at, direction)
+        touching, _ = self._host.touching(number, finger, tool)
+        self._host.touch(number, finger, touching.word(contact, force, velocity), moment)
 
-    def touch_log_of(self, *, body: int = 0, finger: int = 0) -> TouchLog:
+    def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
         """Return what a touch did so far (its last 60,000 updates), to be rendered offline.
 
         Its times count from when the player began.
@@ -212,14 +223,14 @@ class Player:
         OptionError
             Where there was no such touch.
         """
-        return self._host.notes(body, finger).log()
+        return self._host.notes(self._host.number(body), finger).log()
 
     @property
     def touch_log(self) -> TouchLog:
         """What the first touch of the first body did so far; see `touch_log_of`."""
         return self.touch_log_of()
 
-    def dampen(self, at: Place, grip: float, *, body: int = 0) -> None:
+    def dampen(self, at: Place, grip: float, *, body: int | str = 0) -> None:
         """Hold a body by a hand.
 
         Parameters
@@ -229,7 +240,7 @@ class Player:
         grip : float
             Viscous, N s/m, as of a `Hold`; 0 lets go there. Modes that move more there decay
             faster; frequencies stay.
-        body : int
+        body : int or str
             Which one.
 
         Raises
@@ -238,9 +249,9 @@ class Player:
             As for `strike`.
         """
         self._require_playing()
-        self._host.dampen(body, at, grip)
+        self._host.dampen(self._host.number(body), at, grip)
 
-    def change(self, model: ModalModel, *, body: int = 0) -> None:
+    def change(self, model: ModalModel, *, body: int | str = 0) -> None:
         """Let a body go on as another, such as one of another material; it may ring meanwhile.
 
         Raises
@@ -251,7 +262,66 @@ class Player:
             Where it has another number of modes, or is not fit to ring.
         """
         self._require_playing()
-        self._host.change(body, model)
+        self._host.change(self._host.number(body), model)
+
+    def move(
+        self,
+        body: int | str,
+        position: Course3 | None = None,
+        rotation: Turning | None = None,
+        *,
+        moment: float | None = None,
+    ) -> None:
+        """Move a body, which is heard from there with its Doppler shift.
+
+        Parameters
+        ----------
+        body : int or str
+            Which one.
+        position : array-like (3,), optional
+            Where the origin of its coordinates goes, m; it stays unless given.
+        rotation : array-like (3, 3) or (4,), optional
+            How it is turned then, as for a `Body`; it stays unless given.
+        moment : float, optional
+            When it is there, on the player's clock, s: it moves evenly from its last pose, as in a
+            table of poses. At once unless given: it goes there within some 10 ms.
+
+        Raises
+        ------
+        DeviceError, OptionError
+            As for `strike`; and where the listener is a bare position, by which nothing moves.
+        """
+        self._require_playing()
+        self._host.move(self._host.number(body), position, rotation, moment)
+
+    def follow(self, contacts: Contacts, *, ended: bool = False) -> None:
+        """Let the bodies of a scene do what the next piece of a log says.
+
+        Its blows and sustained contacts are heard, and its poses taken, some 100 ms later, in which
+        the next piece has to come: give 20 to 100 ms of contacts at a time.
+
+        Parameters
+        ----------
+        contacts : Contacts
+            Rows of times that go on from piece to piece, with the same names.
+        ended : bool
+            Whether it is the last piece.
+
+        Raises
+        ------
+        DeviceError, OptionError
+            As for `strike`; on names that the scene does not have, or a player without a scene.
+        """
+        self._require_playing()
+        if self._stream is None:
+            raise OptionError("the player has no scene: begin it with struck.play(Scene(...))")
+        self._stream.take(contacts, ended=ended)
+
+    def simulate(self, simulation: Simulation, control: Control | None = None) -> None:
+        """Let a simulation of the scene run beside it, before it begins; as `struck.play` does."""
+        if self._stream is None or self._run is not None:
+            raise OptionError("one simulation runs beside each player of its scene: play anew")
+        self._run = SimulationRun(simulation, self._stream, control)
 
     @property
     def listener(self) -> Array | Listener:
@@ -263,8 +333,12 @@ class Player:
 
     @listener.setter
     def listener(self, listener: Listener | ArrayLike) -> None:
+        self.listen(listener)
+
+    def listen(self, listener: Listener | ArrayLike, *, moment: float | None = None) -> None:
+        """Set the listener, as `listener` does; with a moment as `move` has it."""
         self._require_playing()
-        self._host.listen(listening(listener))
+        self._host.listen(listening(listener), moment)
 
     @property
     def volume(self) -> float:
@@ -283,6 +357,8 @@ class Player:
             self._feeder.start()
             atexit.register(self.stop)
             self._outlet.start()
+            if self._run is not None:
+                self._run.start()
         except BaseException:
             self.stop()
             raise
@@ -300,6 +376,8 @@ class Player:
         self._stopped = True
         atexit.unregister(self.stop)
         try:
+            if self._run is not None:
+                self._run.stop()
             self._outlet.close()
         finally:
             self._feeder.stop()
@@ -315,6 +393,31 @@ class Player:
     def sample_rate(self) -> float:
         """Hz."""
         return self._outlet.sample_rate
+
+    @property
+    def now(self) -> float:
+        """The player's clock, s: the earliest moment that is not yet made."""
+        return self._host.now / self.sample_rate
+
+    @property
+    def simulating(self) -> bool:
+        """Whether a simulation runs beside it: not once it exploded, which the next call tells."""
+        return self._run is not None and self._run.running
+
+    @property
+    def simulation_load(self) -> float:
+        """The share of its time that the simulation takes, its contacts included, in percent."""
+        return 0.0 if self._run is None else 100 * self._run.load
+
+    @property
+    def slipped(self) -> float:
+        """How long the sound had to wait for contacts in all, s: the simulation is too slow."""
+        return 0.0 if self._stream is None else self._stream.slipped
+
+    @property
+    def overdue(self) -> int:
+        """What came for a moment that was over, and was done at once."""
+        return self._host.queue.overdue + (self._stream.missed if self._stream else 0)
 
     @property
     def latency(self) -> float:
@@ -344,8 +447,9 @@ class Player:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What recorded bodies could not know of what was done to them, as a sound's notes say."""
-        return self._host.unknowns
+        """What recorded bodies could not know, and what is silent, as a sound's notes say."""
+        scene = () if self._stream is None else self._stream.scene.notes
+        return (*scene, *self._host.unknowns)
 
     @property
     def peak(self) -> float:
@@ -363,18 +467,40 @@ def _require_volume(decibels: float) -> None:
         raise OptionError(f"volume is {decibels}: it must lie from {QUIETEST:g} to {LOUDEST:g} dB")
 
 
+def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:
+    """Return the bodies that sound, by their names."""
+    if not isinstance(models, Scene):
+        if not models:
+            raise OptionError("there is nothing to play: give at least one model")
+        return {str(number): Body(model=model) for number, model in enumerate(models)}
+    bodies = {name: body for name, body in models.bodies.items() if not body.silent}
+    if not bodies:
+        why = "; ".join(models.notes) or "all of its bodies are silent"
+        raise OptionError(f"there is nothing to play: {why}")
+    acted = [name for name, body in bodies.items() if body.actions]
+    if acted:
+        raise OptionError(f"{acted[0]!r} brings excitations: give them to player.start instead")
+    return bodies
+
+
 def play(
-    model: ModalModel | Sequence[ModalModel],
+    model: ModalModel | Sequence[ModalModel] | Scene | Simulation,
     *,
     device: int | str | None = None,
     sample_rate: float | None = None,
+    control: Control | None = None,
     **options: Any,  # noqa: ANN401 - of `Player`
 ) -> Player:
     """Return a running player on an audio device; see `struck.play`."""
-    models = [model] if isinstance(model, ModalModel) else list(model)
+    simulation: Any = model if hasattr(model, "started") else None
+    models: Any = simulation.scene if simulation else model
     outlet = DeviceOutlet(device, sample_rate)
     try:
-        player = Player(models, outlet=outlet, **options)
+        player = Player(
+            [model] if isinstance(model, ModalModel) else models, outlet=outlet, **options
+        )
+        if simulation is not None:
+            player.simulate(simulation, control)
         player.begin()
     except BaseException:
         outlet.close()
@@ -457,7 +583,7 @@ class Feeder:
         return self._thread.is_alive()
 
     def _run(self) -> None:
-        _hurry()
+        hurry(2)  # before a simulation
         looked = time.perf_counter()
         try:
             while not self._stopping:
@@ -476,116 +602,6 @@ class Feeder:
                 return
             self._fill(*slot)
             self._records.publish()
-
-
-def _hurry() -> None:
-    """Give this thread real-time priority, where the system allows that."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(threading.get_native_id(), os.SCHED_RR, os.sched_param(1))
-
-
-class Outlet(Protocol):
-    """Where a player's sound leaves: an audio device, or a test's own loop."""
-
-    name: str
-    sample_rate: float  # Hz
-    channels: int
-
-    def open(self, callback: int, shared: Shared, block: int) -> None:
-        """Get ready to call the callback at an address for each block."""
-        ...
-
-    def start(self) -> None:
-        """Begin to call it."""
-        ...
-
-    @property
-    def active(self) -> bool:
-        """Whether it is being called."""
-        ...
-
-    @property
-    def load(self) -> float:
-        """The share of its time that the callback takes, 0 to 1."""
-        ...
-
-    @property
-    def latency(self) -> float:
-        """From the callback to the air, s."""
-        ...
-
-    def close(self) -> None:
-        """Fade out, and let nothing be called any more."""
-        ...
-
-
-class DeviceOutlet:
-    """An audio device from opening to closing."""
-
-    def __init__(self, device: int | str | None = None, sample_rate: float | None = None) -> None:
-        self._portaudio = PortAudio()
-        try:
-            chosen = self._portaudio.device(device)
-        except DeviceError:
-            self._portaudio.close()
-            raise
-        self.name = chosen.name
-        self.sample_rate = chosen.sample_rate if sample_rate is None else float(sample_rate)
-        self.channels = min(2, chosen.outputs)
-        self._number = chosen.number
-        self._stream: Stream | None = None
-        self._used: Shared | None = None
-
-    def open(self, callback: int, shared: Shared, block: int) -> None:
-        """Open the stream; DeviceError where the device refuses."""
-        self._used = shared
-        self._stream = self._portaudio.open(
-            callback,
-            shared.address,
-            sample_rate=self.sample_rate,
-            block=block,
-            channels=self.channels,
-            device=self._number,
-        )
-
-    def start(self) -> None:
-        """Let the callback be called."""
-        if self._stream is None:
-            raise DeviceError(f"{self.name} is not open: play anew")
-        self._stream.start()
-
-    @property
-    def active(self) -> bool:
-        """Whether the callback is being called."""
-        return self._stream is not None and self._portaudio.answers and self._stream.active
-
-    @property
-    def load(self) -> float:
-        """The share of its time that the callback takes, 0 to 1."""
-        return 0.0 if self._stream is None else self._stream.load
-
-    @property
-    def latency(self) -> float:
-        """From the callback to the air, s."""
-        return 0.0 if self._stream is None else self._stream.latency
-
-    def close(self) -> None:
-        """Fade out and close; a device that no longer answers is left alone."""
-        stream, self._stream = self._stream, None
-        if stream is not None and self._used is not None:
-            self._end(stream, self._used)
-            if not stream.close():
-                keep(self._used)
-        self._portaudio.close()
-
-    def _end(self, stream: Stream, shared: Shared) -> None:
-        shared.counters[OPEN] = 0
-        give_up = time.monotonic() + _FADED
-        with contextlib.suppress(DeviceError):
-            while stream.active and time.monotonic() < give_up:
-                time.sleep(0.005)
-            stream.stop()
 
 
 def _gone(name: str, failure: Exception | None) -> DeviceError:

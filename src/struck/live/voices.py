@@ -168,8 +168,8 @@ class Voices:
 
     def write(self, record: Record) -> None:
         """Write the forces of the next block, and the drives that have changed."""
+        record.voices[:] = SILENT
         for number, voice in enumerate(self._voices):
-            record.voices[number] = SILENT
             if voice is None:
                 continue
             try:

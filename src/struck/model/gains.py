@@ -162,6 +162,23 @@ class Gains(ABC):
         return self if self.rank == 1 else ExpandedGains(products=self)
 
 
+class RecordedGains(Gains):
+    """Gains of recordings, which may hold the blow, and be relative."""
+
+    is_calibrated: bool
+    is_deconvolved: bool
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether gains are Pa/(N s), not relative."""
+        return self.is_calibrated
+
+    @property
+    def of_surface(self) -> bool:
+        """Whether drives take a force in N."""
+        return self.is_deconvolved
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpandedGains(Gains):
     """Gains whose R products for each of M modes count as R M modes: what resonators can play."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib import resources
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +14,7 @@ import numpy as np
 from struck.errors import ArgumentError, MaterialError
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
+from struck.model.provenance import table_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,11 +183,9 @@ class Air:
 AIR = Air(density=1.2041, sound_speed=343.21)  # dry, at 20 degrees Celsius and 101.325 kPa
 
 
-@cache
 def materials() -> Mapping[str, Mapping[str, Any]]:
     """Return the table of materials by name: group, aliases, constants, damping sets, source."""
-    text = resources.files("struck.model").joinpath("materials.toml").read_text(encoding="utf-8")
-    return MappingProxyType(tomllib.loads(text))
+    return table_of("struck.model", "materials")
 
 
 @cache

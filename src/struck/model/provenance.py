@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
+from types import MappingProxyType
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,10 +65,15 @@ class Provenance:
 
 
 @cache
+def table_of(room: str, name: str) -> Mapping[str, Any]:
+    """Return the table ``<name>.toml`` that lies in a room, as "struck.model"."""
+    text = (resources.files(room) / f"{name}.toml").read_text(encoding="utf-8")
+    return MappingProxyType(tomllib.loads(text))
+
+
 def bibliography() -> Mapping[str, str]:
     """Return every reference that struck may cite, by key."""
-    text = resources.files("struck.model").joinpath("references.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return table_of("struck.model", "references")
 
 
 Progress = Callable[[str, float], None]  # takes a stage of long work and the fraction done

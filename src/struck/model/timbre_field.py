@@ -10,7 +10,7 @@ import numpy as np
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.contact import require_recorded
-from struck.model.gains import Gains
+from struck.model.gains import RecordedGains
 from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
 from struck.model.waves import ORDER, SphericalWaves
@@ -340,7 +340,7 @@ WORST, LOST = 0.1, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TimbreField(Gains):
+class TimbreField(RecordedGains):
     """Gains of a body as recorded: each mode a contact part times a listener part.
 
     The parts are interpolated separately: the contact part with its sign, the listener part with
@@ -419,16 +419,6 @@ class TimbreField(Gains):
             notes=_notes(survey, unmeasured, worst),
             is_calibrated=survey.calibrated,
         )
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether gains are Pa/(N s), not relative."""
-        return self.is_calibrated
-
-    @property
-    def of_surface(self) -> bool:
-        """Whether drives take a force in N."""
-        return self.is_deconvolved
 
     @property
     def directional(self) -> bool:

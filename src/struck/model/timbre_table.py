@@ -9,7 +9,7 @@ import numpy as np
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, Mask, checked
 from struck.model.contact import require_recorded
-from struck.model.gains import Gains
+from struck.model.gains import RecordedGains
 from struck.model.survey import Survey, from_spherical
 
 _CLOSE = 1e-9  # share of an axis within which two values are the same: exactly that node
@@ -77,7 +77,7 @@ def combinations(axes: tuple[GridAxis, ...]) -> Array:
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SinglePoint(Gains):
+class SinglePoint(RecordedGains):
     """Gains of a body struck at one place and heard from one, alike in all directions.
 
     Whatever contact is asked for, it is the recorded one. Where the microphone stood is not known:
@@ -99,16 +99,6 @@ class SinglePoint(Gains):
     centre: Array = field(default_factory=lambda: np.zeros(3))
     is_calibrated: bool = False
     is_deconvolved: bool = False
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether gains are Pa/(N s), not relative."""
-        return self.is_calibrated
-
-    @property
-    def of_surface(self) -> bool:
-        """Whether drives take a force in N."""
-        return self.is_deconvolved
 
     def deconvolved(self, spectrum: Complex) -> SinglePoint:
         """Return the gains with a blow of this spectrum (M,) divided out."""
@@ -160,7 +150,7 @@ _SAME = 1e-6  # share of the largest distance within which two places are the sa
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TimbreTable(Gains):
+class TimbreTable(RecordedGains):
     """Gains of a body as recorded for every contact with every listener, each its own.
 
     A product for each contact: drives are the weights of linear interpolation over contacts,
@@ -227,16 +217,6 @@ class TimbreTable(Gains):
             centre=survey.centre,
             is_calibrated=survey.calibrated,
         )
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether gains are Pa/(N s), not relative."""
-        return self.is_calibrated
-
-    @property
-    def of_surface(self) -> bool:
-        """Whether drives take a force in N."""
-        return self.is_deconvolved
 
     @property
     def directional(self) -> bool:

@@ -116,9 +116,7 @@ def _of_modes(model: ModalModel, kept: Index, factors: Array, level: float) -> M
         errors=None if errors is None else errors[kept],
         complete_to=min(model.complete_to, float(model.natural_frequencies[lost].min())),
         provenance=model.provenance.extended(
-            references=_REFERENCES,
-            dropped=(loss,),
-            audible_level=level,
+            references=_REFERENCES, dropped=(loss,), audible_level=level
         ),
     )
 

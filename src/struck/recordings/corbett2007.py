@@ -313,9 +313,7 @@ def _heard(modes: SharedModes) -> SharedModes:
     """Keep the modes of one recording that are heard."""
     kept = audible(modes.frequencies, modes.decays, np.abs(modes.gains[0]))
     return SharedModes(
-        frequencies=modes.frequencies[kept],
-        decays=modes.decays[kept],
-        gains=modes.gains[:, kept],
+        frequencies=modes.frequencies[kept], decays=modes.decays[kept], gains=modes.gains[:, kept]
     )
 
 

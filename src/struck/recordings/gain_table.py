@@ -273,12 +273,7 @@ _TWO = 2  # least modes that show a moment
 
 
 def aligned(
-    gains: Complex,
-    errors: Array,
-    hits: Index,
-    contacts: Index,
-    listeners: Index,
-    poles: Complex,
+    gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index, poles: Complex
 ) -> tuple[Complex, Array]:
     """Return gains and errors (n, M) as if a contact's hits were equal and their moments right.
 
@@ -378,13 +373,7 @@ def _overall(first: Complex, second: Complex) -> float:
 
 
 def _delay(
-    gains: Complex,
-    errors: Array,
-    first: Index,
-    second: Index,
-    frequencies: Array,
-    *,
-    turned: bool,
+    gains: Complex, errors: Array, first: Index, second: Index, frequencies: Array, *, turned: bool
 ) -> float:
     """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or half a turn."""
     ratios, clear = _ratios(gains, errors, first, second)

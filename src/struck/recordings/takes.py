@@ -283,11 +283,7 @@ class Recorded:
 
     @classmethod
     def _told(
-        cls,
-        manifest: Manifest,
-        symmetry: str | None,
-        centre: ArrayLike | None,
-        progress: Progress,
+        cls, manifest: Manifest, symmetry: str | None, centre: ArrayLike | None, progress: Progress
     ) -> Recorded:
         contacts = np.array([entry.contact for entry in manifest.entries])
         listeners = tuple(np.array(entry.listeners) for entry in manifest.entries)

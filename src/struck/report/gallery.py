@@ -27,7 +27,7 @@ from struck.model.html import document
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, silent, table_of
 from struck.recordings.fit import fit_recordings
 from struck.report.charts import overview, spectrogram
 from struck.report.charts import save as save_picture
@@ -56,9 +56,7 @@ from struck.solids.revolution import Revolution, bell, bowl, wine_glass
 class Piece:
     """One body of the gallery: computed, struck, drawn and saved."""
 
-    name: str
-    title: str
-    text: str
+    name: str  # by which `gallery.toml` has its title and what is said of it
     body: Callable[[], Solid | Mesh | Shape]
     material: str | Material
     sounds: tuple[tuple[str, Action | Sequence[Action]], ...]  # captions, and what happens
@@ -66,6 +64,11 @@ class Piece:
     wall: float | None = None  # of a hollow mesh, m
     damping: str = "own"
     spectrograms: bool = False  # whether each sound gets a picture of its own
+
+    @property
+    def title(self) -> str:
+        """Over its page."""
+        return table_of("struck.report", "gallery")[self.name]["title"]
 
     def exhibit(self, folder: Path, progress: Progress) -> Exhibit:
         """Compute the body into a folder, with its sounds and its picture."""
@@ -93,7 +96,7 @@ class Piece:
         save_picture(picture, folder / f"{self.name}.png")
         return Exhibit(
             title=self.title,
-            text=self.text,
+            text=table_of("struck.report", "gallery")[self.name]["text"],
             model=model,
             sounds=sounds,
             picture=picture,
@@ -181,9 +184,6 @@ def _half_circle(radius: float) -> Sequence[tuple[float, float]]:
 SOLIDS = (
     Piece(
         name="chime",
-        title="A wind chime",
-        text="The D tube of the wind chimes of O'Brien et al. (2002): aluminium, 505 mm long. "
-        "Struck at its end every bending mode speaks; at the middle every second one is silent.",
         body=lambda: Tube(length=0.505, radius=0.0125, wall=0.001),
         material="aluminium",
         damping="heard",
@@ -195,8 +195,6 @@ SOLIDS = (
     ),
     Piece(
         name="bowl",
-        title="A bronze bowl",
-        text="A shallow singing bowl, struck on its rim.",
         body=bowl,
         material="bronze",
         sounds=(
@@ -206,8 +204,6 @@ SOLIDS = (
     ),
     Piece(
         name="bell",
-        title="A bronze bell",
-        text="A bell with a thick sound bow.",
         body=bell,
         material="bronze",
         sounds=(
@@ -217,8 +213,6 @@ SOLIDS = (
     ),
     Piece(
         name="glass",
-        title="A wine glass",
-        text="Bowl, stem and foot of one piece of glass.",
         body=wine_glass,
         material="glass",
         sounds=(
@@ -228,9 +222,6 @@ SOLIDS = (
     ),
     Piece(
         name="bird",
-        title="A hollow ceramic bird",
-        text="A closed triangle mesh from a file (bird.obj, beside this page), filled to a wall "
-        "of 4 mm: the road that any scan or model takes.",
         body=bird,
         material="ceramic",
         damping="heard",
@@ -243,10 +234,6 @@ SOLIDS = (
     ),
     Piece(
         name="die",
-        title="A steel die",
-        text="12 mm: its lowest mode is at 119 kHz, which nobody hears. What is heard is that it "
-        "is pushed as a whole (acceleration noise), in the tenth of a millisecond of the blow. "
-        "Thrown, it falls over a few times.",
         body=lambda: Block(size=(0.012, 0.012, 0.012)),
         material="steel",
         sounds=(
@@ -257,9 +244,6 @@ SOLIDS = (
     ),
     Piece(
         name="marble",
-        title="A glass marble",
-        text="16 mm across, as silent by its modes as the die, and lighter: a higher click. "
-        "Dropped, it bounces until it lies still.",
         body=lambda: Revolution(profile=_half_circle(0.008)),
         material="glass",
         sounds=(
@@ -269,10 +253,6 @@ SOLIDS = (
     ),
     Piece(
         name="plate",
-        title="A steel plate, touched in many ways",
-        text="One body, 300 x 200 x 3 mm: struck, scraped over three finishes that never repeat "
-        "(sandpaper P120, planed wood, concrete), rolled on, and struck twice, with a hand that "
-        "takes hold at the second blow.",
         body=lambda: Block(size=(0.3, 0.2, 0.003)),
         material="steel",
         damping="heard",
@@ -285,21 +265,12 @@ SOLIDS = (
                 "a marble rolls over it",
                 Roll(path=(_FROM, _TO), radius=0.012, speed=0.15, mass=0.02),
             ),
-            (
-                "struck free, then held",
-                [_blow(), _blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)],
-            ),
+            ("struck free, then held", [_blow(), _blow(1.5), Hold(at=_TO, grip=30.0, time=1.5)]),
         ),
         spectrograms=True,
     ),
     Piece(
         name="surfaces",
-        title="Surfaces that never repeat",
-        text="An oak board of 300 x 200 x 8 mm under a steel tip, 2 N. Surfaces used to be "
-        "profiles of 5 to 27 cm that were read over and over: ground steel had a rhythm of 6 Hz. "
-        "They are random textures now, in the coordinates of the body: a place sounds the same "
-        "whenever it is touched, and no stretch of the way is another's. Rougher is louder, and so "
-        "is faster.",
         body=lambda: Block(size=(0.3, 0.2, 0.008)),
         material="oak",
         damping="heard",
@@ -357,9 +328,6 @@ def _blows(**places: tuple[float, ...]) -> tuple[tuple[str, Strike], ...]:
 SHAPES = (
     Piece(
         name="string",
-        title="A taut string",
-        text="A steel string of 650 mm at 110 Hz, stiff as it is. Struck, its n-th mode is weaker "
-        "by 1/n, plucked by 1/n^2: a piano, a guitar.",
         body=lambda: String(length=0.65, radius=4e-4, tension=80.7, stiff=True),
         material=WIRE,
         sounds=(
@@ -371,8 +339,6 @@ SHAPES = (
     ),
     Piece(
         name="bar",
-        title="A clamped bar",
-        text="A steel bar of 300 mm with both ends held, the paper's second body.",
         body=lambda: Bar(length=0.30, width=0.03, thickness=0.005, ends="clamped"),
         material="steel",
         damping="heard",
@@ -380,8 +346,6 @@ SHAPES = (
     ),
     Piece(
         name="rectangular_membrane",
-        title="A rectangular membrane",
-        text="A drum of 500 by 400 mm.",
         body=lambda: RectangularMembrane(length=0.5, width=0.4, thickness=2.5e-4, tension=3000.0),
         material=SKIN,
         band=_DRUM,
@@ -391,8 +355,6 @@ SHAPES = (
     ),
     Piece(
         name="circular_membrane",
-        title="A circular membrane",
-        text="A drum head of 330 mm, without the air's load.",
         body=lambda: CircularMembrane(radius=0.165, thickness=2.5e-4, tension=3000.0),
         material=SKIN,
         band=_DRUM,
@@ -400,8 +362,6 @@ SHAPES = (
     ),
     Piece(
         name="annular_membrane",
-        title="An annular membrane",
-        text="A drum head held at its rim and around a hub.",
         body=lambda: AnnularMembrane(radius=0.165, hole=0.05, thickness=2.5e-4, tension=3000.0),
         material=SKIN,
         band=_DRUM,
@@ -409,8 +369,6 @@ SHAPES = (
     ),
     Piece(
         name="circular_plate",
-        title="A clamped circular plate",
-        text="A steel disk of 240 mm, 2 mm thick, held at its rim: far fewer modes than a drum.",
         body=lambda: CircularPlate(radius=0.12, thickness=0.002, edge="clamped"),
         material="steel",
         damping="heard",
@@ -418,8 +376,6 @@ SHAPES = (
     ),
     Piece(
         name="rectangular_plate",
-        title="A free rectangular plate",
-        text="A glass plate of 300 by 200 mm, 4 mm thick, that hangs free.",
         body=lambda: RectangularPlate(length=0.3, width=0.2, thickness=0.004, edges="free"),
         material="glass",
         damping="heard",
@@ -431,9 +387,6 @@ SHAPES = (
     ),
     Piece(
         name="l_membrane",
-        title="The L-shaped membrane",
-        text="Three squares, the classic without a formula: its corner that points inward makes "
-        "the modes singular. Found by the method of particular solutions.",
         body=lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
         material=SKIN,
         band=(20.0, 1200.0),  # each of its modes takes a while

@@ -36,11 +36,7 @@ _Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # (x, y, z, w): z of the scene to y o
 
 @checked
 def save_animation(
-    scene: Scene,
-    path: str | os.PathLike[str],
-    *,
-    seconds: float,
-    frames_per_second: float = 60.0,
+    scene: Scene, path: str | os.PathLike[str], *, seconds: float, frames_per_second: float = 60.0
 ) -> None:
     """Write bodies and their motion as a GLB file, whole or not at all.
 

@@ -22,7 +22,7 @@ from struck.errors import ContactError, OptionError
 from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
 from struck.excitation.pulses import SOFTNESS
 from struck.excitation.strike import Strike
-from struck.model.arrays import Array, Index, checked, require_number
+from struck.model.arrays import Array, Index, Mask, checked, require_number
 from struck.model.gains import ShapeGains
 from struck.model.mesh import barycentric
 from struck.model.model import ModalModel
@@ -215,7 +215,7 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
     posed = scene.posed(contacts)
     blows, lasting, weak = [], [], 0
     strengths = np.linalg.norm(contacts.impulse, axis=1)
-    approach = _approach(contacts)
+    approach, moving = _approach(contacts), _moving(posed, contacts)
     for pair in pairs_of(contacts):
         rows = pair.rows
         coming = None if approach is None else approach[rows]
@@ -224,7 +224,7 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
         found, missed = _impacts(pair, touches, contacts, bodies)
         blows.append(found)
         weak += missed
-        if not all(body.silent for body in bodies):
+        if moving[[pair.first, pair.second]].any() and not all(body.silent for body in bodies):
             lasting += loaded(pair, touches, contacts, bodies)
     notes = [*contacts.notes, *_unposed(contacts)]
     if weak:
@@ -236,6 +236,21 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
         sustained=tuple(lasting),
         notes=tuple(notes),
     )
+
+
+def _moving(scene: Scene, contacts: Contacts) -> Mask:
+    """Tell which bodies of a log (B,) move or turn at all; what lasts between others is silent."""
+    moving, poses = np.array([scene.bodies[name].moves for name in contacts.names]), contacts.poses
+    if poses is not None and len(poses.time):
+        bodies, firsts = np.unique(poses.body, return_index=True)
+        rows = np.hstack([poses.position, poses.rotation, poses.time[:, None]])
+        span = np.maximum.reduceat(rows, firsts) - np.minimum.reduceat(rows, firsts)
+        names = np.array(contacts.names)[bodies].tolist()
+        meshes = [scene.bodies[name].model.geometry for name in names]
+        sizes = np.array([1.0 if mesh is None else mesh.extent for mesh in meshes])
+        way = np.maximum(span[:, :3].max(axis=1), 2 * sizes * span[:, 3:7].max(axis=1))
+        moving[bodies] = way > SLOWEST / 4 * span[:, 7]
+    return moving
 
 
 def _unposed(contacts: Contacts) -> Sequence[str]:

@@ -70,6 +70,8 @@ class SustainedContact:
         How fast the contact moves over each body, in its coordinates, m/s.
     rubbed : pair of Rubbed
         Roughness of each body, with the spring that both make.
+    begins : pair of arrays (3,), or None
+        Where on the roughness of each body it begins, m; where its points are unless given.
     """
 
     first: int
@@ -80,6 +82,7 @@ class SustainedContact:
     points: Sequence[Array]
     sweeps: Sequence[Array]
     rubbed: Sequence[Rubbed]
+    begins: Sequence[Array] | None = None
     _forces: dict[tuple[float, int], Array] = field(init=False, default_factory=dict, repr=False)
     _making: threading.Lock = field(init=False, default_factory=threading.Lock, repr=False)
 
@@ -100,6 +103,35 @@ class SustainedContact:
     def speeds(self) -> Sequence[Array]:
         """How fast the contact moves over each body, m/s (S,)."""
         return [np.linalg.norm(sweep, axis=1) for sweep in self.sweeps]
+
+    @property
+    def ways(self) -> Sequence[Array]:
+        """Where on the roughness of each body it is, m (S, 3).
+
+        The way is that of the sweep: it leaps with no load that changes its point.
+        """
+        begins = [points[0] for points in self.points] if self.begins is None else self.begins
+        gaps = np.diff(self.times)[:, None]
+        steps = (gaps * (sweep[1:] + sweep[:-1]) / 2 for sweep in self.sweeps)
+        gone = (np.cumsum(np.vstack([np.zeros((1, 3)), each]), axis=0) for each in steps)
+        return [begin + way for begin, way in zip(begins, gone, strict=True)]
+
+    def cut(self, begin: float, end: float) -> SustainedContact:
+        """Return what it is between two times, s."""
+        times = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / _CONTROL)) + 1))
+
+        def between(values: Array) -> Array:
+            return np.stack([np.interp(times, self.times, each) for each in values.T], axis=1)
+
+        return replace(
+            self,
+            times=times,
+            load=np.interp(times, self.times, self.load),
+            normals=[_unit(between(each)) for each in self.normals],
+            points=[between(each) for each in self.points],
+            sweeps=[between(each) for each in self.sweeps],
+            begins=[between(each)[0] for each in self.ways],
+        )
 
     def on(self, model: ModalModel, *, first: bool, seed: int) -> Rub:
         """Return what it does to one of its bodies."""
@@ -123,14 +155,11 @@ class SustainedContact:
         looks = self.times[0] + np.arange(0, count + 2 * CHUNK, CHUNK) / sample_rate
         loads = np.interp(looks, self.times, self.load)
         squeezes = np.zeros(count)
-        for number, rubbed, sweep, points in zip(
-            (self.first, self.second), self.rubbed, self.sweeps, self.points, strict=True
+        for number, rubbed, sweep, way in zip(
+            (self.first, self.second), self.rubbed, self.sweeps, self.ways, strict=True
         ):
             if sweep.any():
                 reader = Reader(replace(rubbed, seed=seed + number), sample_rate)
-                # The way is that of the sweep: it leaps with no load that changes its point.
-                steps = np.diff(self.times)[:, None] * (sweep[1:] + sweep[:-1]) / 2
-                way = points[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
                 self._squeeze(reader, sample_rate, way, sweep, loads, squeezes)
         moments = self.times[0] + np.arange(count) / sample_rate
         fade = max(1, round(FADE * sample_rate))
@@ -138,13 +167,7 @@ class SustainedContact:
         return limited(squeezes, np.interp(moments, self.times, self.load)) * faded
 
     def _squeeze(
-        self,
-        reader: Reader,
-        sample_rate: float,
-        way: Array,
-        sweep: Array,
-        loads: Array,
-        out: Array,
+        self, reader: Reader, sample_rate: float, way: Array, sweep: Array, loads: Array, out: Array
     ) -> None:
         """Add to `out` (n,) what a body's surface squeezes the dent by, a second at a time."""
         speeds = np.linalg.norm(sweep, axis=1)
@@ -200,6 +223,16 @@ class Playing:
         self._start, self._every = float(times[0]), float(times[1] - times[0])
         self._first = round(self._start * sample_rate)
         self.change(model)
+
+    def put_off(self, samples: int) -> int:
+        """Begin so many samples later; return at which one."""
+        self._start += samples / self._rate
+        self._first += samples
+        return self._first
+
+    def resume(self, sample: int) -> None:
+        """Go on in the block that begins at this sample."""
+        self._now = sample
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
@@ -257,23 +290,25 @@ def _one(
     strengths = np.linalg.norm(contacts.impulse[rows], axis=1)
     moments = np.zeros(step[-1] + 1)
     moments[step] = contacts.time[rows]
-    places = contacts.position[rows]
     track = _Track(moments=moments, step=step, weights=np.maximum(strengths, 1e-12))
-    every = contacts.time[rows]
-    sides = [_seen(body, every, places) for body in bodies]
-    velocity = None if contacts.velocity is None else contacts.velocity[rows]
-    fastest = _fastest(bodies, track, velocity)
-    partners = track.partners(places, None if contacts.id is None else contacts.id[rows])
     times = track.control()
     if len(times) < _SHORTEST:
         return None
+    frames = [_Frame.of(body, moments) for body in bodies]
+    velocity = None if contacts.velocity is None else contacts.velocity[rows]
+    fastest = _fastest(frames, track, velocity)
+    if fastest.max() <= _STILL:
+        return None
+    places = contacts.position[rows]
+    partners = track.partners(places, None if contacts.id is None else contacts.id[rows])
+    sides = [frame.seen(places, step) for frame in frames]
     sweeps = [track.sweep(points, partners, fastest, times) for points in sides]
     if not any(sweep.any() for sweep in sweeps):
         return None
     load = np.zeros(len(moments))
     load[step] = touches.load[mine]
     normals = contacts.normal[rows] * pair.sign[mine, None]
-    turned = [_turned(body, every, normals) for body in bodies]
+    turned = [frame.turned(normals, step) for frame in frames]
     return SustainedContact(
         first=pair.first,
         second=pair.second,
@@ -359,27 +394,41 @@ class _Track:
         return np.where(np.linalg.norm(found, axis=1, keepdims=True) > _STILL, found, 0.0)
 
 
-def _fastest(bodies: Sequence[Body], track: _Track, velocity: Array | None) -> Array:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Frame:
+    """Where a body is at each step of a contact."""
+
+    origins: Array  # (T, 3), m
+    turns: Array  # (T, 3, 3)
+    centres: Array  # (T, 3), of the body, in the scene, m
+
+    @classmethod
+    def of(cls, body: Body, moments: Array) -> _Frame:
+        """Return where a body is at moments (T,), s."""
+        origins, turns = body.origin.at(moments), body.orientation.at(moments)
+        return cls(origins=origins, turns=turns, centres=origins + turns @ centre_of(body.model))
+
+    def seen(self, places: Array, step: Index) -> Array:
+        """Return places of the scene in steps (n,) in the body's coordinates, m (n, 3)."""
+        return self.turned(places - self.origins[step], step)
+
+    def turned(self, ways: Array, step: Index) -> Array:
+        """Return vectors of the scene in steps (n,) in the body's coordinates (n, 3)."""
+        return np.einsum("kd,kde->ke", ways, self.turns[step])
+
+
+def _fastest(frames: Sequence[_Frame], track: _Track, velocity: Array | None) -> Array:
     """Return how fast two bodies move along each other, rolling included, m/s (T,)."""
     moments, speeds = track.moments, np.zeros(len(track.moments))
     if len(moments) > 1:
-        for body, other in (bodies, bodies[::-1]):
-            seen = _seen(other, moments, body.carried(centre_of(body.model)).at(moments))
-            steps = np.gradient(seen, axis=0) / np.gradient(moments)[:, None]
+        every = np.arange(len(moments))
+        for frame, other in (frames, frames[::-1]):
+            steps = np.gradient(other.seen(frame.centres, every), axis=0)
+            steps /= np.gradient(moments)[:, None]
             speeds = np.maximum(speeds, np.linalg.norm(steps, axis=1))
     if velocity is not None:
         speeds = np.maximum(speeds, np.linalg.norm(track.mean(velocity), axis=1))
     return speeds
-
-
-def _seen(body: Body, times: Array, places: Array) -> Array:
-    """Return places of the scene at times (n,) in a body's coordinates, m (n, 3)."""
-    return np.einsum("kd,kde->ke", places - body.origin.at(times), body.orientation.at(times))
-
-
-def _turned(body: Body, times: Array, ways: Array) -> Array:
-    """Return vectors of the scene at times (n,) in a body's coordinates (n, 3)."""
-    return np.einsum("kd,kde->ke", ways, body.orientation.at(times))
 
 
 def _unit(vectors: Array) -> Array:

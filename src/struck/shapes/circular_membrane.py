@@ -243,13 +243,7 @@ class AnnularMembrane(Shape):
         return Sheet(Disk(self.radius, self.hole), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz.
-
-        Raises
-        ------
-        OptionError
-            When they are more than 100,000.
-        """
+        """Return every mode up to `highest` Hz."""
         disk = Disk(self.radius, self.hole)
         return _round_membrane(disk, self.thickness, self.tension, material, highest)
 
@@ -304,12 +298,6 @@ class CircularMembrane(Shape):
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz.
-
-        Raises
-        ------
-        OptionError
-            When they are more than 100,000.
-        """
+        """Return every mode up to `highest` Hz."""
         disk = Disk(self.radius)
         return _round_membrane(disk, self.thickness, self.tension, material, highest)

@@ -177,9 +177,7 @@ class PolygonForms:
     def chosen(self, modes: Index) -> PolygonForms:
         """Return the shapes of some modes, in that order."""
         return replace(
-            self,
-            wavenumbers=self.wavenumbers[modes],
-            coefficients=self.coefficients[modes],
+            self, wavenumbers=self.wavenumbers[modes], coefficients=self.coefficients[modes]
         )
 
 

@@ -95,13 +95,7 @@ class RectangularMembrane(Shape):
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz.
-
-        Raises
-        ------
-        OptionError
-            When they are more than 100,000.
-        """
+        """Return every mode up to `highest` Hz."""
         speed = math.sqrt(self.tension / (material.density * self.thickness))
         area, wavenumber = self.length * self.width, 2 * math.pi * highest / speed
         require_countable("membrane", area, wavenumber, highest)

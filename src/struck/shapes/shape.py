@@ -84,7 +84,13 @@ class Shape(ABC):
 
     @abstractmethod
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz."""
+        """Return every mode up to `highest` Hz.
+
+        Raises
+        ------
+        OptionError
+            When they are more than the method takes, as more than 100,000.
+        """
 
     def skin(self, spacing: float) -> Mesh:
         """Return its closed surface with vertices about `spacing` m apart over the plan."""

@@ -233,20 +233,7 @@ class Tube:
         return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra.
-
-        Parameters
-        ----------
-        accuracy : str
-            "preview", "standard" or "fine"; counts given as `elements` go first.
-        finer : float
-            So many times as many elements in each direction, about.
-
-        Raises
-        ------
-        OptionError
-            On an unknown accuracy.
-        """
+        """Return curved 20-node hexahedra; arguments as of `Block`."""
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
         around, along, through = finer_around(
             counts, round_sizes(self.length, self.radius, self.wall), finer

@@ -60,8 +60,7 @@ def disc(around: int, rings: int) -> QuadrilateralSheet:
     core = lattice(side, side)
     ring = lattice(np.linspace(0, 1, 2 * rings + 1), angles(around), closed=True)
     points, quads = merged(
-        [_rounded(core.points), _between_core_and_circle(*ring.points.T)],
-        [core.quads, ring.quads],
+        [_rounded(core.points), _between_core_and_circle(*ring.points.T)], [core.quads, ring.quads]
     )
     return QuadrilateralSheet(points=points, quads=quads)
 
@@ -86,8 +85,7 @@ def with_middles(points: Array, corners: Index) -> QuadrilateralSheet:
     edges, place = unique_rows(np.sort(sides(corners).reshape(-1, 2), axis=1))
     middles = len(points) + place.reshape(-1, 4)
     return QuadrilateralSheet(
-        points=np.vstack([points, points[edges].mean(axis=1)]),
-        quads=np.hstack([corners, middles]),
+        points=np.vstack([points, points[edges].mean(axis=1)]), quads=np.hstack([corners, middles])
     )
 
 

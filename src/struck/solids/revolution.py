@@ -162,20 +162,7 @@ class Revolution:
         return MappingProxyType({name: np.array([r, 0.0, z]) for name, (r, z) in points.items()})
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra, without a pole on the axis.
-
-        Parameters
-        ----------
-        accuracy : str
-            "preview", "standard" or "fine"; counts given as `elements` go first.
-        finer : float
-            So many times as many elements in each direction, about.
-
-        Raises
-        ------
-        OptionError
-            On an unknown accuracy.
-        """
+        """Return curved 20-node hexahedra, without a pole on the axis; arguments as of `Block`."""
         begun = self.elements or self._counts(accuracy)
         around, along, through = finer_around(begun, self._sizes, finer)
         counts = Counts(around=around, along=along, through=through)

@@ -16,13 +16,7 @@ from scipy.spatial import KDTree
 
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
-from struck.solids.hexahedra import (
-    QuadrilateralSheet,
-    angles,
-    merged,
-    quadrilaterals,
-    stacked,
-)
+from struck.solids.hexahedra import QuadrilateralSheet, angles, merged, quadrilaterals, stacked
 from struck.solids.meridian import (
     INSET,
     Contour,

@@ -11,16 +11,7 @@ from struck.core import compiled, entry
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
 from struck.model.arrays import Array, Complex, checked, require_number
-from struck.synth.memory import (
-    BodyColumn,
-    Drive,
-    Level,
-    Mode,
-    Output,
-    Voice,
-    laid_out,
-    seen,
-)
+from struck.synth.memory import BodyColumn, Drive, Level, Mode, Output, Voice, laid_out, seen
 from struck.synth.poles import (
     Key,
     Poles,

@@ -45,12 +45,7 @@ def below_nyquist(frequencies: Array, sample_rate: float) -> NDArray[np.bool_]:
 
 
 def ring_down(
-    frequencies: Array,
-    decays: Array,
-    pulses: Sequence[Pulse],
-    *,
-    sample_rate: float,
-    length: int,
+    frequencies: Array, decays: Array, pulses: Sequence[Pulse], *, sample_rate: float, length: int
 ) -> Array:
     """Return the sound of modes (M,) under all pulses at 0, 1, 2 ... / sample_rate."""
     samples = np.zeros(length)

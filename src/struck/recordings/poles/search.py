@@ -389,8 +389,7 @@ def _masked(segments: Sequence[Segment]) -> list[Segment]:
     """Raise the noise to what lies far below its surroundings: under a budget it has no chance."""
     return [
         replace(
-            each,
-            noise=each.noise.raised(_FAINT * each.samples, each.sample_rate, _SURROUNDINGS),
+            each, noise=each.noise.raised(_FAINT * each.samples, each.sample_rate, _SURROUNDINGS)
         )
         for each in segments
     ]

@@ -105,9 +105,9 @@ class MujocoRecorder:
         turns[self._carried] = data.xquat[self._frames]
         self._log.pose(time, places, turns)
 
-    def contacts(self) -> Contacts:
-        """Return the log so far."""
-        return self._log.contacts(self._notes())
+    def contacts(self, *, forget: bool = False) -> Contacts:
+        """Return the log so far; or since it was asked to forget all that it had returned."""
+        return self._log.contacts(self._notes(), forget=forget)
 
     def scene(self, **sounds: Any) -> tuple[Scene, Contacts]:  # noqa: ANN401 - of `SoundOptions`
         """Return the scene, whose bodies sound and move, and the log of its contacts so far.
@@ -219,9 +219,14 @@ class MujocoEngine:
         self._mujoco.mj_step(self._model, self.data)
         self.recorder.step(self.data)
 
-    def contacts(self) -> Contacts:
-        """Return the log so far."""
-        return self.recorder.contacts()
+    @property
+    def time(self) -> float:
+        """Of the simulation, s."""
+        return float(self.data.time)
+
+    def contacts(self, *, forget: bool = False) -> Contacts:
+        """Return the log so far; or since it was asked to forget all that it had returned."""
+        return self.recorder.contacts(forget=forget)
 
 
 def _speed(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, places: Array) -> Array:

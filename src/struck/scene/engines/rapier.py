@@ -70,23 +70,23 @@ class RapierEngine:
             self._world.physics_hooks = self
         self._said: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
         self._begin(MujocoEngine(model, links, keyframe).data)
-        self._time, self._log = 0.0, StepLog(links)
+        self.time, self._log = 0.0, StepLog(links)
 
     def advance(self, control: Control | None = None) -> None:
         """Take one step and note it."""
         if control is not None:
             raise OptionError('control= is MuJoCo\'s own: take engine="mujoco"')
         state = self._state()
-        begin = self._time
+        begin = self.time
         self._world.step()
-        self._time += self.step
+        self.time += self.step
         touched = self._note_contacts(begin, state)
         if touched or self._log.due(begin):
             self._log.pose(begin, state[0], state[1])
 
-    def contacts(self) -> Contacts:
-        """Return the log so far."""
-        return self._log.contacts()
+    def contacts(self, *, forget: bool = False) -> Contacts:
+        """Return the log so far; or since it was asked to forget all that it had returned."""
+        return self._log.contacts(forget=forget)
 
     def velocity(self, name: str) -> Array:
         """Return how fast a body's centre of mass moves, m/s (3,)."""
@@ -187,7 +187,7 @@ class RapierEngine:
             row[3:7] = turn.w, turn.i, turn.j, turn.k
             row[7:10] = speed.x, speed.y, speed.z
             row[10:] = spin.x, spin.y, spin.z
-        require_slow(self._time, found[:, 7:], found[:, :3])
+        require_slow(self.time, found[:, 7:], found[:, :3])
         places, turns, speeds, spins = np.split(found, (3, 7, 10), axis=1)
         return places, turns, speeds, spins
 

@@ -13,13 +13,10 @@ rebound in it.
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache
-from importlib import resources
 from itertools import combinations, product
 from typing import TYPE_CHECKING
 
@@ -28,6 +25,7 @@ import numpy as np
 from struck.errors import OptionError, SimulationError
 from struck.model.arrays import require_number
 from struck.model.material import Material, materials
+from struck.model.provenance import table_of
 from struck.scene.engines.links import Link, touches
 
 if TYPE_CHECKING:
@@ -161,22 +159,14 @@ def _checked(name: str, value: float) -> float:
     return float(value)
 
 
-@cache
-def _table() -> Mapping[str, Mapping[str, Mapping[str, float]]]:
-    text = (
-        resources.files("struck.scene.engines")
-        .joinpath("restitution.toml")
-        .read_text(encoding="utf-8")
-    )
-    return tomllib.loads(text)
-
-
 def _entry(material: Material, kind: str) -> float:
     """Return a material's own value, or that of its group; "other" where neither is known."""
-    own = _table()["material"].get(material.name, {})
+    own = table_of("struck.scene.engines", "restitution")["material"].get(material.name, {})
     entry = materials().get(material.name)
     group = "other" if entry is None else str(entry["group"])
-    return float(own.get(kind, _table()["group"][group][kind]))
+    return float(
+        own.get(kind, table_of("struck.scene.engines", "restitution")["group"][group][kind])
+    )
 
 
 @dataclass(kw_only=True)

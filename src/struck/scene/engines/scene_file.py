@@ -147,11 +147,7 @@ class SceneFile:
                 parent.remove(child)
 
     def _take_urdf_mesh(
-        self,
-        link: ET.Element,
-        part: ET.Element,
-        mesh: ET.Element,
-        home: Path,
+        self, link: ET.Element, part: ET.Element, mesh: ET.Element, home: Path
     ) -> None:
         file = mesh.get("filename", "")
         try:

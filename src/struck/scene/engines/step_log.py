@@ -53,13 +53,16 @@ class StepLog:
         self._last = time
         self._poses.append((time, places, turns))
 
-    def contacts(self, notes: tuple[str, ...] = ()) -> Contacts:
-        """Return the log so far."""
+    def contacts(self, notes: tuple[str, ...] = (), *, forget: bool = False) -> Contacts:
+        """Return the log so far; or since it was asked to forget all that it had returned."""
         if not self._poses:
             raise OptionError("nothing was noted: call step(data) after each mj_step")
         rows = np.concatenate(self._rows)
         time, step, body0, body1 = rows[:, :4].T
         position, normal, velocity, impulse = np.split(rows[:, 4:], (3, 6, 9), axis=1)
+        poses = self._placed()
+        if forget:
+            self._rows, self._poses = self._rows[:1], self._poses[-1:]
         return Contacts(
             names=[link.name for link in self._links],
             time=time,
@@ -70,7 +73,7 @@ class StepLog:
             normal=normal,
             impulse=impulse,
             velocity=velocity,
-            poses=self._placed(),
+            poses=poses,
             notes=notes,
         )
 

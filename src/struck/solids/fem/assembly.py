@@ -276,11 +276,7 @@ def _products(basis: Displacements, chosen: Index, rule: Quadrature) -> Array:
 
 
 def _components(
-    products: Array,
-    lower: Index,
-    upper: Index,
-    turned: Mask,
-    material: Material,
+    products: Array, lower: Index, upper: Index, turned: Mask, material: Material
 ) -> Iterator[tuple[int, int, Array]]:
     """Yield a, b and K_ij,ab of the pairs, with the higher node as row: (E, pairs)."""
     g = [[products[:, lower, a, upper, b] for b in range(3)] for a in range(3)]

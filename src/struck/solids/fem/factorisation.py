@@ -169,10 +169,7 @@ def _by_superlu(lower: sparse.csc_matrix) -> Factor:
     full = (lower + sparse.tril(lower, -1).T).tocsc()
     try:
         factor = splu(
-            full,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError as error:
         raise SolverError(_singular(str(error))) from error

@@ -121,12 +121,7 @@ class Spectrum:
         self._progress(stage, self._told)
 
     def near(
-        self,
-        shift: Shift,
-        below: int,
-        above: int,
-        share: float = 1.0,
-        least: float = -np.inf,
+        self, shift: Shift, below: int, above: int, share: float = 1.0, least: float = -np.inf
     ) -> Eigenpairs:
         """Return the nearest eigenpairs, `below` and `above` a shift, none below `least`."""
         # `share` is what part of all the work they are.

@@ -52,11 +52,7 @@ def vibration_modes(
     movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
     system = whole if movable.all() else whole.free(movable)
     sight = _Sight(
-        basis=basis,
-        material=material,
-        movable=movable,
-        surface=_surface(basis),
-        estimate=estimate,
+        basis=basis, material=material, movable=movable, surface=_surface(basis), estimate=estimate
     )
     search = Search(
         system=system,

@@ -252,10 +252,7 @@ class Cells:
         depths[np.abs(depths) < _NOUGHT * np.abs(first - second)[:, None]] = 0.0
         depths[:, surface] = 0.0
         return Crossings(
-            edges=crossed,
-            share=share,
-            points=_between(self.points, crossed, share),
-            depths=depths,
+            edges=crossed, share=share, points=_between(self.points, crossed, share), depths=depths
         )
 
     def within(self, surface: int, *, beyond: bool = False) -> Cells:

@@ -17,14 +17,7 @@ from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
 from struck.model.mesh_topology import edges_of, extremes, pieces, submesh, volumes_of
 from struck.solids.filling.stuffing import Cells, Lattice, warped
-from struck.solids.surface.closedness import (
-    INSIDE,
-    Shells,
-    halves,
-    is_closed,
-    unit_factor,
-    winding,
-)
+from struck.solids.surface.closedness import INSIDE, Shells, halves, is_closed, unit_factor, winding
 from struck.solids.volume_mesh import side_keys
 
 _CELLS = (4_000, 9_000, 16_000)  # on the surface, from coarse to fine, until the volume stays

@@ -16,14 +16,7 @@ import numpy as np
 from struck.errors import MeshError, OptionError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
-from struck.model.mesh_topology import (
-    boxes_of,
-    edges_of,
-    pieces,
-    submesh,
-    turned_faces,
-    volumes_of,
-)
+from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
 from struck.solids.surface.closedness import (
     ONE_SIDED,
     THINNEST,

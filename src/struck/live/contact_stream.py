@@ -1,0 +1,275 @@
+"""Contacts that are heard while they happen: of a running simulation, or of a log told in pieces.
+
+What a contact is to the ear shows only when some of what follows is known: a touch that goes on is
+a load, one that ends is a blow. So the log runs some way ahead of the sound. Each new piece is
+looked at together with what came before, by `struck.scene.events` as offline, and what lies long
+enough before its end is planned: each blow at its own sample, each part of a sustained contact so
+that it fades in while the part before fades out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from struck.errors import OptionError, SimulationError, StruckError
+from struck.excitation.friction import FADE, Rubbed
+from struck.excitation.strike import Strike
+from struck.live.commands import Host
+from struck.model.arrays import Array
+from struck.scene.body import Scene
+from struck.scene.contacts import Contacts, Poses
+from struck.scene.events import Events, Impacts, events_of
+from struck.scene.sustained_contact import SustainedContact
+
+if TYPE_CHECKING:
+    from struck.scene.engines.mujoco import Control
+    from struck.scene.engines.simulation import Simulation
+
+FORESIGHT = 0.06  # s of a log beyond what is planned
+HINDSIGHT = 0.08  # s of it before that
+_PIECE, _LONGEST_PIECE = 0.05, 0.2  # s of a simulation that are looked at together
+_FIRST_PIECES, _BUSY = 2, 0.7
+_AHEAD = 0.04  # s by which what is planned is ahead of the sound
+_SAME = 2.5  # steps by which a blow may shift when more of what follows is known
+_MOST_SHIFT = 5e-3  # s, by which at most
+_SHORTEST = 2e-3  # s, of a part of a sustained contact
+_NAP = 2e-3  # s
+_COLUMNS = ("time", "dt", "body0", "body1", "position", "normal", "impulse", "velocity", "id")
+_POSE = ("time", "body", "position", "rotation")
+
+
+class _Rubbing(NamedTuple):
+    """A sustained contact that goes on."""
+
+    end: float  # s, of what is planned
+    rubbed: Sequence[Rubbed]
+    ways: Sequence[Array] | None  # where on the roughness of each body it is then, m (3,)
+    seed: int
+
+
+@dataclass(kw_only=True, eq=False)
+class ContactStream:
+    """Turns the contacts of a scene, told in pieces, into plans of what is played."""
+
+    scene: Scene
+    host: Host
+    sample_rate: float
+    slipped: float = 0.0  # s by which pieces came too late, and the sound had to wait
+    missed: int = 0  # rows of times that were planned before
+    zero: int | None = None  # sample at which the log's time is 0
+    _window: Contacts | None = None
+    _decided: float = -np.inf  # s: what is before is planned
+    _struck: dict[tuple[int, int], float] = field(default_factory=dict)  # last blow of pairs, s
+    _begun: int = 0  # sustained contacts
+    _rubbing: dict[tuple[int, int], _Rubbing] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def take(
+        self,
+        piece: Contacts,
+        *,
+        until: float | None = None,
+        ended: bool = False,
+        check: Callable[[Contacts], None] | None = None,
+    ) -> None:
+        """Take the next piece of a log, known up to a time, s; to its last row unless told.
+
+        Of one that has `ended` all is planned. `check` may refuse what is known so far.
+
+        Raises
+        ------
+        OptionError
+            On other names than before, or ones that the scene does not have.
+        """
+        with self._lock:
+            poses = np.zeros(0) if piece.poses is None else piece.poses.time
+            told = np.concatenate([piece.time, poses])
+            if not len(told):
+                return
+            before = self._window
+            window = piece if before is None else _joined(before, piece, self._decided - HINDSIGHT)
+            events = events_of(self.scene, window)  # refuses what does not fit
+            if check is not None:
+                check(window)
+            self._window = window
+            self.missed += int(np.count_nonzero(piece.time < self._decided))
+            if before is None:
+                self._decided = float(told.min())
+            end = float(told.max()) if until is None else until
+            end = max(end + 1.0 if ended else end - FORESIGHT, self._decided)
+            self._plan(events, piece, end)
+            self._decided = end
+
+    def _plan(self, events: Events, piece: Contacts, end: float) -> None:
+        """Plan what happens from what was decided to an end, s."""
+        blows = self._blows(events, end)
+        struck = replace(events, impacts=blows, sustained=()).on().bodies if len(blows) else {}
+        plans = [
+            self.host.blow(name, each)
+            for name, body in struck.items()
+            for each in body.actions
+            if isinstance(each, Strike)
+        ]
+        for contact, seed in self._rubs(events, end):
+            for number in (contact.first, contact.second):
+                name, first = events.contacts.names[number], number == contact.first
+                body = self.scene.bodies[name]
+                if not body.silent:
+                    rub = contact.on(body.sounding, first=first, seed=seed)
+                    plans.append(self.host.rub(name, rub))
+        zero = self._in_time()  # now that all is computed
+        self.host.follow(_poses_of(piece), zero)
+        for plan in plans:
+            plan(zero)
+
+    def _in_time(self) -> int:
+        """Return the sample at which the log's time is 0, put off where it is too late for that."""
+        earliest = self.host.now + round(_AHEAD * self.sample_rate)
+        begin = round(self._decided * self.sample_rate)
+        if self.zero is None:
+            self.zero = earliest - begin
+        if self.zero + begin < self.host.now:
+            self.slipped += (earliest - self.zero - begin) / self.sample_rate
+            self.zero = earliest - begin
+        return self.zero
+
+    def _blows(self, events: Events, end: float) -> Impacts:
+        """Return the blows that are new, and before an end, s."""
+        impacts, steps = events.impacts, events.contacts.dt
+        slack = min(_SAME * float(np.median(steps)), _MOST_SHIFT) if len(steps) else 0.0
+        before, new = dict(self._struck), []
+        for k in np.flatnonzero((impacts.time < end) & (impacts.time >= self._decided - slack)):
+            pair, moment = (int(impacts.first[k]), int(impacts.second[k])), float(impacts.time[k])
+            if moment > before.get(pair, -np.inf) + slack:
+                self._struck[pair] = max(moment, self._struck.get(pair, -np.inf))
+                new.append(k)
+        return impacts.chosen(np.array(new, np.int64))
+
+    def _rubs(self, events: Events, end: float) -> Iterator[tuple[SustainedContact, int]]:
+        """Yield the parts of sustained contacts up to an end, s, with the seed of each."""
+        for each in events.sustained:
+            low = max(self._decided, float(each.times[0]))
+            high = min(end + FADE, float(each.times[-1]))
+            if high - low < _SHORTEST:
+                continue
+            pair, part = (each.first, each.second), each.cut(low, high)
+            last = self._rubbing.get(pair)
+            if last is None or last.end < low:  # it begins
+                self._begun += 1
+                last = _Rubbing(end=low, rubbed=each.rubbed, ways=part.begins, seed=self._begun)
+            part = replace(part, rubbed=last.rubbed, begins=last.ways)
+            places = [[np.interp(end, part.times, axis) for axis in way.T] for way in part.ways]
+            self._rubbing[pair] = last._replace(end=end, ways=[np.array(at) for at in places])
+            yield part, last.seed
+
+
+class SimulationRun:
+    """A simulation that runs in a thread, a little ahead of the sound of its contacts."""
+
+    def __init__(
+        self, simulation: Simulation, stream: ContactStream, control: Control | None
+    ) -> None:
+        self._simulation, self._stream, self._control = simulation, stream, control
+        self.load = 0.0  # share of its time that the thread takes, 0 to 1
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="struck simulation", daemon=True)
+        self.start = self._thread.start
+        self._engine = simulation.started()
+        for _ in range(_FIRST_PIECES):  # the first takes longest, as all is looked up anew
+            self._go_on(_PIECE)
+
+    def stop(self) -> None:
+        """End it, if it ever began."""
+        self._stopping = True
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on: not once it exploded."""
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        error = self._stream.host.error
+        try:
+            # As it holds the interpreter's lock at times, whatever stops it stops the feeder too.
+            hurry(1)
+            self._keep_up()
+        except StruckError as failure:
+            error.keep(failure)
+        except Exception as failure:  # noqa: BLE001 - of `control`; raised for whoever plays
+            told = SimulationError(f"the simulation ended: it, or control=, raised {failure!r}")
+            told.__cause__ = failure
+            error.keep(told)
+
+    def _keep_up(self) -> None:
+        stream, begun, worked = self._stream, time.perf_counter(), time.thread_time()
+        took, length = 0.0, _PIECE
+        while not self._stopping:
+            now = time.perf_counter()
+            self.load = (time.thread_time() - worked) / max(now - begun, 1e-9)
+            heard = (stream.host.now - (stream.zero or 0)) / stream.sample_rate
+            if self._engine.time > heard + FORESIGHT + _AHEAD + 2 * took:
+                time.sleep(_NAP)
+                continue
+            self._go_on(length)
+            took = max(0.9 * took, time.perf_counter() - now)
+            if took > _BUSY * length:  # what is done once for each piece is done less often
+                length = min(2 * length, _LONGEST_PIECE)
+
+    def _go_on(self, length: float) -> None:
+        """Simulate for some time, s, and plan what is heard of it."""
+        end = self._engine.time + length
+        while self._engine.time < end and not self._stopping:
+            self._engine.advance(self._control)
+        piece = self._engine.contacts(forget=True)
+        check = self._simulation.require_no_blast
+        self._stream.take(piece, until=self._engine.time, check=check)
+
+
+def hurry(priority: int) -> None:
+    """Give this thread real-time priority, where the system allows that."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            thread = threading.get_native_id()
+            os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
+
+
+def _joined(old: Contacts, new: Contacts, since: float) -> Contacts:
+    """Return two pieces of a log as one, of the older one what is since a time, s."""
+    if old.names != new.names:
+        raise OptionError(f"names are {new.names}, and were {old.names}: give the same each time")
+    kept = old.time >= since
+    both = {n: (getattr(old, n), getattr(new, n)) for n in _COLUMNS}
+    known = {n: pair for n, pair in both.items() if pair[0] is not None and pair[1] is not None}
+    columns: dict[str, Any] = {n: np.concatenate([a[kept], b]) for n, (a, b) in known.items()}
+    poses = [each.poses for each in (old, new) if each.poses is not None]
+    if len(poses) == 2:
+        poses[0] = _since(poses[0], since)
+    rows: dict[str, Any] = {
+        n: np.concatenate([getattr(each, n) for each in poses]) for n in _POSE if poses
+    }
+    return Contacts(names=new.names, poses=Poses(**rows) if rows else None, **columns)
+
+
+def _since(poses: Poses, since: float) -> Poses:
+    """Return poses from a time on, s, and the last one before it of each body."""
+    followed = np.append((np.diff(poses.body) == 0) & (poses.time[1:] <= since), False)
+    kept = ~followed
+    return Poses(**{name: getattr(poses, name)[kept] for name in _POSE})
+
+
+def _poses_of(piece: Contacts) -> Mapping[str, tuple[Array, Array, Array]]:
+    """Return the poses of a piece by the names of bodies."""
+    if piece.poses is None:
+        return {}
+    return {name: piece.poses.of(number) for number, name in enumerate(piece.names)}
