@@ -155,14 +155,18 @@ class Host:
         """Strike a body with a pulse whose first sample counts from now, or from a moment, s."""
         self._say(lambda sample: self._strike(body, drive, pulse, sample), moment)
 
-    def _say(self, command: Command, moment: float | None, key: str = "") -> None:
+    def _say(self, command: Command, moment: float | None) -> None:
         """Queue a command for now, or for a moment on the player's clock, s."""
         if moment is None:
-            _ = self.queue.put(key, command) if key else self.queue.add(command)
+            self.queue.add(command)
             return
+        self.queue.plan(self._sample(moment), command)
+
+    def _sample(self, moment: float) -> int:
+        """Return the sample of a moment on the player's clock, s."""
         wanted = "give seconds on the player's clock, player.now and later"
         require_number("moment", moment, 0.0, LAST_MOMENT, wanted=wanted)
-        self.queue.plan(round(moment * self._rate), command)
+        return round(moment * self._rate)
 
     def start(self, body: int, started: Started, kind: type) -> None:
         """Start an excitation with the next block; it has ended at once where there is no room."""
@@ -198,14 +202,22 @@ class Host:
         place = None if position is None else Trajectory.of("position", position).at(start)[0]
         turned = None if rotation is None else Orientation.of("rotation", rotation)
         turn = None if turned is None else turned.quaternions[0]
-        self._say(self._going(partial(ears.go, body), place, turn, moment), moment)
+        self.queue.add(self._going(partial(ears.go, body), place, turn, moment))
 
     def _going(
         self, go: Callable[..., None], place: Array | None, turn: Array | None, moment: float | None
     ) -> Command:
-        """Return the command to go somewhere, in time with the strikes of its sample."""
-        exact = moment is not None
-        return lambda sample: go((sample + LEAD) / self._rate, place, turn, exact=exact)
+        """Return the command to go somewhere, in time with the strikes of its sample.
+
+        A moment is told at once, as ways are found ahead of the sound.
+        """
+        at, exact = None if moment is None else self._sample(moment), moment is not None
+
+        def begin(now: int) -> None:
+            self.queue.overdue += at is not None and at < now
+            go((max(now, at or 0) + LEAD) / self._rate, place, turn, exact=exact)
+
+        return begin
 
     def blow(self, body: str, strike: Strike) -> Callable[[int], None]:
         """Return what plans a strike, given the sample from which its time counts."""
@@ -284,7 +296,10 @@ class Host:
                     f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
                     "with a bare position to positions; start another"
                 )
-            self._say(go, moment, key="listener")
+            if moment is None:
+                self.queue.put("listener", go)
+            else:
+                _ = self.queue.add(go) if ears else self._say(go, moment)
             self.listener = listener
 
     def _heard_as(self, outputs: Mapping[int, Complex], _: int) -> None:

@@ -83,12 +83,8 @@ class ContactStream:
     ) -> None:
         """Take the next piece of a log, known up to a time, s; to its last row unless told.
 
-        Of one that has `ended` all is planned. `check` may refuse what is known so far.
-
-        Raises
-        ------
-        OptionError
-            On other names than before, or ones that the scene does not have.
+        Of one that has `ended` all is planned. `check` may refuse what is known so far; on names
+        that do not fit there is an OptionError.
         """
         with self._lock:
             poses = np.zeros(0) if piece.poses is None else piece.poses.time

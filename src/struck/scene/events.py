@@ -215,7 +215,7 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
     posed = scene.posed(contacts)
     blows, lasting, weak = [], [], 0
     strengths = np.linalg.norm(contacts.impulse, axis=1)
-    approach, moving = _approach(contacts), _moving(posed, contacts)
+    approach, stands, slip = _approach(contacts), _stands(posed, contacts), contacts.velocity
     for pair in pairs_of(contacts):
         rows = pair.rows
         coming = None if approach is None else approach[rows]
@@ -224,7 +224,9 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
         found, missed = _impacts(pair, touches, contacts, bodies)
         blows.append(found)
         weak += missed
-        if moving[[pair.first, pair.second]].any() and not all(body.silent for body in bodies):
+        settled = stands[[pair.first, pair.second]].all()
+        settled &= slip is not None and np.abs(slip[rows]).max() < SLOWEST
+        if not settled and not all(body.silent for body in bodies):
             lasting += loaded(pair, touches, contacts, bodies)
     notes = [*contacts.notes, *_unposed(contacts)]
     if weak:
@@ -238,19 +240,20 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
     )
 
 
-def _moving(scene: Scene, contacts: Contacts) -> Mask:
-    """Tell which bodies of a log (B,) move or turn at all; what lasts between others is silent."""
-    moving, poses = np.array([scene.bodies[name].moves for name in contacts.names]), contacts.poses
+def _stands(scene: Scene, contacts: Contacts) -> Mask:
+    """Tell which bodies of a log (B,) neither move nor turn, as their poses say."""
+    stands, poses = np.zeros(len(contacts.names), np.bool_), contacts.poses
     if poses is not None and len(poses.time):
-        bodies, firsts = np.unique(poses.body, return_index=True)
+        bodies, firsts, counts = np.unique(poses.body, return_index=True, return_counts=True)
         rows = np.hstack([poses.position, poses.rotation, poses.time[:, None]])
         span = np.maximum.reduceat(rows, firsts) - np.minimum.reduceat(rows, firsts)
-        names = np.array(contacts.names)[bodies].tolist()
-        meshes = [scene.bodies[name].model.geometry for name in names]
+        known = [scene.bodies[name] for name in np.array(contacts.names)[bodies].tolist()]
+        meshes = [body.model.geometry for body in known]
         sizes = np.array([1.0 if mesh is None else mesh.extent for mesh in meshes])
         way = np.maximum(span[:, :3].max(axis=1), 2 * sizes * span[:, 3:7].max(axis=1))
-        moving[bodies] = way > SLOWEST / 4 * span[:, 7]
-    return moving
+        told = (counts > 1) | np.array([body.fixed for body in known])
+        stands[bodies] = told & (way <= SLOWEST / 4 * span[:, 7])
+    return stands
 
 
 def _unposed(contacts: Contacts) -> Sequence[str]:
