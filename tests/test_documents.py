@@ -32,6 +32,7 @@ DEAR = {
     "examples/hollow_figurine.py",
     "examples/model_of_a_recording.py",
     "examples/one_body_many_materials.py",
+    "examples/play_a_scene.py",
     "examples/scenes_of_2002.py",
     "examples/sounds_of_shapes.py",
     "examples/touch_a_plate.py",

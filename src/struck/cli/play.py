@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import struck
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     player = struck.play(
         models,
         listener=listener(options),
-        device=_device(options.device),
+        device=device(options.device),
         sample_rate=options.rate,
         block=options.block,
         ahead=options.ahead,
@@ -78,8 +79,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     progress.close()
     with player:
-        struck_times, seconds = _played(player, models, options)
-        return _told(player, models, struck_times, seconds)
+        strikes, seconds = _played(player, models, options)
+        modes = sum(len(model.frequencies) for model in models)
+        return told(player, modes=modes, strikes=strikes, seconds=seconds)
 
 
 def _require_counts(options: argparse.Namespace) -> None:
@@ -151,29 +153,23 @@ def _show(line: str) -> None:
 
 def _line(player: Player) -> str:
     peak = 20 * math.log10(max(player.peak, 1e-6))
+    load, slipped = player.simulation_load, player.slipped
+    run = f"simulation {load:.0f} %  slipped {slipped:.2f} s  " if load else ""
     return (
-        f"load {player.load:.0f} %  underflows {player.underflows}  late {player.late}  "
+        f"load {player.load:.0f} %  {run}underflows {player.underflows}  late {player.late}  "
         f"dropped {player.dropped}  peak {peak:.1f} dB"
     )
 
 
-def _told(player: Player, models: list[struck.ModalModel], strikes: int, seconds: float) -> Result:
+def told(player: Player, notes: Sequence[str] = (), **more: float) -> Result:
+    """Return what came of playing, told after notes and with more numbers."""
     if sys.stderr.isatty():
         sys.stderr.write("\n")
-    modes = sum(len(model.frequencies) for model in models)
-    return Result(
-        f"{modes} modes, {strikes} strikes in {seconds:.0f} s: {_line(player)}",
-        modes=modes,
-        strikes=strikes,
-        seconds=seconds,
-        load=player.load,
-        underflows=player.underflows,
-        late=player.late,
-        dropped=player.dropped,
-        peak=player.peak,
-        sample_rate=player.sample_rate,
-        latency=player.latency,
-    )
+    names = ("load", "simulation_load", "underflows", "late", "dropped", "slipped", "overdue")
+    names += ("peak", "sample_rate", "latency")
+    lead = "".join(f"{value:.0f} {name}, " for name, value in more.items())
+    text = "\n".join((*notes, lead + _line(player)))
+    return Result(text, **more, **{name: getattr(player, name) for name in names})
 
 
 def _devices() -> Result:
@@ -186,7 +182,8 @@ def _devices() -> Result:
     return Result(listed(devices), devices=[str(device) for device in devices])
 
 
-def _device(text: str | None) -> int | str | None:
+def device(text: str | None) -> int | str | None:
+    """Return the number of a device, or part of its name."""
     return int(text) if text is not None and text.isdecimal() else text
 
 

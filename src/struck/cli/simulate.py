@@ -6,7 +6,9 @@ import argparse
 import csv
 import io
 import json
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,8 @@ import numpy as np
 import struck
 from struck.cli.command import Result
 from struck.cli.options import add_listener, add_room, listener, room
-from struck.ears.listeners import Mono, is_listener, position_of
+from struck.cli.play import device, told
+from struck.ears.listeners import Listener, Mono, is_listener
 from struck.errors import OptionError
 from struck.files.atomic import writable, write_bytes
 from struck.files.sound import Sound
@@ -26,6 +29,7 @@ from struck.report.contact_sheet import contact_sheet
 from struck.scene import Contacts, Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
 from struck.scene.stems import save_stems
+from struck.scene.engines.simulation import Simulation
 
 EXAMPLES = (
     (
@@ -34,6 +38,7 @@ EXAMPLES = (
     ),
 )
 _PATTERN = "PATTERN=VALUE"
+_LOOK = 0.02  # s between two looks at whether it goes on
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +66,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     engine.add_argument("--convex", default="parts", help="parts (default) or hull")
     add_listener(parser)
     add_room(parser)
+    parser.add_argument("--play", action="store_true", help="hear it live; nothing is written")
+    parser.add_argument("--device", help="to play on, as for `struck play`")
     parser.add_argument("--ring", type=float, default=2.0, help="s heard after motion ends")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument("--stems", action="store_true", help="write a sound of each body too")
@@ -70,6 +77,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck simulate`."""
+    if options.play:
+        return _heard_live(options, progress)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
     scene, contacts = _simulated(options, progress)
@@ -101,38 +110,42 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
 
 
+def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Play a simulation until its time is over, or it explodes."""
+    simulation = Simulation(options.scene, progress=progress, **_chosen(options))
+    progress.close()
+    with struck.play(simulation, listener=_ears(options), device=device(options.device)) as player:
+        end = time.monotonic() + options.seconds
+        with suppress(KeyboardInterrupt):
+            while time.monotonic() < end and player.simulating:
+                time.sleep(_LOOK)
+        player.listen(player.listener)  # tells what went wrong
+        return told(player, simulation.notes)
+
+
 def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:
-    return struck.simulate(
-        options.scene,
-        options.seconds,
-        progress=progress,
-        materials=_table("--material", options.material) or None,
-        walls=_measures("--wall", options.wall),
-        models=_table("--model", options.model, whole=False),
-        roughness=_table("--roughness", options.roughness, whole=False),
-        mute=options.mute,
-        restitution=_pairs("--restitution", options.restitution),
-        friction=_pairs("--friction", options.friction),
-        engine=options.engine,
-        step=options.step,
-        keyframe=options.keyframe,
-        folder=options.folder,
-        convex=options.convex,
-        accuracy=options.accuracy,
-        damping=options.damping,
-    )
+    return struck.simulate(options.scene, options.seconds, progress=progress, **_chosen(options))
+
+
+def _chosen(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of a `Simulation`."""
+    plain = ("mute", "engine", "step", "keyframe", "folder", "convex", "accuracy", "damping")
+    return {name: getattr(options, name) for name in plain} | {
+        "materials": _table("--material", options.material) or None,
+        "walls": _measures("--wall", options.wall),
+        "models": _table("--model", options.model, whole=False),
+        "roughness": _table("--roughness", options.roughness, whole=False),
+        "restitution": _pairs("--restitution", options.restitution),
+        "friction": _pairs("--friction", options.friction),
+    }
 
 
 def _heard(options: argparse.Namespace) -> dict[str, Any]:
     """Return how a scene is heard, as options of `struck.render`."""
-    someone = listener(options)
-    if not (someone is None or is_listener(someone)):
-        someone = Mono(position=position_of(someone))
-    seconds = options.seconds + options.ring
     return {
-        "listener": someone,
+        "listener": _ears(options),
         "room": room(options),
-        "seconds": seconds,
+        "seconds": options.seconds + options.ring,
         "sample_rate": options.rate,
     }
 
@@ -146,6 +159,12 @@ def _sound(scene: Scene, heard: Mapping[str, Any]) -> Sound:
         )
     sound = struck.render(bodies, **heard)
     return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
+
+
+def _ears(options: argparse.Namespace) -> Listener | None:
+    """Return who hears it; a bare position is an ear in the scene."""
+    someone = listener(options)
+    return someone if someone is None or is_listener(someone) else Mono(position=position_of(someone))
 
 
 def _before(scene: Scene) -> tuple[float, float, float]:
