@@ -72,7 +72,8 @@ class HandPlayer(Player):
 
     def __init__(self, models: Sequence[ModalModel], **options: Any) -> None:  # noqa: ANN401 - of `Player`
         self.hand = Hand()
-        super().__init__(models, outlet=self.hand, **options)
+        outlet: Any = self.hand
+        super().__init__(models, outlet=outlet, **options)
         self._host.queue._clock = lambda: 0.0
         self._host.queue._emptied = 0.0
 

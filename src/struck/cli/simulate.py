@@ -19,7 +19,7 @@ import struck
 from struck.cli.command import Result
 from struck.cli.options import add_listener, add_room, listener, room
 from struck.cli.play import device, told
-from struck.ears.listeners import Listener, Mono, is_listener
+from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.errors import OptionError
 from struck.files.atomic import writable, write_bytes
 from struck.files.sound import Sound
@@ -164,7 +164,9 @@ def _sound(scene: Scene, heard: Mapping[str, Any]) -> Sound:
 def _ears(options: argparse.Namespace) -> Listener | None:
     """Return who hears it; a bare position is an ear in the scene."""
     someone = listener(options)
-    return someone if someone is None or is_listener(someone) else Mono(position=position_of(someone))
+    if someone is None or is_listener(someone):
+        return someone
+    return Mono(position=position_of(someone))
 
 
 def _before(scene: Scene) -> tuple[float, float, float]:

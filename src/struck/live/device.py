@@ -20,7 +20,7 @@ from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_long,
 from ctypes.util import find_library
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from struck.errors import DeviceError, MissingDependencyError
 from struck.live.callback import OPEN, Shared
@@ -385,43 +385,8 @@ def _asked(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 -
     return byref(_Parameters(device, channels, _FLOAT32, latency, None))
 
 
-class Outlet(Protocol):
-    """Where a player's sound leaves: an audio device, or a test's own loop."""
-
-    name: str
-    sample_rate: float  # Hz
-    channels: int
-
-    def open(self, callback: int, shared: Shared, block: int) -> None:
-        """Get ready to call the callback at an address for each block."""
-        ...
-
-    def start(self) -> None:
-        """Begin to call it."""
-        ...
-
-    @property
-    def active(self) -> bool:
-        """Whether it is being called."""
-        ...
-
-    @property
-    def load(self) -> float:
-        """The share of its time that the callback takes, 0 to 1."""
-        ...
-
-    @property
-    def latency(self) -> float:
-        """From the callback to the air, s."""
-        ...
-
-    def close(self) -> None:
-        """Fade out, and let nothing be called any more."""
-        ...
-
-
-class DeviceOutlet:
-    """An audio device from opening to closing."""
+class Outlet:
+    """Where a player's sound leaves: an audio device from opening to closing."""
 
     def __init__(self, device: int | str | None = None, sample_rate: float | None = None) -> None:
         self._portaudio = PortAudio()

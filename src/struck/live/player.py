@@ -27,7 +27,7 @@ from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
 from struck.live.commands import Host, default_listener, listening
 from struck.live.contact_stream import ContactStream, SimulationRun, hurry
-from struck.live.device import TO_FILE, DeviceOutlet, Outlet
+from struck.live.device import TO_FILE, Outlet
 from struck.live.ring import Ring
 from struck.live.voices import Started
 from struck.model.arrays import Array, Index
@@ -278,13 +278,12 @@ class Player:
         ----------
         body : int or str
             Which one.
-        position : array-like (3,), optional
-            Where the origin of its coordinates goes, m; it stays unless given.
-        rotation : array-like (3, 3) or (4,), optional
-            How it is turned then, as for a `Body`; it stays unless given.
+        position, rotation : array-like (3,), array-like (3, 3) or (4,), optional
+            Where the origin of its coordinates goes, m, and how it is turned, as for a `Body`; what
+            is not given stays.
         moment : float, optional
-            When it is there, on the player's clock, s: it moves evenly from its last pose, as in a
-            table of poses. At once unless given: it goes there within some 10 ms.
+            When it is there, on the player's clock, s: it moves evenly from its last pose. At once
+            unless given: it goes there within some 10 ms.
 
         Raises
         ------
@@ -298,14 +297,8 @@ class Player:
         """Let the bodies of a scene do what the next piece of a log says.
 
         Its blows and sustained contacts are heard, and its poses taken, some 100 ms later, in which
-        the next piece has to come: give 20 to 100 ms of contacts at a time.
-
-        Parameters
-        ----------
-        contacts : Contacts
-            Rows of times that go on from piece to piece, with the same names.
-        ended : bool
-            Whether it is the last piece.
+        the next piece has to come: give 20 to 100 ms at a time, with the same names, of times that
+        go on. Of one that has `ended` all is heard.
 
         Raises
         ------
@@ -494,7 +487,7 @@ def play(
     """Return a running player on an audio device; see `struck.play`."""
     simulation: Any = model if hasattr(model, "started") else None
     models: Any = simulation.scene if simulation else model
-    outlet = DeviceOutlet(device, sample_rate)
+    outlet = Outlet(device, sample_rate)
     try:
         player = Player(
             [model] if isinstance(model, ModalModel) else models, outlet=outlet, **options

@@ -59,7 +59,7 @@ class Piece:
     name: str  # by which `gallery.toml` has its title and what is said of it
     body: Callable[[], Solid | Mesh | Shape]
     material: str | Material
-    sounds: tuple[tuple[str, Action | Sequence[Action]], ...]  # captions, and what happens
+    sounds: tuple[tuple[str, Action | Sequence[Action]], ...] = ()  # unless the table has them
     band: tuple[float, float] = BAND  # Hz
     wall: float | None = None  # of a hollow mesh, m
     damping: str = "own"
@@ -104,7 +104,10 @@ class Piece:
         )
 
     def _played(self, model: ModalModel, folder: Path) -> Iterator[tuple[str, Sound]]:
-        for number, (caption, actions) in enumerate(self.sounds, start=1):
+        told = table_of("struck.report", "gallery")[self.name].get("sounds", {})
+        kinds = {"strike": Strike, "pluck": Pluck}
+        read = [(of, kinds[k](**how)) for of, each in told.items() for k, how in each.items()]
+        for number, (caption, actions) in enumerate(self.sounds or read, start=1):
             sound = render(model, actions, seconds=3.0)
             sound.save(folder / f"{self.name}_{number}.wav", encoding="int24")
             yield caption, sound
@@ -187,51 +190,11 @@ SOLIDS = (
         body=lambda: Tube(length=0.505, radius=0.0125, wall=0.001),
         material="aluminium",
         damping="heard",
-        sounds=(
-            ("wooden striker at the end", Strike(at="end", striker="wood", speed=1.0)),
-            ("wooden striker at the middle", Strike(at="middle", striker="wood", speed=1.0)),
-            ("steel striker at the end", Strike(at="end", striker="steel", speed=1.0)),
-        ),
     ),
-    Piece(
-        name="bowl",
-        body=bowl,
-        material="bronze",
-        sounds=(
-            ("felt on the rim", Strike(at="rim", striker="felt", speed=1.0)),
-            ("wood on the rim", Strike(at="rim", striker="wood", speed=1.0)),
-        ),
-    ),
-    Piece(
-        name="bell",
-        body=bell,
-        material="bronze",
-        sounds=(
-            ("steel on the rim", Strike(at="rim", striker="steel", speed=1.0)),
-            ("wood on the side", Strike(at="side", striker="wood", speed=1.0)),
-        ),
-    ),
-    Piece(
-        name="glass",
-        body=wine_glass,
-        material="glass",
-        sounds=(
-            ("fingertip on the rim", Strike(at="rim", striker="fingertip", speed=1.0)),
-            ("plastic on the rim", Strike(at="rim", striker="plastic", speed=0.5)),
-        ),
-    ),
-    Piece(
-        name="bird",
-        body=bird,
-        material="ceramic",
-        damping="heard",
-        wall=0.004,
-        sounds=(
-            ("wood on the head", Strike(at="top", striker="wood", speed=0.5)),
-            ("steel on the head", Strike(at="top", striker="steel", speed=0.5)),
-            ("fingertip on the tail", Strike(at="-x", striker="fingertip", speed=1.0)),
-        ),
-    ),
+    Piece(name="bowl", body=bowl, material="bronze"),
+    Piece(name="bell", body=bell, material="bronze"),
+    Piece(name="glass", body=wine_glass, material="glass"),
+    Piece(name="bird", body=bird, material="ceramic", damping="heard", wall=0.004),
     Piece(
         name="die",
         body=lambda: Block(size=(0.012, 0.012, 0.012)),
@@ -330,12 +293,6 @@ SHAPES = (
         name="string",
         body=lambda: String(length=0.65, radius=4e-4, tension=80.7, stiff=True),
         material=WIRE,
-        sounds=(
-            ("struck near the end", Strike(at=(0.06,), impulse=0.005, duration=4e-4)),
-            ("struck at the middle", Strike(at=(0.325,), impulse=0.005, duration=4e-4)),
-            ("plucked near the end", Pluck(at=(0.06,), force=3.0)),
-            ("plucked at the middle", Pluck(at=(0.325,), force=3.0)),
-        ),
     ),
     Piece(
         name="bar",

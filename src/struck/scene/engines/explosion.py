@@ -49,20 +49,11 @@ def require_slow(time: float, velocities: Array, places: Array, *, warned: bool 
         )
 
 
-def require_no_blast(contacts: Contacts, links: Sequence[Link], masses: Array) -> None:
+def require_no_blast(contacts: Contacts, masses: Array) -> None:
     """Refuse a log in which a free body gains far more speed than contacts can give.
 
-    Parameters
-    ----------
-    contacts : Contacts
-    links : sequence of Link
-    masses : array (links,)
-        Of free bodies, kg; infinite for all others.
-
-    Raises
-    ------
-    SimulationError
-        With the first moment of it, the body and the speeds.
+    `masses` (bodies,), kg, are infinite of all that is not free. A SimulationError tells the first
+    moment of it, the body and the speeds.
     """
     if not len(contacts) or contacts.velocity is None:
         return
@@ -80,7 +71,9 @@ def require_no_blast(contacts: Contacts, links: Sequence[Link], masses: Array) -
         signed = np.where(first[rows, None], 1.0, -1.0) * impulses[rows] / masses[number]
         steps, starts = np.unique(time[rows], return_index=True)
         gains = np.add.reduceat(signed, starts, axis=0)
-        _require_gains(links[number].name, steps, gains, fastest[np.searchsorted(moments, steps)])
+        _require_gains(
+            contacts.names[number], steps, gains, fastest[np.searchsorted(moments, steps)]
+        )
 
 
 def _around(times: Array, values: Array) -> Array:

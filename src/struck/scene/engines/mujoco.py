@@ -127,7 +127,7 @@ class MujocoRecorder:
             When the log is that of a simulation that exploded.
         """
         contacts = self.contacts()
-        require_no_blast(contacts, self.links, free_masses(self._model, self.links))
+        require_no_blast(contacts, free_masses(self._model, self.links))
         sources = SoundSources(SoundOptions(**sounds))
         masses = [mass_properties(self._model, link) for link in self.links]
         bodies = sources.bodies(self.links, masses)

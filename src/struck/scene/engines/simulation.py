@@ -213,7 +213,7 @@ class Simulation:
 
     def require_no_blast(self, contacts: Contacts) -> None:
         """Refuse a log of its bodies in which one gains far more speed than contacts can give."""
-        require_no_blast(contacts, self._links, self._masses)
+        require_no_blast(contacts, self._masses)
 
     def _watched(self, contacts: Contacts) -> list[str]:
         """Return what a person should know of a run."""
