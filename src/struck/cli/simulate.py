@@ -28,8 +28,8 @@ from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
 from struck.scene import Contacts, Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
-from struck.scene.stems import save_stems
 from struck.scene.engines.simulation import Simulation
+from struck.scene.stems import save_stems
 
 EXAMPLES = (
     (
