@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import is_
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -75,7 +76,7 @@ class Sources:
 
     def __init__(self, emitters: Sequence[Emitter], signs: Array, offsets: Array) -> None:
         self._emitters, self._signs, self._offsets = emitters, signs, offsets
-        self._centres = Centres([each.centre for each in emitters])
+        self._placed: list[Emitter] = []
         images = len(signs)
         self.emitter = np.repeat(np.arange(len(emitters)), images)
         self.image = np.tile(np.arange(images), len(emitters))
@@ -118,6 +119,9 @@ class Sources:
         sent = times[:, None] - ways / AIR.sound_speed
         shape = len(times), len(self._emitters), len(self._signs)
         moments = sent.reshape(shape).swapaxes(0, 1).reshape(len(self._emitters), -1)
+        if not self._placed or not all(map(is_, self._placed, self._emitters)):
+            self._placed = [*self._emitters]  # those of a player take new ways as it goes on
+            self._centres = Centres([each.centre for each in self._placed])
         centres = self._centres.at(moments)
         apart = centres.reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
         return (self._signs * apart + self._offsets).reshape(*ways.shape, 3)
