@@ -293,7 +293,8 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     found = cells_in(
         seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge, widest=widest
     )
-    if cubic and FUNCTIONS_A_NODE * (len(found.points) + len(found.edges())) > goal.crowded:
+    functions = FUNCTIONS_A_NODE * (len(found.points) + len(found.edges()))
+    if cubic and functions > _SLACK * goal.crowded:
         from struck.solids.filling.membership import mended  # few bodies need it
 
         found = mended(found)
