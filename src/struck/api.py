@@ -407,7 +407,7 @@ def play(
     Returns
     -------
     Player
-        Running; use it in a `with`, or call its `stop()`. The first call compiles for seconds.
+        Running; use it in a `with`, or call its `stop()`.
 
     Raises
     ------
