@@ -162,7 +162,7 @@ def _line(player: Player) -> str:
 
 
 def told(player: Player, notes: Sequence[str] = (), **more: float) -> Result:
-    """Return what came of playing, told after notes and with more numbers."""
+    """Return the result of a command that played: notes, and counts of late and dropped blocks."""
     if sys.stderr.isatty():
         sys.stderr.write("\n")
     names = ("load", "simulation_load", "underflows", "late", "dropped", "slipped", "overdue")

@@ -136,7 +136,7 @@ class Carried:
 
 
 class Centres:
-    """Centres of bodies, asked at moments of their own; those of one simulation in one go."""
+    """Centres of bodies over time; those that share a table of times are computed together."""
 
     def __init__(self, centres: Sequence[Trajectory | Carried]) -> None:
         tabled = [
@@ -160,7 +160,7 @@ class Centres:
         return places
 
     def _carried(self, moments: Array) -> Array:
-        """Return the places of those that are given at the same times."""
+        """Return the centres of the bodies that share a table of times, m (bodies, n, 3)."""
         after, share = _within(self._times, moments)
         ends = np.stack([after - 1, after], axis=1)
         bodies = list(zip(self._together.values(), ends, strict=True))

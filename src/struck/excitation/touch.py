@@ -580,7 +580,7 @@ Lines = tuple[Index, Index, Array, Array]  # begins and lengths (L,), lows and h
 def expected(
     between: Index, shortest: float, longest: float, interval: float
 ) -> tuple[Index, float]:
-    """Return the gaps that follow those between updates (K,), and the interval in the end."""
+    """Return the gap expected after each update (K,), and the usual interval at the end."""
     compiled = entry("lines_expect")
     if compiled is None:
         return expected_plainly(between, shortest, longest, interval)
@@ -651,7 +651,7 @@ def numbers_at(lines: Lines, samples: Index, column: int) -> Array:
 
 
 def smoothed(numbers: Array, window: Array) -> Array:
-    """Return numbers under a window that reaches back: those for which it is full."""
+    """Return the convolution of numbers with a window, where the window is full."""
     compiled = entry("lines_smooth")
     if compiled is None:
         return np.convolve(numbers, window, "valid")

@@ -1,4 +1,4 @@
-"""Contacts that are heard while they happen: of a running simulation, or of a log told in pieces.
+"""Live sound of contacts, from a running simulation or from a log that arrives in pieces.
 
 What a contact is to the ear shows only when some of what follows is known: a touch that goes on is
 a load, one that ends is a blow. So the log runs some way ahead of the sound. Each new piece is
@@ -58,7 +58,7 @@ class _Rubbing(NamedTuple):
 
 @dataclass(kw_only=True, eq=False)
 class ContactStream:
-    """Turns the contacts of a scene, told in pieces, into plans of what is played."""
+    """Planner of the blows and lasting contacts of a scene, from pieces of its contact log."""
 
     scene: Scene
     host: Host
@@ -81,7 +81,7 @@ class ContactStream:
         ended: bool = False,
         check: Callable[[Contacts], None] | None = None,
     ) -> None:
-        """Take the next piece of a log, known up to a time, s; to its last row unless told.
+        """Plan the next piece of a contact log, complete up to a time, s (its last row by default).
 
         Of one that has `ended` all is planned. `check` may refuse what is known so far; on names
         that do not fit there is an OptionError.
@@ -223,7 +223,7 @@ class SimulationRun:
                 length = min(2 * length, _LONGEST_PIECE)
 
     def _go_on(self, length: float) -> None:
-        """Simulate for some time, s, and plan what is heard of it."""
+        """Advance the simulation by some time, s, and plan the sound of its contacts."""
         end = self._engine.time + length
         while self._engine.time < end and not self._stopping:
             self._engine.advance(self._control)
@@ -241,7 +241,7 @@ def hurry(priority: int) -> None:
 
 
 def _joined(old: Contacts, new: Contacts, since: float) -> Contacts:
-    """Return two pieces of a log as one, of the older one what is since a time, s."""
+    """Return one log of two pieces: rows of the older one since a time, s, then the newer one."""
     if old.names != new.names:
         raise OptionError(f"names are {new.names}, and were {old.names}: give the same each time")
     kept = old.time >= since
