@@ -95,6 +95,7 @@ def test_standard_is_within_half_a_percent(tmp_path: Path, name: str) -> None:
     model, memory = analyzed(tmp_path, name, "standard")
     check(name, model, 0.01 if name in VERY_THIN else 0.005)
     assert int(str(model.provenance.details["nodes"])) <= 100_000
+    assert int(str(model.provenance.details["unknowns"])) <= 3 * 110_000  # cubic ones included
     assert memory <= 3 * 2**30
 
 

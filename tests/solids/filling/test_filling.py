@@ -184,8 +184,15 @@ def test_parts_too_thin_for_the_lattice_are_refused() -> None:
     inner = trimesh.creation.icosphere(subdivisions=4, radius=0.0496)
     inner.invert()
     both = trimesh.util.concatenate([outer, inner])
-    with pytest.raises(MeshError, match="need more than"):
+    with pytest.raises(MeshError, match="need more than 30000 nodes: use accuracy='standard', a "):
         filled(FilledBody(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
+
+
+def test_a_wire_that_passes_between_points_of_the_lattice_is_refused_with_a_way_out() -> None:
+    ring = trimesh.creation.torus(0.5, 0.003, major_sections=256, minor_sections=12)
+    way = r"pieces on a lattice of 0\.0088\d* m: use accuracy='standard', .* solid of struck\.solids"
+    with pytest.raises(MeshError, match=way):
+        filled(FilledBody(mesh=Mesh(points=ring.vertices, faces=ring.faces)), "preview")
 
 
 def test_an_unknown_accuracy_is_refused() -> None:

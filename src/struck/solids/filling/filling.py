@@ -15,7 +15,14 @@ from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
-from struck.solids.filling.stuffing import Cells, Lattice, cells_in, determinants, shape_of
+from struck.solids.filling.stuffing import (
+    Cells,
+    Lattice,
+    NoCellsError,
+    cells_in,
+    determinants,
+    shape_of,
+)
 from struck.solids.resolution import level
 from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
 from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, unique_rows
@@ -64,6 +71,7 @@ _CUT, _FINER = 2.0, 2.0  # of forecasts: cells that the surface cuts; fine over 
 _HALVED = 1_000  # edges of a lattice over thin walls that may be halved at least
 _MOST_FUNCTIONS = 400_000  # whatever the accuracy: more takes minutes and many GiB
 _SLACK = 1.1  # times the most, where a lattice turns out to take a little more than foreseen
+_COARSER = 3  # lattices tried where walls take more functions than foreseen
 _FINER_LATTICE, _A_LITTLE = 0.75, 0.9  # spacing over the one before, where that did not serve
 _OF_VOLUME = 0.4  # error of the volume over that of frequencies that is aimed at
 _SAMPLES_A_CELL = 1.5  # of the volume, along each edge of a lattice cell
@@ -139,9 +147,7 @@ def filled(
     if not body.is_solid and not body.both_faces:
         return filling
     if not body.is_solid and filling.mesh.functions > goal.most:
-        coarser = _stuffing(body, _spacing(body, left, goal), goal)
-        fewer = coarser.mesh.functions < filling.mesh.functions
-        filling = coarser if fewer and not _complaint(coarser, _LARGEST_VOLUME_ERROR) else filling
+        filling = _fewer(body, filling, left, goal)
     return _shaped(body, filling, goal)
 
 
@@ -239,23 +245,33 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
     if nodes_for(body, spacing) > goal.most:
         raise MeshError(
             f"parts about {body.thickness:.3g} m thick in a body of {body.mesh.extent:.3g} m need "
-            f"more than {goal.most} nodes: make a solid of struck.solids instead, or give the "
-            "outer surface alone with wall="
+            f"more than {goal.most} nodes: use {_next_accuracy(goal)}a solid of struck.solids, or "
+            "the outer surface alone with wall="
         )
     while True:
-        filling = _stuffing(body, spacing, goal)
-        complaint = _complaint(filling, _LARGEST_VOLUME_ERROR)
-        if not complaint:
-            return filling
+        try:
+            filling = _stuffing(body, spacing, goal)
+        except NoCellsError as error:
+            complaint = str(error)
+        else:
+            if not (complaint := _complaint(filling, _LARGEST_VOLUME_ERROR)):
+                return filling
+            complaint += f" on a lattice of {spacing:.3g} m"
         spacing *= _FINER_LATTICE
         if nodes_for(body, spacing) > goal.most:
             goal = replace(goal, most=goal.thin)  # a neck or a handle takes as many as a thin body
         if nodes_for(body, spacing) > goal.most:
             other = "the outer surface alone with wall=" if body.both_faces else "a thicker wall"
             raise MeshError(
-                f"{complaint} on a lattice of {filling.spacing:.3g} m: use accuracy='fine', "
-                f"{other}, or a smoother surface"
+                f"{complaint}: use {_next_accuracy(goal)}{other}, a smoother surface, or for rods "
+                "and rings a solid of struck.solids"
             )
+
+
+def _next_accuracy(goal: Accuracy) -> str:
+    """Return the option that asks for the next finer accuracy, or nothing at the finest."""
+    finer = next((name for name, other in ACCURACIES.items() if other.thin > goal.thin), None)
+    return f"accuracy='{finer}', " if finer else ""
 
 
 def _refilled(body: Body, filling: Filling, spacing: float, goal: Accuracy) -> Filling:
@@ -265,6 +281,18 @@ def _refilled(body: Body, filling: Filling, spacing: float, goal: Accuracy) -> F
         finer, _LARGEST_VOLUME_ERROR
     )
     return finer if fits else filling
+
+
+def _fewer(body: Body, filling: Filling, nodes: int, goal: Accuracy) -> Filling:
+    """Fill a thin body on coarser lattices until it takes about as many functions as it may."""
+    for _ in range(_COARSER):
+        coarser = _stuffing(body, _spacing(body, nodes, goal), goal)
+        fewer = coarser.mesh.functions < filling.mesh.functions
+        filling = coarser if fewer and not _complaint(coarser, _LARGEST_VOLUME_ERROR) else filling
+        if filling.mesh.functions <= _SLACK * goal.most:
+            break
+        nodes = nodes * goal.most // coarser.mesh.functions
+    return filling
 
 
 def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
@@ -341,7 +369,7 @@ def _whole(cells: Cells) -> tuple[Cells, int]:
     labels = pieces_of(mesh)
     sizes = np.bincount(labels)
     crumbs = sizes[labels] < _CRUMB * len(labels)
-    if not crumbs.any():
+    if not crumbs.any() or crumbs.all():  # many crumbs are no body: it falls into pieces
         return cells, 0
     return replace(cells, tetrahedra=cells.tetrahedra[~crumbs]).compact(), int(crumbs.sum())
 

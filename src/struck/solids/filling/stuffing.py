@@ -91,11 +91,13 @@ def _lattice_cells(
     return cells, numbers >= np.prod(lattice.counts + 1)
 
 
+class NoCellsError(MeshError):
+    """A lattice is so wide that a body passes between its points."""
+
+
 def _require_any(tetrahedra: Index, spacing: float) -> None:
     if not len(tetrahedra):
-        raise MeshError(
-            f"no point of a lattice of {spacing:.3g} m lies in the body: use a finer one"
-        )
+        raise NoCellsError(f"no point of a lattice of {spacing:.3g} m lies in the body")
 
 
 def warped(cells: Cells, is_centre: Mask) -> Cells:
