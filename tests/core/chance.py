@@ -20,6 +20,8 @@ from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Index, Single
 from struck.model.exponentials import Exponentials
 from struck.model.gains import shapes_along
+from struck.model.mesh import Mesh
+from struck.radiation.boundary_elements import Elements
 from struck.recordings.noise import Noise
 from struck.recordings.poles.normal_equations import add_unique, take_turns
 from struck.recordings.poles.refinement import blocks_around, overlapping
@@ -153,6 +155,23 @@ def random_shapes(random: Random) -> tuple[Array, Single, Index, Array, Array]:
     corners = random.random((pushes, vertices)).argsort(axis=1)[:, :3].copy()
     places, ways = random.standard_normal((2, pushes, 3))
     return random.standard_normal((vertices, 3)), shapes, corners, places, ways
+
+
+def layered(random: Random) -> Iterator[Array]:
+    """Yield layers of random triangles, one of them without an area, at their centres and off."""
+    vertices, faces = int(random.integers(4, 40)), int(random.integers(1, 70))
+    corners = random.random((faces, vertices)).argsort(axis=1)[:, :3]
+    corners[0] = corners[0, 0]
+    mesh = Mesh(points=random.standard_normal((vertices, 3)), faces=corners)
+    elements, wave_number = Elements.of(mesh), 10 ** random.uniform(-9, 3)
+    doubles = np.empty((faces, faces + int(random.integers(3))), np.complex128)
+    singles = elements.layers(mesh.centroids, wave_number, doubles, 0)
+    yield from (singles.view(np.float64), doubles[:, :faces].copy().view(np.float64))
+    places = random.standard_normal((int(random.integers(1, 9)), 3))
+    places[0] = mesh.points[0]
+    doubles = np.empty((len(places), faces), np.complex128)
+    yield elements.layers(places, wave_number, doubles).view(np.float64)
+    yield doubles.view(np.float64)
 
 
 def random_lines(random: Random) -> tuple[Lines, int, int]:
@@ -299,4 +318,4 @@ def _write(random: Random, record: ring.Record, bodies: int, block: int, *, firs
     record.ways[1] = random.standard_normal(record.ways[1].shape)
 
 
-ALL = (bank, ears, rough, textured, lined, shaped, summed, limited, queued, fitted)
+ALL = (bank, ears, rough, textured, lined, shaped, layered, summed, limited, queued, fitted)

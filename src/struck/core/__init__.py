@@ -85,6 +85,7 @@ SIGNATURES: dict[str, str] = {
     "bank_stand": "PPi -",
     "bessel_series_slope": "iiDDD -",
     "bessel_series_sum": "iiDDD -",
+    "boundary_layers": "iDiiDDDDDddiCC -",
     "core_fingerprint": " i",
     "core_level": " i",
     "ears_hear": "FiiFiiIIDDiFFiiiFiF -",

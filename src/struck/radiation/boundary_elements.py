@@ -1,0 +1,292 @@
+"""Boundary elements: the sound pressure that a vibrating closed surface makes in free air.
+
+The Helmholtz integral equation by collocation at the centres of flat triangles, on each of which
+pressure and normal velocity are constant. Integrals over near triangles have their static part in
+closed form, so a wall may be thinner than an element. Frequencies at which the equation has
+further solutions are kept out by points inside the body, where the outer field's formula gives
+zero (CHIEF: Schenck 1968): equations that border the others. Derivation: docs, "Boundary elements".
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from struck.errors import MeshError, SolverError
+from struck.model.arrays import Array, Complex, Index, Single
+from struck.model.material import AIR, Air
+from struck.model.mesh import Mesh
+
+REFERENCES = ("schenck1968", "wilton1984")
+SAME = 1e-3  # share of their frequency by which modes may differ and share a factorisation
+THINNEST = 0.1  # wall over element edge: below it, the equations of both sides are too much alike
+_NEAR = 2.5  # longest edges within which an element's static part is integrated in closed form
+_ROWS = 64  # places at once, so that what they take stays small beside the matrix
+_INSIDE = 24  # interior points at most
+_FREE = 1.5  # wave number times half the depth: below it nothing inside can resonate
+_DEEP = (0.2, 0.5)  # shares of the depth at which interior points lie, where no mode has its node
+_GOLDEN = (5**0.5 - 1) / 2
+_FAR = 30.0  # body's extents at which the power is summed
+_DIRECTIONS = 400
+# Relative errors of the far pressure, measured on spheres and bowls (tests): by the square of wave
+# number times edge, and by edge over wall where the wall is the thinner.
+_BY_WAVE, _BY_WALL = 0.01, 0.04
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Elements:
+    """Triangles of constant pressure and velocity, as the core integrates over them."""
+
+    mesh: Mesh
+    corners: Array  # (F, 3, 3), m
+    normals: Array  # (3, F)
+    nodes: Array  # (3 nodes, 3, F), m
+    sizes: Array  # (F,), longest edges, m
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Elements:
+        """Return the elements of a closed surface."""
+        corners = np.ascontiguousarray(mesh.points[mesh.faces])
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        shares = np.full((3, 3), 1 / 6) + 0.5 * np.eye(3)
+        return cls(
+            mesh=mesh,
+            corners=corners,
+            normals=np.ascontiguousarray(mesh.face_normals.T),
+            nodes=np.ascontiguousarray(np.einsum("nc,fcd->ndf", shares, corners)),
+            sizes=sides.max(axis=1),
+        )
+
+    def layers(
+        self, places: Array, wave_number: float, doubles: Complex, first: int = -1
+    ) -> Complex:
+        """Write the double layers of all elements at places (P, 3); return the single ones (P, F).
+
+        From number `first` on, unless it is negative, the places are the elements' own centres.
+        """
+        from struck.core import entry
+
+        compiled = entry("boundary_layers")
+        if compiled is None:
+            raise SolverError(
+                "boundary elements need the compiled core: install struck again, or take "
+                "radiation='power'"
+            )
+        singles = np.empty((len(places), len(self.sizes)), np.complex128)
+        compiled(
+            *(len(places), np.ascontiguousarray(places), first, len(self.sizes), self.corners),
+            *(self.normals, self.nodes, self.mesh.areas, self.sizes, wave_number, _NEAR),
+            *(doubles.shape[1], doubles, singles),
+        )
+        return singles
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfaceField:
+    """Pressure and normal velocity of modes on one mesh of boundary elements, and so around it.
+
+    Time goes as exp(+i w t), so that a wave goes out as exp(-i k r) / r.
+    """
+
+    mesh: Mesh  # closed, F elements
+    modes: Index  # (K,), their numbers in the body
+    wave_numbers: Array  # (K,), at which they were solved, 1/m
+    pressures: Single  # (2, F, K), real and imaginary, for unit modal velocity, Pa/(kg^1/2 m/s)
+    velocities: Single  # (F, K), outward, for unit modal velocity, kg^-1/2
+    errors: Array  # (K,), relative, of the pressure far away
+    air: Air = AIR
+
+    def pressure(self, points: Array, modes: Index) -> Complex:
+        """Return the pressure at points (P, 3) outside of some modes, by their place here (P, K).
+
+        The Kirchhoff-Helmholtz integral: Pa for a modal velocity of 1 kg^1/2 m/s.
+        """
+        elements, out = Elements.of(self.mesh), np.empty((len(points), len(modes)), np.complex128)
+        doubles = np.empty((_ROWS, len(self.mesh.faces)), np.complex128)
+        for wave_number in np.unique(self.wave_numbers[modes]):
+            some = np.flatnonzero(self.wave_numbers[modes] == wave_number)
+            real, imaginary = self.pressures[:, :, modes[some]].astype(np.float64)
+            flows = _flows(wave_number, self.velocities[:, modes[some]], self.air)
+            for first in range(0, len(points), _ROWS):
+                places = points[first : first + _ROWS]
+                rows = doubles[: len(places)]
+                singles = elements.layers(places, wave_number, rows)
+                out[first : first + _ROWS, some] = rows @ (real + 1j * imaginary) + singles @ flows
+        return out
+
+    def chosen(self, modes: Index, size: float, factor: float | Array) -> SurfaceField | None:
+        """Return the field of some of the body's modes, by their places in `modes`.
+
+        The body is `size` times as large, and its shapes `factor` times; None where none is here.
+        """
+        places = {int(mode): place for place, mode in enumerate(self.modes)}
+        kept = [number for number, mode in enumerate(modes) if int(mode) in places]
+        if not kept:
+            return None
+        own = np.array([places[int(modes[number])] for number in kept])
+        factors = np.broadcast_to(factor, len(modes))[kept].astype(np.float32)
+        return replace(
+            self,
+            mesh=self.mesh if size == 1 else self.mesh.scaled(size),
+            modes=np.array(kept),
+            wave_numbers=self.wave_numbers[own] / size,
+            pressures=self.pressures[:, :, own] * factors,
+            velocities=self.velocities[:, own] * factors,
+            errors=self.errors[own],
+        )
+
+
+def joined(fields: Sequence[SurfaceField]) -> SurfaceField:
+    """Return the field of all modes of several fields on the same mesh."""
+    rows = {
+        name: np.concatenate([getattr(field, name) for field in fields], axis=-1)
+        for name in ("modes", "wave_numbers", "pressures", "velocities", "errors")
+    }
+    return replace(fields[0], **rows)
+
+
+def solved(
+    mesh: Mesh, wave_number: float, velocities: Array, modes: Index, air: Air = AIR
+) -> SurfaceField:
+    """Return the field of modes that share a wave number, 1/m, by outward velocities (F, K).
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed, of F triangles of about the same size.
+    wave_number : float
+        1/m.
+    velocities : array (F, K)
+        Outward normal velocities at the centres for unit modal velocity, kg^-1/2.
+    modes : array (K,)
+        What the modes are called in the body.
+    air : Air
+        The medium.
+
+    Raises
+    ------
+    MeshError
+        When a wall is thinner than a tenth of the elements on it.
+    SolverError
+        Without a compiled core.
+    """
+    elements, walls = Elements.of(mesh), Walls.of(mesh)
+    thin = walls.thinnest
+    if thin < THINNEST:
+        raise MeshError(
+            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: give "
+            "the body a thicker wall=, or take radiation='power'"
+        )
+    pressures = _pressures(elements, wave_number, velocities, walls.inside(wave_number), air)
+    field = SurfaceField(
+        mesh=mesh,
+        modes=np.asarray(modes, np.int64),
+        wave_numbers=np.full(len(modes), wave_number),
+        pressures=np.stack([pressures.real, pressures.imag]).astype(np.float32),
+        velocities=velocities.astype(np.float32),
+        errors=np.zeros(len(modes)),
+        air=air,
+    )
+    edge = edge_length(mesh)
+    stated = _BY_WAVE * (wave_number * edge) ** 2 + _BY_WALL * max(1 / thin - 1, 0)
+    return replace(field, errors=stated + _imbalances(field))
+
+
+def _pressures(
+    elements: Elements, wave_number: float, velocities: Array, inside: Array, air: Air
+) -> Complex:
+    """Return the pressures (F, K) on the elements; interior points (P, 3) border the equations."""
+    from scipy.linalg import lu_factor, lu_solve
+
+    count, rows = len(elements.sizes), len(elements.sizes) + len(inside)
+    places = np.concatenate([elements.mesh.centroids, inside])
+    matrix = np.empty((rows, rows), np.complex128)
+    driven = np.empty((rows, velocities.shape[1]), np.complex128)
+    flows = _flows(wave_number, velocities, air)
+
+    def fill(block: tuple[int, int]) -> None:
+        some, own = slice(*block), block[0] if block[1] <= count else -1
+        driven[some] = elements.layers(places[some], wave_number, matrix[some], own) @ flows
+        np.negative(matrix[some], out=matrix[some])
+
+    starts = [*range(0, count, _ROWS), *range(count, rows, _ROWS), rows]
+    ends = [min(start + _ROWS, count) if start < count else start + _ROWS for start in starts]
+    with ThreadPoolExecutor(thread_count()) as threads:
+        list(threads.map(fill, zip(starts[:-1], np.minimum(ends, rows)[:-1].tolist(), strict=True)))
+    matrix[np.arange(count), np.arange(count)] += 0.5
+    matrix[:count, count:] = matrix[count:, :count].conj().T
+    matrix[count:, count:] = 0
+    # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
+    factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
+    return lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)[:count]
+
+
+def _flows(wave_number: float, velocities: Array, air: Air) -> Complex:
+    """Return what single layers carry: i w times density times outward velocity."""
+    return 1j * wave_number * air.impedance * velocities
+
+
+def thread_count() -> int:
+    """Return how many threads put the matrix together: OMP_NUM_THREADS, else the cores we own."""
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    owned = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else owned or 1
+
+
+def edge_length(mesh: Mesh) -> float:
+    """Return the edge of an equilateral triangle of the faces' mean area, m."""
+    return float(np.sqrt(mesh.areas.mean() * 4 / np.sqrt(3)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Walls:
+    """How deep the body is below the middle of each of its elements."""
+
+    mesh: Mesh
+    depths: Array  # (F,), along the inward normal, m
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Walls:
+        """Measure the walls of a closed surface."""
+        below = mesh.centroids - 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
+        _, depths = mesh.locator.first_below(below, -mesh.face_normals)
+        return cls(mesh=mesh, depths=np.where(np.isfinite(depths), depths, 0.0))
+
+    @property
+    def thinnest(self) -> float:
+        """The least depth over the edge of the element above."""
+        edges = np.sqrt(self.mesh.areas * 4 / np.sqrt(3))
+        return float((self.depths / edges).min())
+
+    def inside(self, wave_number: float) -> Array:
+        """Return points (P, 3) inside, far from each other, where waves could stand."""
+        deep = np.flatnonzero(self.depths / 2 * wave_number > _FREE)
+        if not len(deep):
+            return np.zeros((0, 3))
+        shares = np.interp(np.arange(len(deep)) * _GOLDEN % 1, (0, 1), _DEEP) * self.depths[deep]
+        points = self.mesh.centroids[deep] - shares[:, None] * self.mesh.face_normals[deep]
+        chosen = [0]
+        apart = np.linalg.norm(points - points[0], axis=1)
+        while len(chosen) < min(_INSIDE, len(points)):
+            chosen.append(int(np.argmax(apart)))
+            apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        return points[chosen]
+
+
+def _imbalances(field: SurfaceField) -> Array:
+    """Return how far the power through the skin and that far away are apart (K,), in amplitude."""
+    steps = np.arange(_DIRECTIONS) + 0.5
+    heights, angles = 1 - 2 * steps / _DIRECTIONS, 2 * np.pi * _GOLDEN * steps
+    planar = np.sqrt(1 - heights**2)
+    ways = np.stack([planar * np.cos(angles), planar * np.sin(angles), heights], axis=1)
+    radius = _FAR * field.mesh.extent
+    points = field.mesh.bounds.mean(axis=0) + radius * ways
+    heard = field.pressure(points, np.arange(len(field.modes)))
+    far = 4 * np.pi * radius**2 * np.square(np.abs(heard)).mean(axis=0) / field.air.impedance
+    skin = field.mesh.areas @ (field.pressures[0].astype(np.float64) * field.velocities)
+    least = np.finfo(float).tiny
+    return np.abs(np.sqrt(np.maximum(skin, 0) / np.maximum(far, least)) - 1)
