@@ -33,7 +33,7 @@ BROUGHT = {
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
     "live: scenes that play, bodies that move, moments": (350, 1),
     "explorer: its server, its objects and its command": (1_500, 6),
-    "radiation: boundary elements, multipoles, gains of computed fields": (2_100, 6),
+    "timbre fields: multipoles, gains, files, ears, pictures": (1_100, 3),
 }
 LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
 MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
@@ -78,6 +78,7 @@ KEPT_ALONE: dict[str, str] = {
     "explorer/jobs.py": "runs as processes of its own as well",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
+    "radiation/multipoles.py": "waves and their fit, apart from what bodies make of them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",
     "scene/engines/rapier.py": "one engine, loaded where it is asked for",

@@ -298,16 +298,22 @@ class ShapeGains(Gains):
         )
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+        surface, shapes, centre, formula = self._moving(modes, size, density)
+        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
+
+    def _moving(
+        self, modes: Index, size: float, density: float
+    ) -> tuple[Mesh, Array, Array, TransverseShapes | None]:
+        """Return surface, shapes, centre and formula of some modes at another size or density.
 
         Mass-normalised shapes go with (density size^3)^(-1/2).
         """
         factor = (density * size**3) ** -0.5
         surface = self.surface if size == 1 else self.surface.scaled(size)
         shapes = self.shapes[:, :, modes].astype(np.float64) * factor
-        centre = self.centre * size
         formula = None if self.formula is None else self.formula.chosen(modes, size, density)
-        return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
+        return surface, shapes, self.centre * size, formula
 
     @property
     def of_surface(self) -> bool:
@@ -385,7 +391,12 @@ class ShapeGains(Gains):
 
         Nearer than the ball of the same area, sound comes from all of the surface at once.
         """
-        places = in_space(listeners)
+        distances = self._distances(in_space(listeners))
+        nearest = min(self.surface.reach, self.radius)
+        return self.outputs / np.maximum(distances, nearest)[:, None, None]
+
+    def _distances(self, places: Array) -> Array:
+        """Return distances (L,) from the centre; ContactError where a place is inside the body."""
         distances = np.linalg.norm(places - self.centre, axis=1)
         close = places[distances < self.radius]
         if len(close) and (held := self.locator.holds(close)).any():
@@ -393,8 +404,7 @@ class ShapeGains(Gains):
             raise ContactError(
                 f"a listener is at {place} m, inside the body's surface: move it outside"
             )
-        nearest = min(self.surface.reach, self.radius)
-        return self.outputs / np.maximum(distances, nearest)[:, None, None]
+        return distances
 
 
 def shapes_along(

@@ -34,6 +34,10 @@ _KINDS = {
     "recoil": Recoil | None,
     "provenance": Provenance,
 }
+_LOST_FIELD = (
+    "the timbre field was computed at other frequencies: an estimate, the same in all directions, "
+    "takes its place; compute the field anew"
+)
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
 
@@ -338,8 +342,11 @@ class ModalModel:
         order = np.argsort(modes.frequencies, kind="stable")
         weight = density * size**3
         step = size if self.coordinates == XYZ[: len(self.coordinates)] else 1
+        changed = self._chosen(order, modes, size=size, density=density)
+        lost = self.gains.directional and not changed.gains.directional
         model = replace(
-            self._chosen(order, modes, size=size, density=density),
+            changed,
+            provenance=changed.provenance.extended(dropped=(_LOST_FIELD,) * lost),
             complete_to=modes.complete_to,
             material=material,
             mass=None if self.mass is None else self.mass * weight,

@@ -1,0 +1,190 @@
+"""Directivity: gains of a body whose sound was computed all around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Protocol, Self
+
+import numpy as np
+
+from struck.errors import ContactError, OptionError
+from struck.model.arrays import Array, Complex, Index
+from struck.model.gains import ShapeGains, quarter_turns
+from struck.model.material import AIR
+from struck.model.mesh import in_space
+from struck.radiation.multipoles import CLOSE, Multipoles
+
+_SAME = 1e-9  # relative: frequencies closer than this are the same
+_IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
+
+
+class SurfaceField(Protocol):
+    """Pressure and velocity of some modes of a body on its skin, and so the sound outside."""
+
+    @property
+    def modes(self) -> Index:
+        """Their numbers among the modes of the body (K,)."""
+        ...
+
+    @property
+    def wave_numbers(self) -> Array:
+        """1/m (K,)."""
+        ...
+
+    def pressure(self, points: Array, modes: Index) -> Complex:
+        """Return the pressure at points (P, 3), m, of its own modes by place (K,): (P, K)."""
+        ...
+
+    def chosen(self, modes: Index, size: float, factor: float) -> Self | None:
+        """Return those of `modes` that it has, numbered as there; None without any.
+
+        The body is `size` times as large, and its shapes `factor` times.
+        """
+        ...
+
+
+# A surface like any other to whoever strikes it, so that what asks for `ShapeGains` takes these.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RadiatingGains(ShapeGains):
+    """Gains of a body with its computed timbre field: each mode's own pattern in space.
+
+    Parameters
+    ----------
+    field : Multipoles
+        The sound about the centre, right from 1.5 radii on, and with larger errors from 1.2.
+    near : tuple of SurfaceField
+        What tells the sound nearer than that, up to the surface and into a bowl; or nothing.
+
+    Raises
+    ------
+    OptionError
+        Where field and shapes are not of the same modes.
+
+    Notes
+    -----
+    `outputs` are root mean squares over directions, for those who ask how loud a mode is. The
+    estimate in `radiation` takes over where frequencies change by more than the size.
+    """
+
+    field: Multipoles
+    near: tuple[SurfaceField, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.field.count != len(self.outputs):
+            raise OptionError(
+                f"the field has {self.field.count} modes, and the shapes {len(self.outputs)}: "
+                "compute the field of all modes"
+            )
+
+    @classmethod
+    def of(
+        cls,
+        gains: ShapeGains,
+        frequencies: Array,
+        parts: Sequence[SurfaceField],
+        *,
+        near: bool = False,
+    ) -> RadiatingGains:
+        """Make gains of a body from what was computed on its skin.
+
+        Modes in no part keep their estimate, alike on all sides.
+
+        Parameters
+        ----------
+        gains : ShapeGains
+            With the estimate, calibrated.
+        frequencies : array (M,)
+            Natural ones, Hz.
+        parts : sequence of SurfaceField
+            Each of other modes.
+        near : bool
+            Whether the parts are kept, for listeners within 1.2 radii.
+
+        Raises
+        ------
+        OptionError
+            Where gains are relative, or there are no parts.
+        """
+        if not (gains.calibrated and parts):
+            raise OptionError(
+                f"{len(parts)} computed fields beside the estimate {gains.radiation.name!r}: give "
+                "one at least, in Pa as they are: radiation='power'"
+            )
+        wave_numbers = 2 * np.pi * np.asarray(frequencies, np.float64) / AIR.sound_speed
+        fitted = [
+            Multipoles.fitted(
+                each.pressure,
+                centre=gains.centre,
+                radius=gains.radius,
+                wave_numbers=each.wave_numbers,
+            )
+            for each in parts
+        ]
+        pairs = [(each.modes, waves) for each, waves in zip(parts, fitted, strict=True)]
+        field = Multipoles.joined(pairs, gains.outputs / _IMPULSE, wave_numbers)
+        whole = {each.name: getattr(gains, each.name) for each in fields(ShapeGains)}
+        outputs = field.levels * quarter_turns(frequencies)
+        return cls(**{**whole, "outputs": outputs}, field=field, near=tuple(parts) if near else ())
+
+    @property
+    def directional(self) -> bool:
+        """Directions differ."""
+        return True
+
+    def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
+        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+
+        Where frequencies go with 1 / size the field scales; else the estimate takes its place.
+        """
+        wanted = 2 * np.pi * frequencies * size / AIR.sound_speed
+        if not np.allclose(wanted, self.field.wave_numbers[modes], rtol=_SAME, atol=0):
+            return super().changed(frequencies, modes, size, density)
+        surface, shapes, centre, formula = self._moving(modes, size, density)
+        factor = (density * size**3) ** -0.5
+        near = [each.chosen(modes, size, factor) for each in self.near]
+        return RadiatingGains(
+            surface=surface,
+            shapes=np.ascontiguousarray(shapes, np.float32),
+            outputs=self.outputs[modes] * factor * size,
+            centre=centre,
+            radiation=self.radiation,
+            formula=formula,
+            field=self.field.chosen(modes, size, factor),
+            near=tuple(each for each in near if each is not None),
+        )
+
+    def toward(self, listeners: Array) -> Complex:
+        """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, 1, M).
+
+        Raises
+        ------
+        ContactError
+            Inside the body; within 1.2 radii where nothing is kept of its surface.
+        """
+        places = in_space(listeners)
+        distances = self._distances(places)
+        heard = np.empty((len(places), self.field.count), np.complex128)
+        close = distances < CLOSE * self.field.radius
+        if close.any():
+            heard[close] = self._beside(places[close], distances[close])
+        if not close.all():
+            heard[~close] = _IMPULSE * self.field.at(places[~close] - self.centre)
+        return heard[:, None]
+
+    def _beside(self, places: Array, distances: Array) -> Complex:
+        """Return the output at places (L, 3) near the surface, relative to the arrival: (L, M)."""
+        if not self.near:
+            raise ContactError(
+                f"a listener is {distances.min():.3g} m from the body's centre, and its timbre "
+                f"field reaches in to {CLOSE * self.field.radius:.3g} m: move it away, or compute "
+                "the field with near=True, which keeps the pressure on the surface as well"
+            )
+        nearest = min(self.surface.reach, self.radius)
+        heard = self.outputs / np.maximum(distances, nearest)[:, None]
+        for part in self.near:
+            arrivals = np.exp(1j * np.multiply.outer(distances, part.wave_numbers))
+            every = np.arange(len(part.modes))
+            heard[:, part.modes] = _IMPULSE * part.pressure(places, every) * arrivals
+        return heard
