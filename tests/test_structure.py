@@ -78,7 +78,6 @@ KEPT_ALONE: dict[str, str] = {
     "explorer/jobs.py": "runs as processes of its own as well",
     "excitation/path.py": "paths along a surface, which other touches will follow",
     "files/mesh_formats.py": "the formats; the worker is the process around them",
-    "radiation/multipoles.py": "waves and their fit, apart from what bodies make of them",
     "radiation/on_surface.py": "boundary elements will use its spherical waves as well",
     "scene/engines/convex_parts.py": "a way to cut meshes, by a library of its own",
     "scene/engines/rapier.py": "one engine, loaded where it is asked for",

@@ -425,7 +425,7 @@ def sealed(path: Path, tensors: dict[str, Any], **text: str) -> Path:
 
 @pytest.mark.parametrize(
     ("version", "message"),
-    [("2", "its version is 2, and this struck reads up to 1: update struck"), ("0", "no number")],
+    [("3", "its version is 3, and this struck reads up to 2: update struck"), ("0", "no number")],
 )
 def test_other_versions(tmp_path: Path, version: str, message: str) -> None:
     path = sealed(tmp_path / "a", {}, format="struck", version=version, json="{}")

@@ -24,6 +24,7 @@ from struck.recordings.fit import fit_recordings
 from struck.shapes import Bar, CircularMembrane
 from struck.solids import Block
 from tests.files.test_fuzz import IN_TEXT, LEAVES, leaves
+from tests.radiation.sources import radiating_ball
 
 LONG = pytest.mark.prove
 SAMPLE, ALL = range(100), range(100, 1767)  # of each kind: 300 and 5,000 files
@@ -31,7 +32,7 @@ SAMPLE, ALL = range(100), range(100, 1767)  # of each kind: 300 and 5,000 files
 
 @cache
 def models() -> list[ModalModel]:
-    """Return a model of each kind of gains: formula, elements, one point, field and table."""
+    """Return a model of each kind: formula, elements, one point, recorded and computed field."""
     bar = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel", band=(20, 8000))
     head = struck.analyze(
         CircularMembrane(radius=0.1, thickness=1e-3, tension=3000.0), "steel", band=(20, 300)
@@ -56,7 +57,7 @@ def models() -> list[ModalModel]:
         places={},
         **ringing(frequencies),
     )
-    return [bar, head, block, fitted, field]
+    return [bar, head, block, fitted, field, radiating_ball(count=3, subdivisions=0)[0]]
 
 
 def ringing(frequencies: Array) -> dict[str, Array]:

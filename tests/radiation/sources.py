@@ -15,8 +15,7 @@ from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.radiation import by_name
 from struck.radiation.directivity import RadiatingGains
-
-from .bodies import ball
+from tests.radiation.bodies import ball
 
 Array = NDArray[np.float64]
 RADIUS = 0.06

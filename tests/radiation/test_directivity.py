@@ -12,8 +12,7 @@ from struck.model.damping import InternalFriction
 from struck.model.gains import ShapeGains
 from struck.radiation import by_name
 from struck.radiation.directivity import RadiatingGains
-
-from .sources import METAL, RADIUS, plain_ball, radiating_ball, some_sources
+from tests.radiation.sources import METAL, RADIUS, plain_ball, radiating_ball, some_sources
 
 FAR = np.array([[0.5, 0.2, -0.3], [-0.09, 0.02, 0.05]])
 

@@ -8,8 +8,7 @@ from scipy.special import spherical_jn, spherical_yn
 
 from struck.errors import OptionError
 from struck.radiation.multipoles import CLOSE, FAR, Multipoles, outgoing, sphere_rule
-
-from .sources import RADIUS, some_sources
+from tests.radiation.sources import RADIUS, some_sources
 
 KA = np.array([0.2, 0.5, 1.0, 2.5, 5.0, 12.0])
 SOURCES = some_sources(KA / RADIUS * 343.21 / (2 * np.pi))

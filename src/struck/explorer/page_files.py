@@ -32,7 +32,10 @@ FINE = 0.28  # spacing times wave number up to which straight lines miss a wave 
 
 def model_bytes(model: ModalModel) -> bytes:
     """Return a model as the page reads it: fine enough to be clicked on, and at most 256 MB."""
-    return to_bytes(thinned(refined(model)))
+    thin = thinned(refined(model))
+    gains = thin.gains
+    # The page's listener has one gain a mode.
+    return to_bytes(replace(thin, gains=getattr(gains, "averaged", gains)))
 
 
 def refined(model: ModalModel) -> ModalModel:

@@ -242,6 +242,7 @@ class Kind:
     # gains to JSON values, and arrays that the layout does not name
     keep: Callable[[Any], tuple[dict[str, Any], Arrays]]
     make: Callable[[Text, Tensors, Mesh | None], Gains]  # the mesh is the body's surface
+    version: int = 1  # of model files, the first that has it
 
 
 def kept_tensors(owner: object, layout: Layout) -> Arrays:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from struck.errors import FileFormatError, OptionError, StruckError
 from struck.files.atomic import read_bytes, writable, write_bytes
 from struck.files.container import (
+    FARTHEST,
     Arrays,
     Kind,
     Layout,
@@ -59,7 +60,7 @@ _FORMULA = "formula."
 # By annotation of a formula's part: NumPy's kind of number, and the largest size.
 _PARTS = {"float": ("f", 1e100), "Array": ("f", 1e100), "Index": ("i", 10_000)}
 _COMPARED, _SAME = 8, 1e-3  # vertices, share of the largest displacement
-GAINS = ("ShapeGains", "TimbreField", "TimbreTable", "SinglePoint")
+GAINS = ("ShapeGains", "RadiatingGains", "TimbreField", "TimbreTable", "SinglePoint")
 
 
 def kind_of(gains: Gains) -> Kind:
@@ -86,6 +87,8 @@ def _kind(name: str) -> Kind | None:
     """Return how files keep gains of a class; of fields only where they are met."""
     if name == _SHAPES.made.__name__:
         return _SHAPES
+    if name == "RadiatingGains":
+        return _radiating()
     from struck.files.fields_file import FIELDS
 
     return FIELDS.get(name)
@@ -200,8 +203,43 @@ _SHAPES = Kind(
     make=_make_shapes,
 )
 
+
+# Computed fields of such shapes
+
+
+def _radiating() -> Kind:
+    """Return how files keep computed fields: as mode shapes, with waves about the centre."""
+    from struck.radiation.directivity import RadiatingGains
+    from struck.radiation.multipoles import Multipoles
+
+    def keep(gains: RadiatingGains) -> tuple[dict[str, Any], Arrays]:
+        text, arrays = _keep_shapes(gains)
+        return {**text, "radius": float(gains.field.radius), "near": None}, arrays
+
+    def make(text: Text, tensors: Tensors, surface: Mesh | None) -> RadiatingGains:
+        shaped = _make_shapes(text, tensors, surface)
+        field = Multipoles(
+            wave_numbers=tensors["multipole_wave_numbers"],
+            degrees=tensors["multipole_degrees"].astype(np.int64),
+            amplitudes=from_pairs(tensors["multipoles"]),
+            radius=number(text["radius"], "radius", 0.0, FARTHEST),
+            errors=tensors["multipole_errors"],
+        )
+        return RadiatingGains.over(shaped, field=field)
+
+    # T waves of all modes.
+    waves = {
+        "multipoles": Tensor("float64", ("T", 2), "field.amplitudes"),
+        "multipole_degrees": Tensor("uint32", ("M",), "field.degrees"),
+        "multipole_wave_numbers": Tensor("float64", ("M",), "field.wave_numbers"),
+        "multipole_errors": Tensor("float64", ("M", 2), "field.errors", gaps=True),
+    }
+    layout = {**_SHAPES.layout, **waves}
+    return Kind(made=RadiatingGains, layout=layout, keep=keep, make=make, version=2)
+
+
 ENDINGS = (".struck", ".sofa")  # of model files
-VERSION = 1
+VERSION = 2  # the newest; what older readers can read is written as 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
@@ -239,7 +277,7 @@ def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     FileFormatError
-        When the model holds what version 1 cannot keep, or the file cannot be written.
+        When the model holds what files cannot keep, or the file cannot be written.
     """
     try:
         data = to_bytes(model)
@@ -276,7 +314,8 @@ def to_bytes(model: ModalModel) -> bytes:
     try:
         text, tensors = _kept(model)
         written = json.dumps(text, allow_nan=False, default=_plain)
-        metadata = {"format": "struck", "version": str(VERSION), "json": written}
+        version = str(kind_of(model.gains).version)
+        metadata = {"format": "struck", "version": version, "json": written}
         return pack(tensors, metadata)
     except (FileFormatError, TypeError, ValueError) as error:
         raise FileFormatError(f"the model cannot be saved: {error}") from error

@@ -302,6 +302,16 @@ class ShapeGains(Gains):
         surface, shapes, centre, formula = self._moving(modes, size, density)
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
 
+    def weighted(self, modes: Index, factors: Array) -> ShapeGains:
+        """Return the gains of some modes, shapes and outputs each times a factor (K,)."""
+        formula = self.formula
+        return replace(
+            self,
+            shapes=(self.shapes[:, :, modes] * factors).astype(np.float32),
+            outputs=self.outputs[modes] * factors,
+            formula=None if formula is None else formula.chosen(modes).signed(factors),
+        )
+
     def _moving(
         self, modes: Index, size: float, density: float
     ) -> tuple[Mesh, Array, Array, TransverseShapes | None]:

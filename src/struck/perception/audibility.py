@@ -127,11 +127,4 @@ def _weighted(gains: Gains, kept: Index, factors: Array) -> ShapeGains:
         raise OptionError("this model has no mode shapes: leave modes out where it was made")
     # Half goes to the contact side and half to the listener's: as for a mode of less mass, whose
     # shape, and what it radiates, grow alike.
-    half = factors**0.25
-    formula = gains.formula
-    return replace(
-        gains,
-        shapes=(gains.shapes[:, :, kept] * half).astype(np.float32),
-        outputs=gains.outputs[kept] * half,
-        formula=None if formula is None else formula.chosen(kept).signed(half),
-    )
+    return gains.weighted(kept, factors**0.25)

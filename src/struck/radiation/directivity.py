@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Protocol, Self
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -36,10 +36,10 @@ class SurfaceField(Protocol):
         """Return the pressure at points (P, 3), m, of its own modes by place (K,): (P, K)."""
         ...
 
-    def chosen(self, modes: Index, size: float, factor: float) -> Self | None:
+    def chosen(self, modes: Index, size: float, factor: float | Array) -> Self | None:
         """Return those of `modes` that it has, numbered as there; None without any.
 
-        The body is `size` times as large, and its shapes `factor` times.
+        The body is `size` times as large, and its shapes `factor` times, or one for each of them.
         """
         ...
 
@@ -124,9 +124,20 @@ class RadiatingGains(ShapeGains):
         ]
         pairs = [(each.modes, waves) for each, waves in zip(parts, fitted, strict=True)]
         field = Multipoles.joined(pairs, gains.outputs / _IMPULSE, wave_numbers)
-        whole = {each.name: getattr(gains, each.name) for each in fields(ShapeGains)}
-        outputs = field.levels * quarter_turns(frequencies)
-        return cls(**{**whole, "outputs": outputs}, field=field, near=tuple(parts) if near else ())
+        shaped = replace(gains, outputs=field.levels * quarter_turns(frequencies))
+        return cls.over(shaped, field=field, near=tuple(parts) if near else ())
+
+    @classmethod
+    def over(
+        cls, gains: ShapeGains, *, field: Multipoles, near: tuple[SurfaceField, ...] = ()
+    ) -> RadiatingGains:
+        """Return gains with a field in place of what is the same in all directions."""
+        return cls(**_parts(gains), field=field, near=near)
+
+    @property
+    def averaged(self) -> ShapeGains:
+        """The same heard alike on all sides, as loud as the root mean square over directions."""
+        return ShapeGains(**_parts(self))
 
     @property
     def directional(self) -> bool:
@@ -141,19 +152,29 @@ class RadiatingGains(ShapeGains):
         wanted = 2 * np.pi * frequencies * size / AIR.sound_speed
         if not np.allclose(wanted, self.field.wave_numbers[modes], rtol=_SAME, atol=0):
             return super().changed(frequencies, modes, size, density)
-        surface, shapes, centre, formula = self._moving(modes, size, density)
         factor = (density * size**3) ** -0.5
-        near = [each.chosen(modes, size, factor) for each in self.near]
-        return RadiatingGains(
+        surface, shapes, centre, formula = self._moving(modes, size, density)
+        shaped = ShapeGains(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
-            outputs=self.outputs[modes] * factor * size,
+            outputs=self.outputs[modes] * (factor * size),
             centre=centre,
             radiation=self.radiation,
             formula=formula,
-            field=self.field.chosen(modes, size, factor),
-            near=tuple(each for each in near if each is not None),
         )
+        return self._over(shaped, modes, size, factor)
+
+    def weighted(self, modes: Index, factors: Array) -> RadiatingGains:
+        """Return the gains of some modes, shapes and outputs each times a factor (K,)."""
+        return self._over(self.averaged.weighted(modes, factors), modes, 1.0, factors)
+
+    def _over(
+        self, shaped: ShapeGains, modes: Index, size: float, factor: float | Array
+    ) -> RadiatingGains:
+        """Return the field of some modes over shapes of another size, times a factor."""
+        near = [each.chosen(modes, size, factor) for each in self.near]
+        kept = tuple(each for each in near if each is not None)
+        return self.over(shaped, field=self.field.chosen(modes, size, factor), near=kept)
 
     def toward(self, listeners: Array) -> Complex:
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, 1, M).
@@ -188,3 +209,8 @@ class RadiatingGains(ShapeGains):
             every = np.arange(len(part.modes))
             heard[:, part.modes] = _IMPULSE * part.pressure(places, every) * arrivals
         return heard
+
+
+def _parts(gains: ShapeGains) -> dict[str, Any]:
+    """Return all that makes gains of shapes."""
+    return {each.name: getattr(gains, each.name) for each in fields(ShapeGains)}

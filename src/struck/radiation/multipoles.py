@@ -162,14 +162,14 @@ class Multipoles:
         laws = outgoing(highest, np.multiply.outer(distances, self.wave_numbers))
         return np.einsum("lpm,plm->lm", parts, laws) / distances[:, None]
 
-    def chosen(self, modes: Index, size: float, factor: float) -> Multipoles:
+    def chosen(self, modes: Index, size: float, factor: float | Array) -> Multipoles:
         """Return some modes of a body `size` times as large, whose shapes are `factor` times so.
 
-        Wave numbers fall as 1 / size: then all of the field scales.
+        There may be one factor for each (K,). Wave numbers fall as 1 / size: then all scales.
         """
-        waves = self.waves
+        waves, factors = self.waves, np.broadcast_to(factor, len(modes)) * size
         return Multipoles.of(
-            [waves[mode] * (factor * size) for mode in modes],
+            [waves[mode] * each for mode, each in zip(modes, factors, strict=True)],
             self.wave_numbers[modes] / size,
             radius=self.radius * size,
             errors=self.errors[modes],
