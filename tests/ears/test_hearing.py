@@ -143,7 +143,7 @@ def test_left_is_left_and_right_is_right_whichever_way_the_head_is_turned(
 def test_a_body_with_a_timbre_field_gets_no_second_head() -> None:
     listener = Stereo(position=(0, 1, 0), facing=AHEAD, radius=0.1)
     sine = tone(0.2)
-    samples = heard(body(HERE, field=True), listener, sine)
+    samples = heard(body(HERE, field="ears"), listener, sine)
     times = np.arange(len(sine)) / RATE
     for ear, distance in enumerate((1.1, 0.9)):
         wanted = np.sin(2 * np.pi * 1000 * (times - distance / AIR.sound_speed))

@@ -97,7 +97,7 @@ def sided(gains: ShapeGains = BLOCK.gains, right: float = 0.1) -> ShapeGains:
 def test_a_timbre_field_is_heard_by_two_ears_and_by_no_head() -> None:
     soft = replace(STRIKE, shape="gaussian")
     model = replace(BLOCK, gains=sided())
-    listener = Binaural(position=(0.5, 0, 0), facing=(-1, 0, 0), radius=0.09)
+    listener = Binaural(position=(0.5, 0, 0), facing=(-1, 0, 0), radius=0.09, field="ears")
     left, right = render(model, soft, listener=listener, seconds=0.3).samples
     # Who looks at the body from +x has his left ear at -y.
     np.testing.assert_allclose(10 * left, right, atol=2e-3 * np.abs(right).max())

@@ -138,6 +138,11 @@ class Listener(Protocol):
         """Places of the ears in the head's frame (ears, 3), m."""
         ...
 
+    @property
+    def field(self) -> str | None:
+        """How a timbre field is heard, "head" or "ears"; None: as it was made."""
+        ...
+
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
         """Return the filters of the head; `brief` ones, cut short, for playing live."""
         ...
@@ -189,6 +194,11 @@ class Mono:
         return UP
 
     @property
+    def field(self) -> None:
+        """Where it is: there is no head."""
+        return
+
+    @property
     def ear_points(self) -> Array:
         """The place itself."""
         return np.zeros((1, 3))
@@ -215,6 +225,10 @@ class Stereo:
         localisation of van den Doel and Pai (1998).
     radius : float
         Of the ball, m.
+    field : "head", "ears" or None
+        How bodies with a timbre field are heard: at the head's centre, and then through the head;
+        or at two bare points, as of 2007, by which the field itself is all that ears tell apart.
+        None: computed fields by the head, recorded ones by the ears.
 
     Raises
     ------
@@ -227,10 +241,10 @@ class Stereo:
     up: Course3 = UP
     head: str = "exact"
     radius: float = HEAD_RADIUS
+    field: str | None = None
 
     def __post_init__(self) -> None:
-        _require_course(position=self.position, facing=self.facing, up=self.up)
-        _require_radius(self.radius)
+        _require_head(self)
         _ball(self.head, self.radius)
 
     @property
@@ -257,7 +271,9 @@ class Binaural:
         "kemar": the dummy head of Gardner and Martin (1994), which comes with struck; or a SOFA
         file of the convention SimpleFreeFieldHRIR.
     radius : float
-        Half the distance of the ears, m: where bodies with a timbre field are heard.
+        Half the distance of the ears, m: where fields are heard by bare ears.
+    field : "head", "ears" or None
+        As of `Stereo`.
 
     Raises
     ------
@@ -272,10 +288,10 @@ class Binaural:
     up: Course3 = UP
     hrtf: str | os.PathLike[str] = "kemar"
     radius: float = HEAD_RADIUS
+    field: str | None = None
 
     def __post_init__(self) -> None:
-        _require_course(position=self.position, facing=self.facing, up=self.up)
-        _require_radius(self.radius)
+        _require_head(self)
 
     @property
     def ear_points(self) -> Array:
@@ -352,6 +368,11 @@ def _require_course(**courses: Course3 | None) -> None:
             Trajectory.of(name, course)
 
 
-def _require_radius(radius: float) -> None:
-    if not 0 < radius <= _LARGEST_HEAD:
-        raise OptionError(f"radius is {radius} m: a head's lies above 0 and at most at 0.5")
+def _require_head(listener: Stereo | Binaural) -> None:
+    _require_course(position=listener.position, facing=listener.facing, up=listener.up)
+    if not 0 < listener.radius <= _LARGEST_HEAD:
+        raise OptionError(
+            f"radius is {listener.radius} m: a head's lies above 0 and at most at 0.5"
+        )
+    if listener.field not in {None, "head", "ears"}:
+        raise OptionError(f"field is {listener.field!r}: give 'head', 'ears' or None")

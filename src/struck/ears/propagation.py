@@ -28,6 +28,7 @@ LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from 
 # How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
 _EARLIEST, _WAITING = 1e-3, 16
 _CLOSEST = 1e-3  # m, to a point without a surface
+MOST_MIRRORED = 129  # images of a body with a timbre field: of up to 4 reflections
 _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
 
@@ -46,16 +47,17 @@ class Emitter:
         What nobody may enter, in the coordinates of a body that carries the centre; None: the ball.
     nearest : float
         Distance from which on the sound grows no louder, m: it comes from all sides.
-    field : bool
-        Whether the body's own gains tell what each ear gets: then it has a line for each ear, and
-        no distance law and no head shadow comes on top.
+    field : "head", "ears" or None
+        Where its own gains tell what is heard, unless the listener says otherwise: at the head's
+        centre, and then through the head; or at each ear, without a head. No distance law comes on
+        top. None: it sounds alike on all sides.
     """
 
     centre: Trajectory | Carried
     radius: float = 0.0
     surface: Surface | None = None
     nearest: float = 0.0
-    field: bool = False
+    field: str | None = None
 
     def holds(self, place: Array, time: float) -> bool:
         """Tell whether a place, m (3,), is inside the body at a time, s."""
@@ -80,10 +82,9 @@ class Sources:
         images = len(signs)
         self.emitter = np.repeat(np.arange(len(emitters)), images)
         self.image = np.tile(np.arange(images), len(emitters))
-        self.direct = images * self.emitter
         self.bodies = images * np.arange(len(emitters))
         self._least = np.array([max(each.radius, _CLOSEST) for each in emitters])
-        self.field = np.repeat([each.field for each in emitters], images)
+        self.field = np.repeat([each.field is not None for each in emitters], images)
         self.nearest = np.repeat([max(each.nearest, _CLOSEST) for each in emitters], images)
 
     @classmethod
@@ -105,6 +106,20 @@ class Sources:
                     f"the listener is {bodies[moment, body]:.3g} m from the centre of body {body}, "
                     "inside its surface: move one of them away"
                 )
+
+    def heard_at(self, body: int, pose: Posed, time: float, points: slice) -> Array:
+        """Return where a body, and then its images, are heard of what it sends at a time, s.
+
+        In its own coordinates, m (images points, 3): a wall mirrors the listener for the body as it
+        does the body for the listener. Points are those of the places of a pose.
+        """
+        moment, centre = np.array([time]), self._emitters[body].centre
+        images = self._signs * centre.at(moment) + self._offsets
+        ways = np.linalg.norm(pose.at(moment)[0][0, 0] - images, axis=1)
+        places = pose.at(time + ways / AIR.sound_speed)[0][:, points]
+        mirrored = self._signs[:, None] * (places - self._offsets[:, None])
+        seen = mirrored.reshape(-1, 3)
+        return centre.seen(seen, moment) if isinstance(centre, Carried) else seen
 
     @property
     def moves(self) -> bool:
@@ -136,6 +151,11 @@ class Posed(Protocol):
         ...
 
     @property
+    def field(self) -> str | None:
+        """How timbre fields are heard, "head" or "ears"; None: as each says."""
+        ...
+
+    @property
     def moves(self) -> bool:
         """Whether it may change."""
         ...
@@ -153,6 +173,7 @@ class Pose:
     facing: Trajectory
     up: Trajectory
     ear_points: Array  # (ears, 3), m, in the head's frame
+    field: str | None = None  # how timbre fields are heard: "head", "ears", or as each says
 
     @classmethod
     def of(cls, listener: Listener, emitters: Sequence[Emitter]) -> Pose:
@@ -175,6 +196,7 @@ class Pose:
             facing=Trajectory.of("facing", facing),
             up=up,
             ear_points=listener.ear_points,
+            field=listener.field,
         )
 
     @property
@@ -234,21 +256,52 @@ class Propagation:
         sample_rate: float,
         stretch: int = STRETCH,
         room: Room | None = None,
+        even: bool = False,  # whether all bodies have as many lines
     ) -> None:
         self._rate, self._stretch, self._pose, self._filters = sample_rate, stretch, pose, filters
         self._walls = None if room is None else room.responses(sample_rate)
         self._sources, self._room = Sources.of(emitters, room), room
         self.ears = len(pose.ear_points)
-        self._lines_of, self.lines = self._numbered(emitters)
+        self._lines_of, self.lines = self._numbered(emitters, even=even)
         self._ear_of = np.tile(np.arange(self.ears), len(self._lines_of))
         self.lead = READ // 2 + _WAITING + int(np.ceil(_EARLIEST * sample_rate))
         self._start()
 
-    def _numbered(self, emitters: Sequence[Emitter]) -> tuple[NDArray[np.int64], int]:
+    def _numbered(
+        self, emitters: Sequence[Emitter], *, even: bool
+    ) -> tuple[NDArray[np.int64], int]:
         """Return the line of each source and ear (sources, ears), and how many there are."""
-        sizes = np.array([self.ears if each.field else 1 for each in emitters])
-        firsts = (np.cumsum(sizes) - sizes)[self._sources.emitter]
-        return firsts[:, None] + np.outer(self._sources.field, np.arange(self.ears)), sizes.sum()
+        # Images of a timbre field are heard from sides of their own, and by each ear where bare.
+        sources, said = self._sources, self._pose.field
+        bare = np.array([each.field and (said or each.field) == "ears" for each in emitters], bool)
+        points, images = np.where(bare, self.ears, 1), len(sources.emitter) // len(emitters)
+        if images > MOST_MIRRORED and sources.field.any():
+            raise OptionError(
+                f"a room makes {images} images of a body, and its timbre field is told for each of "
+                f"at most {MOST_MIRRORED}: give an order= of 4 at most, and leave later ones to a "
+                "Reverberation"
+            )
+        sizes = points * np.where(sources.field[sources.bodies], images, 1)
+        sizes = np.full_like(sizes, sizes.max()) if even else sizes
+        firsts = (np.cumsum(sizes) - sizes)[sources.emitter]
+        firsts += sources.image * points[sources.emitter] * sources.field
+        self._bare = bare[sources.emitter]
+        return firsts[:, None] + np.outer(self._bare, np.arange(self.ears)), int(sizes.sum())
+
+    def heard_at(self, body: int, time: float) -> Array:
+        """Return where a body with a timbre field is heard of what it sends at a time, s.
+
+        In its own coordinates, m (points, 3): of each image, itself first, the head's centre, or
+        each ear.
+        """
+        bare = self._bare[self._sources.bodies[body]]
+        points = slice(1, None) if bare else slice(0, 1)
+        return self._sources.heard_at(body, self._pose, time, points)
+
+    @property
+    def images(self) -> int:
+        """How many images there are of each body, itself among them."""
+        return len(self._sources.emitter) // len(self._sources.bodies)
 
     def _start(self) -> None:
         self._now, self._rates = -self.lead / self._rate, np.zeros(len(self._sources.emitter))
@@ -302,10 +355,9 @@ class Propagation:
         if len(times) > 1:
             self._rates = (centres[-1] - centres[-2]) / (times[-1] - times[-2])
         self._guess = centres[-1]
-        field = self._sources.field[:, None]
-        ways = np.where(field, distances[..., 1:], distances[..., :1])
-        least = np.where(field, 0, self._sources.nearest[:, None])
-        gains = np.where(field, ways[:, self._sources.direct], 1) / np.maximum(ways, least)
+        ways = np.where(self._bare[:, None], distances[..., 1:], distances[..., :1])
+        fallen = 1 / np.maximum(ways, self._sources.nearest[:, None])
+        gains = np.where(self._sources.field[:, None], 1, fallen)
         later, responses = self._filtered(seen[-1], centres[-1])
         # What heads add moves straight from stretch to stretch.
         shares = np.arange(1, len(times) + 1)[:, None, None] / len(times)
@@ -328,10 +380,10 @@ class Propagation:
     def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
         """Return what the head adds to delays, s (sources, ears), and all responses."""
         later, responses = self._filters.toward(directions, distances)
-        field = self._sources.field
-        if field.any():
-            later = np.where(field[:, None], 0, later)
-            responses = np.where(field[:, None, None], _unit(responses.shape[-1]), responses)
+        bare = self._bare
+        if bare.any():
+            later = np.where(bare[:, None], 0, later)
+            responses = np.where(bare[:, None, None], _unit(responses.shape[-1]), responses)
         if self._walls is not None:
             responses = _convolved(responses, self._walls[self._sources.image])
         return later, responses

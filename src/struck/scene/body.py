@@ -159,13 +159,14 @@ class Body:
     @property
     def emitter(self) -> Emitter:
         """What ears need to know of it."""
-        gains, surface = self.sounding.gains, self.model.geometry
+        model, surface = self.sounding, self.model.geometry
+        gains = model.gains
         return Emitter(
             centre=self.carried(centre_of(self.model)),
             radius=radius_of(self.model),
             surface=gains.locator if isinstance(gains, ShapeGains) else None,
             nearest=0.0 if surface is None else min(surface.reach, radius_of(self.model)),
-            field=gains.directional,
+            field=("ears" if model.recorded else "head") if gains.directional else None,
         )
 
     @property

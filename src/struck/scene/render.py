@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, TypeGuard, cast
 
@@ -24,7 +25,6 @@ from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
-from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.model.residual import Residual
 from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside, unknowns
@@ -457,13 +457,22 @@ def _mixed(
     from struck.ears.hearing import Hearing
 
     emitters = [body.emitter for body in bodies]
-    pose = Pose.of(listener, emitters)
-    sent = [_sent(body, pose, seconds=seconds, sample_rate=sample_rate) for body in bodies]
     hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
+    moves = Pose.of(listener, emitters).moves
+    given = {"seconds": seconds, "sample_rate": sample_rate}
+    ways = [partial(hearing.propagation.heard_at, number) for number in range(len(bodies))]
+    sent = [
+        _sent(body, seen, moves=moves, **given) for body, seen in zip(bodies, ways, strict=True)
+    ]
     length = None if seconds is None else max(1, round(seconds * sample_rate))
     samples = _heard(hearing, _of_one_length([rows for rows, _ in sent]), length)
     if room is not None and room.reverberation is not None:
-        near = [_at_a_metre(body, pose, rows) for body, (rows, _) in zip(bodies, sent, strict=True)]
+        near = [
+            _at_a_metre(body, seen(0.0), rows[: len(rows) // hearing.propagation.images])
+            if body.sounding.gains.directional
+            else rows
+            for body, seen, (rows, _) in zip(bodies, ways, sent, strict=True)
+        ]
         late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
         samples = _of_one_duration(samples, late, length)
     known = [body.sounding.calibrated for body in bodies]
@@ -471,62 +480,60 @@ def _mixed(
 
 
 def _sent(
-    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+    body: Body,
+    seen: Callable[[float], Array],
+    *,
+    moves: bool,
+    seconds: float | None,
+    sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what a body sounds like at 1 m, or at each ear but for the travel time (rows, n)."""
+    """Return what a body sounds like at 1 m, or where it is heard but for travel times (rows, n).
+
+    `seen` tells these places in its own coordinates at a time of sending, s.
+    """
     model = body.sounding
     if not body.actions:
         length = 1 if seconds is None else max(1, round(seconds * sample_rate))
-        rows = len(pose.ear_points) if model.gains.directional else 1
-        return np.zeros((rows, length)), ()
+        return np.zeros((len(seen(0.0)) if model.gains.directional else 1, length)), ()
     if model.gains.directional:
-        return _sent_to_ears(body, pose, seconds=seconds, sample_rate=sample_rate)
+        moves = moves or body.moves
+        return _sent_around(body, seen, moves=moves, seconds=seconds, sample_rate=sample_rate)
     far = place_beside(model)
     place = centre_of(model) + far
     samples, notes = _arriving(body, place, seconds=seconds, sample_rate=sample_rate)
     return far[0] * samples[None], notes
 
 
-def _sent_to_ears(
-    body: Body, pose: Pose, *, seconds: float | None, sample_rate: int
+def _sent_around(
+    body: Body,
+    seen: Callable[[float], Array],
+    *,
+    moves: bool,
+    seconds: float | None,
+    sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what a timbre field sends to each ear but for the travel time (ears, n)."""
-    model, outputs = body.sounding.expanded(), _toward_ears(body, pose, sample_rate)
+    """Return what a timbre field sends to each place but for the travel time (rows, n)."""
+    model = body.sounding.expanded()
+
+    def outputs(time: float) -> Complex:
+        return _outputs(model, seen(time), sample_rate)
+
     driven = DrivenBody(
         model=model,
         outputs=outputs(0.0),
         actions=_after_attack(body),
         sample_rate=sample_rate,
-        moving=outputs if pose.moves or body.moves else None,
+        moving=outputs if moves else None,
     )
     samples = driven.samples(seconds, at_least=0.0)
     samples += _residual_sound(
         body,
-        lambda time: np.linalg.norm(_ears_from(body, pose, time), axis=1),
+        lambda time: np.linalg.norm(seen(time) - centre_of(model), axis=1),
         sample_rate=sample_rate,
         length=samples.shape[1],
     )
     told = _left_out(model, sample_rate)
     return samples, told + unknowns(model, map(type, body.actions))
-
-
-def _ears_from(body: Body, pose: Pose, time: float) -> Array:
-    """Return the ears as seen from a body when they hear what it sends at a time, m (ears, 3)."""
-    place = body.carried(centre_of(body.model)).at(np.array([time]))
-    way = float(np.linalg.norm(pose.at(np.array([time]))[0][0, 0] - place))
-    return pose.at(np.array([time + way / AIR.sound_speed]))[0][0, 1:] - place
-
-
-def _toward_ears(body: Body, pose: Pose, sample_rate: int) -> Callable[[float], Complex]:
-    """Return a function of the time of sending: gains toward the ears when that arrives."""
-    model, turned = body.sounding.expanded(), body.orientation
-
-    def outputs(time: float) -> Complex:
-        turn = turned.at(np.array([time]))[0]
-        ears = _ears_from(body, pose, time) @ turn + centre_of(model)
-        return _outputs(model, ears, sample_rate)
-
-    return outputs
 
 
 def _of_one_length(rows: Sequence[Array]) -> Array:
@@ -548,13 +555,10 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
     return np.concatenate(blocks, axis=1)[:, hearing.lead : hearing.lead + length]
 
 
-def _at_a_metre(body: Body, pose: Pose, rows: Array) -> Array:
-    """Return what a body sounds like at 1 m (1, n); of a timbre field what the ears get there."""
-    if not body.sounding.gains.directional:
-        return rows
-    start = np.zeros(1)
-    apart = body.emitter.centre.at(start)[0] - pose.at(start)[0][0, 1:]
-    return (rows * np.linalg.norm(apart, axis=1)[:, None]).mean(axis=0)[None]
+def _at_a_metre(body: Body, places: Array, rows: Array) -> Array:
+    """Return what a timbre field sounds like at 1 m (1, n), by what comes to places straight."""
+    distances = np.linalg.norm(places[: len(rows)] - centre_of(body.model), axis=1)
+    return (rows * distances[:, None]).mean(axis=0)[None]
 
 
 def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array:
