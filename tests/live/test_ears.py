@@ -10,14 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.ears.listeners import Listener, Mono, Stereo
+from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.errors import ContactError, OptionError
 from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.live.ears import FARTHEST
+from struck.model.damping import InternalFriction
 from struck.model.gains import ShapeGains
+from struck.scene.body import Body, Scene
 from tests.live.hand import BLOCK, HandPlayer, Make, ball, by_hand
 from tests.live.test_player import LATE, OPENED, decibels
+from tests.radiation.sources import RADIUS, radiating_ball
 from tests.scene.test_mixing import sided
 
 __all__ = ["by_hand"]
@@ -119,7 +122,7 @@ def test_blocks_without_news_go_on_without_a_click(by_hand: Make) -> None:
     ("listener", "error", "message"),
     [
         ((1.0, 0.0, 0.0), OptionError, "keeps to ears"),
-        (AHEAD, OptionError, "the player has 2 ears, the new listener 1"),
+        (AHEAD, OptionError, "the player has 2 ears and field=None, the new listener 1"),
         (Stereo(position=(0.05, 0.0, 0.0)), ContactError, "inside"),
         (Stereo(position=(FARTHEST + 1, 0.0, 0.0)), OptionError, "at most 340 m"),
         (Stereo(position=([0, 1], [(1, 0, 0), (2, 0, 0)])), OptionError, "that stay"),
@@ -140,9 +143,105 @@ def test_a_bare_position_stays_one(by_hand: Make) -> None:
         player.listener = LEFT
 
 
-def test_a_timbre_field_is_not_played_for_two_ears(by_hand: Make) -> None:
+FIELD, _ = radiating_ball()
+RUNG = replace(FIELD, decays=np.full(len(FIELD.decays), 0.5))
+SOFT = Strike(at=(RADIUS, 0, 0), impulse=1e-3, duration=1e-3, shape="gaussian")
+FIELD_EARS = {
+    "mono": AHEAD,
+    "ball": LEFT,
+    "kemar": Binaural(position=(0.3, 0.4, 0.1), facing=(1, 0, 0)),
+    "bare ears": replace(LEFT, field="ears"),
+}
+
+
+@pytest.mark.parametrize("name", FIELD_EARS)
+def test_a_field_is_played_as_it_is_rendered(by_hand: Make, name: str) -> None:
+    listener, turned = FIELD_EARS[name], (0.8, 0, 0, 0.6)
+    plain = Body(model=ball(), position=(0, 0, -3.0))
+    field = Body(model=FIELD, rotation=turned)
+    scene = Scene(bodies={"plain": plain, "field": field})
+    player = by_hand(scene, volume=-20, listener=listener, ahead=2)
+    player.hear(OPENED)
+    player.strike(SOFT, body="field")
+    player.strike(BLOW, body="plain")
+    waiting = BLOCK + LEAD + LATE + player._host._ears.propagation.lead
+    heard = both(player, 60)[:, waiting:] / player.gain
+    bodies = [replace(plain, excitations=BLOW), replace(field, excitations=SOFT)]
+    expected = struck.render(bodies, seconds=0.12, listener=listener).samples
+    for channel, row in enumerate(heard):
+        wanted = expected[channel % len(expected)]
+        count = min(len(row), len(wanted))
+        measured = listener.filters(48000, brief=True).taps != listener.filters(48000).taps
+        assert decibels(row[:count], wanted[:count]) < (-20 if measured else -60)
+
+
+@pytest.mark.parametrize("name", FIELD_EARS)
+def test_a_walk_through_a_field_does_not_click(by_hand: Make, name: str) -> None:
+    def at(angle: float) -> Listener:
+        position = (0.4 * np.cos(angle), 0.4 * np.sin(angle), 0.1)
+        return replace(FIELD_EARS[name], position=position)
+
+    def go(number: int) -> None:
+        player.listener = at(0.3 + 0.008 * number)  # 1.2 m/s
+
+    bends = []
+    for angle in (0.3, 0.7, 1.1):
+        player = by_hand(RUNG, volume=-30, listener=at(angle))
+        player.hear(OPENED)
+        player.strike(SOFT)
+        player.hear(20)
+        bends.append(bend(both(player, 20) / player.gain))
+    player = by_hand(RUNG, volume=-30, listener=at(0.3))
+    player.hear(OPENED)
+    player.strike(SOFT)
+    player.hear(20)
+    assert bend(both(player, 100, go) / player.gain) <= 1.5 * max(bends)
+
+
+def test_a_body_that_turns_turns_its_field(by_hand: Make) -> None:
+    turned = by_hand(RUNG, volume=-30, listener=AHEAD)
+    turned.move(0, rotation=(0.8, 0, 0, 0.6))
+    turned.hear(OPENED)
+    turned.strike(SOFT)
+    begun = by_hand(
+        Scene(bodies={"it": Body(model=RUNG, rotation=(0.8, 0, 0, 0.6))}),
+        volume=-30,
+        listener=AHEAD,
+        ahead=2,
+    )
+    begun.hear(OPENED)
+    begun.strike(SOFT)
+    heard, wanted = (each.hear(40) / each.gain for each in (turned, begun))
+    np.testing.assert_allclose(heard, wanted, atol=1e-4 * np.abs(wanted).max())
+
+
+def test_a_body_takes_another_field_and_goes_on_where_it_is_not_known(by_hand: Make) -> None:
+    player = by_hand(RUNG, volume=-30, listener=Mono(position=(0.5, 0, 0)))
+    player.hear(OPENED)
+    player.strike(SOFT)
+    far = player.hear(20)
+    player.listener = Mono(position=(1.1 * RADIUS, 0, 0))
+    near = player.hear(30)
+    assert np.isfinite(near).all()
+    player.change(RUNG.damped(InternalFriction(loss_tangent=1e-5)))
+    player.listener = Mono(position=(0.5, 0, 0))
+    back = player.hear(40)[-2000:]
+    assert np.abs(back).max() == pytest.approx(np.abs(far[-2000:]).max(), rel=0.3)
+
+
+def test_a_player_keeps_its_way_to_hear_fields(by_hand: Make) -> None:
+    player = by_hand(FIELD, listener=LEFT)
+    with pytest.raises(OptionError, match="field=None, the new listener 2 and 'ears'"):
+        player.listener = replace(LEFT, field="ears")
+
+
+def test_recorded_fields_are_played_for_two_bare_ears(by_hand: Make) -> None:
     body = ball()
     assert isinstance(body.gains, ShapeGains)
     model = replace(body, gains=sided(body.gains))
-    with pytest.raises(OptionError, match="a body with a timbre field is played"):
-        by_hand(model, listener=LEFT)
+    seen = Stereo(position=(0.5, 0, 0), facing=(-1, 0, 0), field="ears")
+    player = by_hand(model, volume=-30, listener=seen)
+    player.hear(OPENED)
+    player.strike(BLOW)
+    left, right = both(player, 40)
+    assert np.square(right).sum() == pytest.approx(100 * np.square(left).sum(), rel=1e-3)

@@ -48,9 +48,10 @@ static void take_ways(const struct live_ears *e, const struct record *r) {
   }
 }
 
-/* Write what bodies sound like to the lines and hear it. Where nothing new is known, `held`, all
+/* Write what bodies sound like to the lines, one for each point, and hear it. Where nothing new is known, `held`, all
    stays as it was at the end of the block before. */
-static void listen(struct live_ears *e, const struct memory *m, int64_t since, int held) {
+static void listen(struct live_ears *e, const struct memory *m, int64_t points, int64_t since,
+                   int held) {
   const int64_t half = e->length / 2;
   int64_t stretch = e->stretch;
   if (held) {
@@ -58,7 +59,7 @@ static void listen(struct live_ears *e, const struct memory *m, int64_t since, i
     stretch <<= STANDING_BITS;
   }
   for (int64_t line = 0; line < e->lines; line++) {
-    const double *from = sound(m, line, 0);
+    const double *from = sound(m, line / points, line % points);
     float *to = e->line + line * e->length;
     for (int64_t k = 0; k < e->block; k++) {
       const int64_t place = (e->now + k) % half;
@@ -102,7 +103,7 @@ ENTRY void callback_sound(void *arena, const int64_t *integers, const double *re
   for (int64_t i = 0; i < channels * m.block; i++) outputs[i] = 0.0;
   if (a->ears) {
     if (fresh) take_ways(a->ears, &r);
-    listen(a->ears, &m, r.stretch[SINCE], !fresh);
+    listen(a->ears, &m, a->points, r.stretch[SINCE], !fresh);
     hand_over(a->ears, channels, outputs);
   } else {
     mix(&m, a->points, channels, outputs);

@@ -40,11 +40,12 @@ class Arena(ctypes.Structure):
 
 
 def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Arena:
-    """Return where the callback finds modes and ears."""
+    """Return where the callback finds modes and ears, which hear each body at their points."""
     bank.memory.turned[0] = 1
     reals, wholes = (numbers.ctypes.data for numbers in bank.numbers)
     heard = ctypes.pointer(ears.memory) if ears else None
-    return Arena(reals=reals, wholes=wholes, points=1, volume=volume, ears=heard)
+    points = ears.points if ears else 1
+    return Arena(reals=reals, wholes=wholes, points=points, volume=volume, ears=heard)
 
 
 class _Places(ctypes.Structure):

@@ -96,16 +96,17 @@ class Host:
 
     def _prepare(self, voices: int, ahead: int) -> None:
         """Lay out all memory; later only excitations allocate."""
+        ears = self._ears
+        points = ears.points if ears else 1
         self.bank = Stepped(  # once it plays only the callback may touch it
             [body.free for body in self._bodies],
-            points=1,
+            points=points,
             block=self._block,
             voices=voices,
             sample_rate=self._rate,
         )
         memory = self.bank.memory
-        ears = self._ears
-        self._layout = Layout.of(memory, 1, *((ears.paths, ears.taps) if ears else ()))
+        self._layout = Layout.of(memory, points, *((ears.paths, ears.taps) if ears else ()))
         self._firsts = memory.bodies[:, BodyColumn.FIRST].tolist()
         self.arena = arena(self.bank, volume=self.gain, ears=ears)
         # Those ahead, the one that is heard, and the one that is written.
@@ -289,7 +290,7 @@ class Host:
             if ears is not None and not isinstance(listener, np.ndarray):
                 go = self._going(partial(ears.go, None), *ears.wanted(listener), moment)
             elif ears is None and isinstance(listener, np.ndarray):
-                outputs = {n: body.outputs(listener) for n, body in enumerate(self._bodies)}
+                outputs = {n: body.outputs(listener[None]) for n, body in enumerate(self._bodies)}
                 go = partial(self._heard_as, outputs)
             else:
                 raise OptionError(
@@ -313,7 +314,7 @@ class Host:
         return np.asarray(self.listener, np.float64)
 
     def _heard(self, body: PlayedBody) -> Complex:
-        return body.outputs_aside() if self._ears else body.outputs(self._place)
+        return body.outputs_aside() if self._ears else body.outputs(self._place[None])
 
     def fill(self, integers: Index, reals: Array) -> None:
         """Write the record of the next block; the feeder calls it."""
@@ -331,8 +332,12 @@ class Host:
         for body, logarithms in self._poles.items():
             self._put(record.poles, body, logarithms)
             record.bodies[body] |= NEW_POLES
+        if self._ears is not None:
+            for body in self._ears.fields:
+                self._outputs[body] = self._ears.outputs(body, self._bodies[body].outputs)
         for body, outputs in self._outputs.items():
-            self._put(record.outputs[:, 0], body, outputs)
+            for point, heard in enumerate(outputs):
+                self._put(record.outputs[:, point], body, heard)
             record.bodies[body] |= NEW_OUTPUTS | (FIRST_OUTPUTS if self._first else 0)
         self._poles, self._outputs, self._first = {}, {}, False
 
@@ -500,20 +505,20 @@ class PlayedBody:
             held = held + raised
         return self.free.raised(held) / self._rate
 
-    def outputs(self, listener: Array) -> Complex:
-        """Return the output gain of each mode at a position (M,)."""
-        gains = self.model.gains.toward(listener[None])[0]
+    def outputs(self, places: Array) -> Complex:
+        """Return the output gain of each mode at places (K, 3): (K, M)."""
+        gains = self.model.gains.toward(places)[:, 0]
         if not np.isfinite(gains).all():
             raise OptionError(
                 "the gains are not finite: fit or analyze the body again, or look at its model file"
             )
-        away = away_from(self.model, listener[None])
-        return with_recoil(gains, self.model.recoil, away, self._rate)[0]
+        away = away_from(self.model, places)
+        return with_recoil(gains, self.model.recoil, away, self._rate)
 
     def outputs_aside(self) -> Complex:
-        """Return the output gain of each mode (M,) at 1 m, the body taken as a point source."""
+        """Return the output gain of each mode (1, M) at 1 m, the body taken as a point source."""
         far = place_beside(self.model)
-        return far[0] * self.outputs(centre_of(self.model) + far)
+        return far[0] * self.outputs((centre_of(self.model) + far)[None])
 
 
 class Notes:
@@ -592,7 +597,7 @@ def full_scale(
 
 
 def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
-    outputs = [body.outputs(listener)[None]]
+    outputs = [body.outputs(listener[None])]
     modes = Resonators([body.model], sample_rate=sample_rate, block=_BLOCK, voices=1)
     pushing = Strike().begin(body.model, sample_rate)
     peak = 0.0

@@ -7,8 +7,9 @@ it does with them. Bodies and listener go where they are told: their poses are t
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from struck.ears.delay_lines import between
 from struck.ears.listeners import Listener, Trajectory
 from struck.ears.orientation import Carried, Orientation
-from struck.ears.propagation import STRETCH, Emitter, Pose, Propagation
+from struck.ears.propagation import STRETCH, Pose, Propagation
 from struck.errors import ContactError, OptionError
 from struck.live.ring import NEW_WAYS, SINCE, Record
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Complex
 from struck.scene.body import Body, centre_of
 
 FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
@@ -94,7 +95,7 @@ class Following:
     moves = True
 
     def __init__(self, pose: Pose) -> None:
-        self.ear_points = pose.ear_points
+        self.ear_points, self.field = pose.ear_points, pose.field
         self.course = Course(*_at_rest(pose))
 
     def at(self, times: Array) -> tuple[Array, Array]:
@@ -122,13 +123,24 @@ class _Bounded(Propagation):
         pass
 
 
+class _Told(NamedTuple):
+    """Gains of a timbre field (points, M) at the begin and the end of a stretch, and for where."""
+
+    before: Complex
+    after: Complex
+    places: Array
+    toward: Callable[[Array], Complex]
+
+
 class LiveEars:
     """The ears of a listener, and the memory of the sound that travels to them."""
 
     def __init__(
         self, bodies: Sequence[Body], listener: Listener, *, sample_rate: float, block: int
     ) -> None:
-        self._emitters = [_emitter(body) for body in bodies]
+        self._emitters = [body.emitter for body in bodies]
+        self.fields = [number for number, each in enumerate(self._emitters) if each.field]
+        self._told: dict[int, _Told] = {}
         self._centres = [_middle(body) for body in bodies]
         start = np.zeros(1)
         self._courses = [Course(b.origin.at(start)[0], b.orientation.at(start)[0]) for b in bodies]
@@ -143,8 +155,9 @@ class LiveEars:
             listener.filters(sample_rate, brief=True),
             sample_rate=sample_rate,
             stretch=self._stretch,
+            even=True,
         )
-        self._since = self._stretch
+        self._sent, self._since = 0, self._stretch
         self._require_possible(self.position)
         self._lay_out()
 
@@ -161,6 +174,11 @@ class LiveEars:
             turn.inv().apply(self.position - place)
             for (place, _), turn in zip(poses, turned, strict=True)
         ]
+
+    @property
+    def points(self) -> int:
+        """How many places hear each body: two where bare ears hear a timbre field, else one."""
+        return self.propagation.lines // len(self._emitters)
 
     @property
     def paths(self) -> int:
@@ -207,10 +225,10 @@ class LiveEars:
     def wanted(self, listener: Listener) -> tuple[Array, Array]:
         """Return where a listener is to go, and turn: (3,), (4,); errors as where it begins."""
         pose = Pose.of(listener, self._emitters)
-        if pose.ear_points.shape != self._pose.ear_points.shape:
+        if pose.ear_points.shape != self._pose.ear_points.shape or pose.field != self._pose.field:
             raise OptionError(
-                f"the player has {self.propagation.ears} ears, the new listener "
-                f"{len(pose.ear_points)}: start another player for it"
+                f"the player has {self.propagation.ears} ears and field={self._pose.field!r}, the "
+                f"new listener {len(pose.ear_points)} and {pose.field!r}: start another player"
             )
         place, turn = _at_rest(pose)
         self._require_possible(place)
@@ -256,8 +274,35 @@ class LiveEars:
                     "while it is played"
                 )
 
+    def outputs(self, body: int, toward: Callable[[Array], Complex]) -> Complex:
+        """Return the gains of a body with a timbre field at the end of the next block (points, M).
+
+        They are told `toward` the places where it is heard once a stretch, and go there evenly. Who
+        comes where nothing is known of the field hears it as before.
+        """
+        since = self._since % self._stretch
+        if not since:
+            self._told[body] = self._telling(body, toward)
+        share, told = (since + self._block) / self._stretch, self._told[body]
+        return told.before + share * (told.after - told.before)
+
+    def _telling(self, body: int, toward: Callable[[Array], Complex]) -> _Told:
+        self._place_bodies()
+        places = self.propagation.heard_at(body, (self._sent + self._stretch) / self._rate)
+        last = self._told.get(body)
+        if last and last.toward == toward and np.array_equal(last.places, places):
+            return last._replace(before=last.after)
+        try:
+            after = toward(places)
+        except ContactError:
+            if last is None:
+                raise
+            after = last.after
+        return _Told(last.after if last else after, after, places, toward)
+
     def write(self, record: Record) -> None:
         """Write delays, gains and responses of the next block into its record."""
+        self._sent += self._block
         record.stretch[NEW_WAYS] = self._since == self._stretch
         if self._since == self._stretch:
             self._place_bodies()
@@ -272,11 +317,3 @@ def _middle(body: Body) -> Array:
     """Return a body's centre, m (3,); but for rounding the origin, where turning is nothing."""
     centre = centre_of(body.model)
     return np.where(np.abs(centre) < _NOTHING, 0.0, centre)
-
-
-def _emitter(body: Body) -> Emitter:
-    if body.sounding.gains.directional:
-        raise OptionError(
-            "a body with a timbre field is played for a bare position, or rendered for two ears"
-        )
-    return body.emitter
