@@ -47,6 +47,7 @@ SHORT: dict[str, str] = {
     "errors.py": "the tree of errors, at the root of every import",
     "live/callback.py": "what the audio device reaches, field by field as in the core",
     "solids/fem/cubic_surface.py": "the surface of thin bodies, which others do not load",
+    "model/machine.py": "what both solvers ask of the machine, each above another layer",
     "report/figurine.py": "a body that pages, examples and proofs share",
     "scene/engines/step_log.py": "what both engines note alike",
     "scene/stems.py": "files that a command and the scenes of 2002 write alike",
@@ -63,6 +64,7 @@ SHORT: dict[str, str] = {
                 "export",
                 "info",
                 "materials",
+                "radiate",
                 "show",
                 "sound_map",
                 "tune",
@@ -289,7 +291,7 @@ def run(program: str, folder: Path = ROOT) -> str:
 
 
 LOADED = {
-    "a mesh analyzed": (47, "struck.analyze('ball.stl', 'steel', accuracy='preview')"),
+    "a mesh analyzed": (48, "struck.analyze('ball.stl', 'steel', accuracy='preview')"),
     "a loaded model struck": (43, "struck.render(struck.load('m.struck'), struck.Strike())"),
     "a recording fitted": (60, "struck.fit('tap.wav', cache=False)"),
 }

@@ -86,7 +86,8 @@ def analyze(
     band : pair of float, optional
         All modes within it are computed, Hz: from 20 to 20,000 unless given, if that is not long.
     damping, radiation : str
-        "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa),
+        "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa), the
+        same with a timbre field, "field", which takes minutes (see `ModalModel.radiating`), or
         "obrien2002" or "heuristic1998" (relative).
     recoil : bool
         The click of a free body as a whole; never by the papers' own ways, named by a year.

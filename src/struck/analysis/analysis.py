@@ -23,7 +23,7 @@ from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
 from struck.model.gains import Radiation
-from struck.model.material import Material
+from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
 from struck.model.modes import Modes
@@ -49,6 +49,7 @@ from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
 MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
+FIELD = "field"  # radiation that is computed all around the body
 
 
 if TYPE_CHECKING:
@@ -110,6 +111,7 @@ def analyze(
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     lowest, highest = _require_band(BAND if band is None else band)  # before the long work
+    computed, radiation = radiation == FIELD, "power" if radiation == FIELD else radiation
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
@@ -118,7 +120,12 @@ def analyze(
         if method in {None, "formula"}:
             band = lowest, highest
             recoil = recoil and not body.supported
-            return _by_formula(body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed)
+            by_formula = _by_formula(
+                body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed
+            )
+            if not computed:
+                return by_formula
+            return radiating(by_formula, band, cache=cache, progress=progress)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
@@ -142,7 +149,26 @@ def analyze(
     elements, modes = work.resolved(source)
     merged = _merged(elements.provenance, modes, body, method)
     model = work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
-    return _recoiling(model) if recoil else model
+    model = _recoiling(model) if recoil else model
+    if computed:
+        model = radiating(model, (lowest, highest), cache=cache, progress=progress)
+    return model
+
+
+def radiating(
+    model: ModalModel,
+    band: tuple[float, float],
+    *,
+    near: bool = False,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+) -> ModalModel:
+    """Return the model with its timbre field; each finished frequency is kept in the cache."""
+    from struck.radiation.boundary_elements import SurfaceField  # only where it takes minutes
+
+    stage: Stage[SurfaceField] = holding("timbre field", SurfaceField, Mesh, Air)
+    kept = partial(Stages(cache=opened(choice=cache)).kept, stage)
+    return model.radiating(band=band, near=near, keep=kept, progress=progress)
 
 
 def _recoiling(model: ModalModel) -> ModalModel:

@@ -16,6 +16,7 @@ from struck.model.provenance import TerminalProgress
 
 COMMANDS = {
     "analyze": "compute the modes of a body and save its model",
+    "radiate": "compute the timbre field of a model, which sounds another way on each side",
     "info": "tell what a model holds",
     "show": "draw shape, modes and spectrum",
     "render": "strike, scrape, roll on, pluck or hold a model and save the sound",

@@ -150,7 +150,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
     parser.add_argument("--band", type=numbers(2), help="low,high in Hz; 20,20000 unless given")
     parser.add_argument(
-        "--radiation", default="power", help="power (default), obrien2002 or heuristic1998"
+        "--radiation", default="power", help="power (default), field, obrien2002 or heuristic1998"
     )
     parser.add_argument(
         "--no-recoil", dest="recoil", action="store_false", help="modes alone, no click of the body"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Complex, Index, Single, require_numbers
 from struck.model.mesh import Mesh, Surface, barycentric, in_space
+from struck.model.provenance import Progress
 
 
 class Forms(Protocol):
@@ -84,6 +86,32 @@ class Radiation(Protocol):
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
     ) -> Complex:
         """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
+        ...
+
+
+class Keep(Protocol):
+    """What keeps finished parts of long work between runs."""
+
+    def __call__(self, compute: Callable[[], Any], /, **inputs: object) -> Any:  # noqa: ANN401
+        """Return what was kept of the same inputs, or compute and keep it."""
+        ...
+
+
+@runtime_checkable
+class FieldRadiation(Protocol):
+    """A law of radiation that can also compute the sound around a body."""
+
+    def field(
+        self,
+        gains: ShapeGains,
+        frequencies: Array,
+        *,
+        band: tuple[float, float],
+        near: bool,
+        keep: Keep | None,
+        progress: Progress,
+    ) -> tuple[ShapeGains, Index]:
+        """Return gains with a timbre field of the modes in a band, and the modes left out."""
         ...
 
 

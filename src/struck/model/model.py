@@ -13,11 +13,19 @@ from struck.errors import MaterialError, OptionError
 from struck.model.arrays import Array, Index, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Damping, Each, natural_at, ringing
-from struck.model.gains import ExpandedGains, Gains, Radiation, ShapeGains, canonical_signs
+from struck.model.gains import (
+    ExpandedGains,
+    FieldRadiation,
+    Gains,
+    Keep,
+    Radiation,
+    ShapeGains,
+    canonical_signs,
+)
 from struck.model.material import Material
 from struck.model.mesh import Mesh, places_of
 from struck.model.modes import Modes, Stiffness, changed
-from struck.model.provenance import Provenance
+from struck.model.provenance import Progress, Provenance, silent
 from struck.model.recoil import Recoil
 
 if TYPE_CHECKING:
@@ -38,6 +46,7 @@ _LOST_FIELD = (
     "the timbre field was computed at other frequencies: an estimate, the same in all directions, "
     "takes its place; compute the field anew"
 )
+_NAMED = 12  # modes that are told one by one
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
 
@@ -270,6 +279,60 @@ class ModalModel:
         after = changed(self._stiffness(), self.material, wanted)
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
         return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
+
+    @checked
+    def radiating(
+        self,
+        *,
+        band: tuple[float, float] = (20.0, 20_000.0),
+        near: bool = False,
+        keep: Keep | None = None,
+        progress: Progress = silent,
+    ) -> ModalModel:
+        """Return a copy with its timbre field computed: each mode's own pattern in space.
+
+        Modes outside the band, and those whose waves are much shorter than the body, keep their
+        estimate, the same in all directions: `provenance.dropped` names the latter.
+
+        Parameters
+        ----------
+        band : pair of float
+            Modes within it are computed, Hz.
+        near : bool
+            Whether pressures on the surface are kept too, for listeners within 1.2 radii.
+        keep : callable, optional
+            What keeps finished frequencies between runs; `struck.analyze` and `struck radiate`
+            keep them in the cache.
+        progress : callable
+            Told the stage and the fraction of it that is done.
+
+        Raises
+        ------
+        OptionError
+            When the model was recorded, or its gains are relative.
+        MeshError
+            When its surface is not closed, or a wall is too thin for the elements.
+        SolverError
+            Where memory does not suffice.
+        """
+        gains = self.gains
+        if not isinstance(gains, ShapeGains) or not isinstance(gains.radiation, FieldRadiation):
+            raise OptionError(
+                "a timbre field is computed from mode shapes on a surface, in Pa, and this model "
+                f"has {type(gains).__name__}: analyze a body with radiation='power'"
+            )
+        found, high = gains.radiation.field(
+            gains, self.natural_frequencies, band=band, near=near, keep=keep, progress=progress
+        )
+        named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
+        more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
+        told = f"{len(high)} modes have no timbre field, but an estimate: {named}{more}"
+        provenance = self.provenance.extended(
+            references=("schenck1968", "wilton1984") * found.directional,
+            dropped=(told,) * bool(len(high)),
+            radiation="field" if found.directional else self.provenance.details.get("radiation"),
+        )
+        return replace(self, gains=found, provenance=provenance)
 
     @checked
     def charted(

@@ -9,19 +9,19 @@ zero (CHIEF: Schenck 1968): equations that border the others. Derivation: docs, 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from struck.errors import MeshError, SolverError
 from struck.model.arrays import Array, Complex, Index, Single
+from struck.model.machine import thread_count
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 
-REFERENCES = ("schenck1968", "wilton1984")
 SAME = 1e-3  # share of their frequency by which modes may differ and share a factorisation
 THINNEST = 0.1  # wall over element edge: below it, the equations of both sides are too much alike
 _NEAR = 2.5  # longest edges within which an element's static part is integrated in closed form
@@ -94,7 +94,7 @@ class SurfaceField:
 
     mesh: Mesh  # closed, F elements
     modes: Index  # (K,), their numbers in the body
-    wave_numbers: Array  # (K,), at which they were solved, 1/m
+    wave_numbers: Array  # (K,), 1/m
     pressures: Single  # (2, F, K), real and imaginary, for unit modal velocity, Pa/(kg^1/2 m/s)
     velocities: Single  # (F, K), outward, for unit modal velocity, kg^-1/2
     errors: Array  # (K,), relative, of the pressure far away
@@ -128,7 +128,7 @@ class SurfaceField:
         if not kept:
             return None
         own = np.array([places[int(modes[number])] for number in kept])
-        factors = np.broadcast_to(factor, len(modes))[kept].astype(np.float32)
+        factors = np.broadcast_to(np.asarray(factor, np.float32), len(modes))[kept]
         return replace(
             self,
             mesh=self.mesh if size == 1 else self.mesh.scaled(size),
@@ -150,16 +150,18 @@ def joined(fields: Sequence[SurfaceField]) -> SurfaceField:
 
 
 def solved(
-    mesh: Mesh, wave_number: float, velocities: Array, modes: Index, air: Air = AIR
+    mesh: Mesh, wave_numbers: ArrayLike, velocities: Array, modes: Index, air: Air = AIR
 ) -> SurfaceField:
-    """Return the field of modes that share a wave number, 1/m, by outward velocities (F, K).
+    """Return the field of modes of about one frequency by outward normal velocities (F, K).
+
+    One factorisation, at the mean of their wave numbers, serves them all.
 
     Parameters
     ----------
     mesh : Mesh
         Closed, of F triangles of about the same size.
-    wave_number : float
-        1/m.
+    wave_numbers : array-like (K,) or float
+        1/m, within 0.1 % of each other.
     velocities : array (F, K)
         Outward normal velocities at the centres for unit modal velocity, kg^-1/2.
     modes : array (K,)
@@ -181,32 +183,31 @@ def solved(
             f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: give "
             "the body a thicker wall=, or take radiation='power'"
         )
-    pressures = _pressures(elements, wave_number, velocities, walls.inside(wave_number), air)
+    own = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
+    mean, flows = float(own.mean()), _flows(own, velocities, air)
+    pressures = _pressures(elements, mean, flows, walls.inside(mean))
     field = SurfaceField(
         mesh=mesh,
         modes=np.asarray(modes, np.int64),
-        wave_numbers=np.full(len(modes), wave_number),
+        wave_numbers=own,
         pressures=np.stack([pressures.real, pressures.imag]).astype(np.float32),
         velocities=velocities.astype(np.float32),
         errors=np.zeros(len(modes)),
         air=air,
     )
     edge = edge_length(mesh)
-    stated = _BY_WAVE * (wave_number * edge) ** 2 + _BY_WALL * max(1 / thin - 1, 0)
+    stated = _BY_WAVE * (mean * edge) ** 2 + _BY_WALL * max(1 / thin - 1, 0)
     return replace(field, errors=stated + _imbalances(field))
 
 
-def _pressures(
-    elements: Elements, wave_number: float, velocities: Array, inside: Array, air: Air
-) -> Complex:
-    """Return the pressures (F, K) on the elements; interior points (P, 3) border the equations."""
+def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: Array) -> Complex:
+    """Return the pressures (F, K) that flows (F, K) make; points (P, 3) border the equations."""
     from scipy.linalg import lu_factor, lu_solve
 
     count, rows = len(elements.sizes), len(elements.sizes) + len(inside)
     places = np.concatenate([elements.mesh.centroids, inside])
     matrix = np.empty((rows, rows), np.complex128)
-    driven = np.empty((rows, velocities.shape[1]), np.complex128)
-    flows = _flows(wave_number, velocities, air)
+    driven = np.empty((rows, flows.shape[1]), np.complex128)
 
     def fill(block: tuple[int, int]) -> None:
         some, own = slice(*block), block[0] if block[1] <= count else -1
@@ -222,19 +223,13 @@ def _pressures(
     matrix[count:, count:] = 0
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-    return lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)[:count]
+    found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
+    return np.asarray(found[:count], np.complex128)
 
 
-def _flows(wave_number: float, velocities: Array, air: Air) -> Complex:
-    """Return what single layers carry: i w times density times outward velocity."""
-    return 1j * wave_number * air.impedance * velocities
-
-
-def thread_count() -> int:
-    """Return how many threads put the matrix together: OMP_NUM_THREADS, else the cores we own."""
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    owned = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else owned or 1
+def _flows(wave_numbers: float | Array, velocities: Array, air: Air) -> Complex:
+    """Return what single layers carry (F, K): i w times density times outward velocity."""
+    return 1j * wave_numbers * air.impedance * velocities
 
 
 def edge_length(mesh: Mesh) -> float:
@@ -247,20 +242,20 @@ class Walls:
     """How deep the body is below the middle of each of its elements."""
 
     mesh: Mesh
-    depths: Array  # (F,), along the inward normal, m
+    depths: Array  # (F,), along the inward normal, m; NaN where the ray slips between two faces
 
     @classmethod
     def of(cls, mesh: Mesh) -> Walls:
         """Measure the walls of a closed surface."""
         below = mesh.centroids - 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
         _, depths = mesh.locator.first_below(below, -mesh.face_normals)
-        return cls(mesh=mesh, depths=np.where(np.isfinite(depths), depths, 0.0))
+        return cls(mesh=mesh, depths=np.where(np.isfinite(depths), depths, np.nan))
 
     @property
     def thinnest(self) -> float:
         """The least depth over the edge of the element above."""
         edges = np.sqrt(self.mesh.areas * 4 / np.sqrt(3))
-        return float((self.depths / edges).min())
+        return float(np.nanmin(self.depths / edges, initial=np.inf))
 
     def inside(self, wave_number: float) -> Array:
         """Return points (P, 3) inside, far from each other, where waves could stand."""

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, checked
-from struck.model.gains import Radiation, quarter_turns
+from struck.model.arrays import Array, Index, checked
+from struck.model.gains import Keep, Radiation, ShapeGains, quarter_turns
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
+from struck.model.provenance import Progress
 from struck.radiation.on_surface import Radiator, Skin, normal_velocities
 
 _AT_ONCE = 64  # modes, so that memory does not grow with their number
@@ -120,6 +121,49 @@ class RadiatedPower:
             velocities = normal_velocities(surface, shapes[:, :, some])[skin.faces]
             squares[some] = radiator.mean_squares(velocities, wave_numbers[some])
         return self.air.impedance * np.sqrt(squares) * quarter_turns(frequencies)
+
+    def field(
+        self,
+        gains: ShapeGains,
+        frequencies: Array,
+        *,
+        band: tuple[float, float],
+        near: bool,
+        keep: Keep | None,
+        progress: Progress,
+    ) -> tuple[ShapeGains, Index]:
+        """Return gains with the computed timbre field of a body, and the modes left out by ka.
+
+        Parameters
+        ----------
+        gains : ShapeGains
+            With the estimate, which other modes keep.
+        frequencies : array (M,)
+            Natural ones, Hz.
+        band : pair of float
+            Modes within it are computed, Hz.
+        near : bool
+            Whether pressures on the surface are kept, for listeners within 1.2 radii.
+        keep : Keep or None
+            What keeps finished frequencies between runs.
+        progress : callable
+            Told the stage and the fraction of it that is done.
+
+        Raises
+        ------
+        MeshError
+            When the body has no closed surface, or a wall is too thin for the elements.
+        SolverError
+            Where memory does not suffice.
+        """
+        from struck.radiation.directivity import RadiatingGains
+        from struck.radiation.sound_field import Plan, computed_at_once, fields_of
+
+        plan = Plan.of(gains, frequencies, band)
+        parts = fields_of(gains, plan, keep or computed_at_once, progress)
+        if not parts:
+            return gains, plan.left_out
+        return RadiatingGains.of(gains, frequencies, parts, near=near), plan.left_out
 
 
 class Heuristic1998:

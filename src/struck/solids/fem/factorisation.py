@@ -1,6 +1,6 @@
 """Sparse factorisation K - shift M = L D L^T, by rslab or, with the same answers, by SuperLU.
 
-Also the memory that it takes, and what is free.
+Also the memory that it takes.
 
 The signs of D count the eigenvalues below the shift (Sylvester's law of inertia; Parlett 1998,
 section 3.3), which is what proves that no mode is missing.
@@ -13,7 +13,6 @@ import itertools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -21,12 +20,12 @@ from scipy import sparse
 
 from struck.errors import OptionError, SolverError
 from struck.model.arrays import Array
+from struck.model.machine import GIB, available, thread_count
 
 if TYPE_CHECKING:
     from rslab import LdltSymbolic
 
 
-GIB = 2**30
 _ENTRY = 64  # bytes of a stored entry while a matrix is put together and handed over, measured
 _WORKING_VECTORS = 64  # that iterating works on, over and above those it keeps
 
@@ -51,64 +50,6 @@ def require(needed: int) -> None:
             f"{free / GIB:.1f} GiB are free: use a coarser mesh (accuracy='standard' or "
             "'preview'), a thicker wall, a narrower band=, or a machine with more memory"
         )
-
-
-def available(root: Path = Path("/")) -> int | None:
-    """Return the bytes free for this process (Linux: machine and control groups), or None."""
-    limits = [_free_on_machine(root), *_free_in_groups(root)]
-    return min((limit for limit in limits if limit is not None), default=None)
-
-
-def _free_on_machine(root: Path) -> int | None:
-    for line in _lines(root / "proc/meminfo"):
-        name, _, amount = line.partition(":")
-        if name == "MemAvailable":
-            return 1024 * int(amount.split()[0])
-    return None
-
-
-def _free_in_groups(root: Path) -> list[int]:
-    """Return what each control group (version 2, and version 1's memory) leaves."""
-    free = []
-    for line in _lines(root / "proc/self/cgroup"):
-        _, controllers, path = line.split(":", 2)
-        if not controllers:
-            top, names = root / "sys/fs/cgroup", ("memory.max", "memory.current")
-        elif "memory" in controllers.split(","):
-            top = root / "sys/fs/cgroup/memory"
-            names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
-        else:
-            continue
-        group = top / path.lstrip("/")
-        for folder in (group, *group.parents):
-            if folder.is_relative_to(top):
-                limit, used = (_number(folder / name) for name in names)
-                if limit is not None and used is not None:
-                    free.append(limit - used + _given_back(folder))
-    return free
-
-
-def _given_back(folder: Path) -> int:
-    """Return the bytes of files that the system keeps only as long as nobody needs the room."""
-    for line in _lines(folder / "memory.stat"):
-        name, _, amount = line.partition(" ")
-        if name in {"inactive_file", "total_inactive_file"}:
-            return int(amount)
-    return 0
-
-
-def _number(path: Path) -> int | None:
-    text = "".join(_lines(path))
-    return int(text) if text.isdigit() else None
-
-
-def _lines(path: Path) -> list[str]:
-    if os.name != "posix":
-        return []
-    try:
-        return path.read_text(encoding="ascii").splitlines()
-    except OSError:
-        return []
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,13 +138,6 @@ def _found() -> str:
 def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
     """Factorise one symmetric matrix given by its lower triangle (n, n)."""
     return Factoriser(backend)(lower)
-
-
-def thread_count() -> int:
-    """Return how many threads a factorisation may use: OMP_NUM_THREADS, else the cores we own."""
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    owned = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(owned or 1, 4)
 
 
 # rslab keeps a pool for each number of threads, and a fork leaves the threads of all of them in the

@@ -1,0 +1,48 @@
+"""`struck radiate`: a model gets its timbre field, computed by boundary elements."""
+
+from __future__ import annotations
+
+import argparse
+
+import struck
+from struck.cli.command import Result
+from struck.cli.options import numbers
+from struck.files.model_file import model_path
+from struck.model.provenance import TerminalProgress
+
+EXAMPLES = ("bell.struck -o bell.struck", "bowl.struck --band 20,8000 --near -o bowl.struck")
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck radiate`."""
+    parser.add_argument("model", help="of a computed body")
+    parser.add_argument("-o", "--output", required=True, help="model file, or MODEL itself")
+    parser.add_argument(
+        "--band", type=numbers(2), default=(20.0, 20_000.0), help="modes within it, Hz: 20,20000"
+    )
+    parser.add_argument(
+        "--near", action="store_true", help="keep the surface too, for ears within 1.2 radii"
+    )
+    parser.add_argument(
+        "--no-cache", action="store_true", help="neither keep nor reuse frequencies"
+    )
+
+
+def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Run `struck radiate`."""
+    from struck.analysis.analysis import radiating
+
+    output = model_path(options.output)
+    found = radiating(
+        struck.load(options.model),
+        options.band,
+        near=options.near,
+        cache=not options.no_cache,
+        progress=progress,
+    )
+    struck.save(found, output)
+    left = [text for text in found.provenance.dropped if "timbre field" in text]
+    modes = len(found.frequencies)
+    return Result(
+        "\n".join([f"wrote {output}: {modes} modes", *left]), model=str(output), modes=modes
+    )

@@ -1,0 +1,181 @@
+"""Sound field of a body: which modes boundary elements compute on which mesh, and what it takes.
+
+Each mode gets the coarsest of a few meshes that has at least six elements in its wavelength in air
+and in that of its shape. Modes within 0.1 % share a factorisation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from struck.errors import SolverError
+from struck.model.arrays import Array, Index
+from struck.model.gains import Keep, ShapeGains
+from struck.model.machine import GIB, available
+from struck.model.material import AIR
+from struck.model.mesh import Mesh
+from struck.model.provenance import FORECAST, Progress, silent
+from struck.radiation.boundary_elements import (
+    SAME,
+    SurfaceField,
+    Walls,
+    edge_length,
+    joined,
+    solved,
+)
+from struck.radiation.on_surface import Skin, laplacian, normal_velocities
+from struck.radiation.remeshing import remeshed
+
+PER_WAVE = 6  # elements in a wavelength
+LARGEST = 24.0  # wave number times radius: beyond it the estimate stays
+_LEAST = 1000  # elements, which a body's form takes, whatever the wavelength
+_ALMOST_NONE = 0.02  # share of the faces whose depth may be less than the wall
+_WALL = 0.15  # of an element, which a wall has at least
+_FINER = 2**0.5  # from a mesh to the next: twice as many elements
+# Processor time of one factorisation by its F elements, s: putting together, and LAPACK's LU.
+_BY_SQUARE, _BY_CUBE = 1e-7, 6e-11
+_SAMPLES = 1300  # places around the body at which the field is read
+_BYTES = 18  # of memory by the square of the elements
+
+
+def computed_at_once(compute: Callable[[], SurfaceField], /, **inputs: object) -> SurfaceField:
+    """Return what is computed, kept nowhere."""
+    del inputs
+    return compute()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """What is computed: modes by mesh, and by frequency on each."""
+
+    skin: Skin  # what meets free air
+    wall: float  # a depth that almost all of the body has below its skin, m
+    edges: tuple[float, ...]  # of the meshes, m, those of most elements first
+    meshed: tuple[Index, ...]  # modes of each mesh, in order of frequency
+    wave_numbers: Array  # (M,), of all modes of the body, 1/m
+    left_out: Index  # modes that keep the estimate: ka above the bound
+
+    @classmethod
+    def of(cls, gains: ShapeGains, frequencies: Array, band: tuple[float, float]) -> Plan:
+        """Plan the field of the modes within a band, Hz."""
+        wave_numbers = 2 * np.pi * frequencies / AIR.sound_speed
+        within = np.flatnonzero((frequencies >= band[0]) & (frequencies <= band[1]))
+        high = wave_numbers[within] * gains.radius > LARGEST
+        chosen = within[~high]
+        skin = Skin.of(gains.surface, gains.centre)
+        wall = float(np.nanquantile(Walls.of(skin.mesh).depths, _ALMOST_NONE))
+        even = edge_length(skin.mesh) * np.sqrt(len(skin.faces) / _LEAST)
+        rough = min(even, wall / _WALL)
+        shortest = np.maximum(wave_numbers[chosen], _shape_waves(gains)[chosen])
+        wanted = 2 * np.pi / (PER_WAVE * shortest)
+        levels = np.ceil(np.log(np.maximum(rough / wanted, 1)) / np.log(_FINER) - 1e-9)
+        found = np.unique(levels)[::-1]
+        return cls(
+            skin=skin,
+            wall=wall,
+            edges=tuple(float(rough / _FINER**level) for level in found),
+            meshed=tuple(chosen[levels == level] for level in found),
+            wave_numbers=wave_numbers,
+            left_out=within[high],
+        )
+
+    @property
+    def counts(self) -> Array:
+        """About how many elements each mesh has (L,)."""
+        return self.skin.mesh.areas.sum() / (3**0.5 / 4 * np.square(self.edges))
+
+    def groups(self, modes: Index) -> Iterator[Index]:
+        """Yield the modes, in order of frequency, that share a factorisation."""
+        first = 0
+        for number in range(1, len(modes) + 1):
+            lowest = self.wave_numbers[modes[first]]
+            if number == len(modes) or self.wave_numbers[modes[number]] > (1 + SAME) * lowest:
+                yield modes[first:number]
+                first = number
+
+    @property
+    def seconds(self) -> float:
+        """About how much time of a processor it takes."""
+        solves = np.array([len(list(self.groups(modes))) for modes in self.meshed])
+        each = _BY_SQUARE * self.counts * (self.counts + _SAMPLES) + _BY_CUBE * self.counts**3
+        return float(solves @ each) if len(solves) else 0.0
+
+    @property
+    def memory(self) -> float:
+        """About how many bytes it takes at once."""
+        return float(_BYTES * np.square(self.counts).max(initial=0))
+
+
+def _shape_waves(gains: ShapeGains) -> Array:
+    """Return wave numbers of the shapes along the surface (M,): root of their mean squared slope.
+
+    A sine over all of the surface has its own.
+    """
+    stiffness, masses = laplacian(gains.surface)
+    waves = np.empty(gains.count)
+    for mode in range(gains.count):
+        shape = gains.shapes[:, :, mode].astype(np.float64)
+        slopes = np.einsum("vd,vd->", shape, stiffness @ shape)
+        waves[mode] = np.sqrt(max(slopes, 0.0) / np.einsum("v,vd->", masses, np.square(shape)))
+    return waves
+
+
+def fields_of(
+    gains: ShapeGains, plan: Plan, keep: Keep = computed_at_once, progress: Progress = silent
+) -> list[SurfaceField]:
+    """Return the fields of the planned modes, one for each mesh.
+
+    Raises
+    ------
+    MeshError
+        Where a wall is too thin for the elements.
+    SolverError
+        Where memory does not suffice.
+    """
+    free = available()
+    if free is not None and plan.memory > free:
+        raise SolverError(
+            f"the timbre field needs about {plan.memory / GIB:.1f} GiB of memory, but "
+            f"{free / GIB:.1f} GiB are free: give a band= that ends lower, a thicker wall=, "
+            "or take radiation='power'"
+        )
+    forecast = f"about {plan.seconds:.0f} s of a processor and {plan.memory / 1e9:.2g} GB"
+    progress(f"{FORECAST}timbre field, {forecast}", 0.0)
+    done, every = 0, sum(len(modes) for modes in plan.meshed)
+    parts = []
+    for edge, modes in zip(plan.edges, plan.meshed, strict=True):
+        mesh = remeshed(plan.skin.mesh, edge, plan.wall)
+        velocities = velocities_on(mesh, gains, plan.skin, modes)
+        places = {int(mode): place for place, mode in enumerate(modes)}
+        found = []
+        for group in plan.groups(modes):
+            own = velocities[:, [places[int(mode)] for mode in group]]
+            given = {
+                "mesh": mesh,
+                "wave_numbers": plan.wave_numbers[group],
+                "velocities": own,
+                "modes": group,
+            }
+            found.append(keep(partial(solved, **given), **given))
+            done += len(group)
+            progress("timbre field", done / every)
+        parts.append(joined(found))
+    return parts
+
+
+def velocities_on(mesh: Mesh, gains: ShapeGains, skin: Skin, modes: Index) -> Array:
+    """Return outward normal velocities (F, K) on a remeshed skin for unit modal velocity, kg^-1/2.
+
+    Shapes are those of the body's own surface at the vertices; the net flux through the skin is
+    the surface's own, so that what weak modes radiate is not what remeshing left over.
+    """
+    shapes = gains.shapes[:, :, modes].astype(np.float64)
+    faces, weights = skin.mesh.locator.barycentric(mesh.points)
+    corners = gains.surface.faces[skin.faces[faces]]
+    velocities = normal_velocities(mesh, np.einsum("vc,vcdm->vdm", weights, shapes[corners]))
+    own = gains.surface.areas[skin.faces] @ normal_velocities(gains.surface, shapes)[skin.faces]
+    return velocities + (own - mesh.areas @ velocities) / mesh.areas.sum()
