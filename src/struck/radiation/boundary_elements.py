@@ -223,11 +223,11 @@ def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: A
     matrix[count:, count:] = 0
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-    found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
-    return np.asarray(found[:count], np.complex128)
+    found: Complex = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
+    return found[:count]
 
 
-def _flows(wave_numbers: float | Array, velocities: Array, air: Air) -> Complex:
+def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
     """Return what single layers carry (F, K): i w times density times outward velocity."""
     return 1j * wave_numbers * air.impedance * velocities
 
