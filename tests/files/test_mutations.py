@@ -24,6 +24,7 @@ from struck.recordings.fit import fit_recordings
 from struck.shapes import Bar, CircularMembrane
 from struck.solids import Block
 from tests.files.test_fuzz import IN_TEXT, LEAVES, leaves
+from tests.files.test_radiating_model_file import with_a_skin
 from tests.radiation.sources import radiating_ball
 
 LONG = pytest.mark.prove
@@ -57,7 +58,7 @@ def models() -> list[ModalModel]:
         places={},
         **ringing(frequencies),
     )
-    return [bar, head, block, fitted, field, radiating_ball(count=3, subdivisions=0)[0]]
+    return [bar, head, block, fitted, field, with_a_skin(radiating_ball(subdivisions=0)[0])]
 
 
 def ringing(frequencies: Array) -> dict[str, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,12 @@ from struck.explorer.page_files import model_bytes
 from struck.files import model_file
 from struck.files.container import pack, unpack
 from struck.model.gains import ShapeGains
+from struck.model.model import ModalModel
+from struck.radiation.boundary_elements import SurfaceField
 from struck.radiation.directivity import RadiatingGains
 from tests.files.test_model_file import SCHEMA, assert_same, complaints, metadata, strings, through
-from tests.radiation.sources import plain_ball, radiating_ball
+from tests.radiation.bodies import ball
+from tests.radiation.sources import RADIUS, plain_ball, radiating_ball, some_sources
 
 FAR = np.array([[0.5, 0.2, -0.3], [-0.09, 0.02, 0.05]])
 
@@ -31,6 +35,44 @@ def test_a_round_trip_is_exact(tmp_path: Path) -> None:
         assert kept.dtype == given.dtype
     np.testing.assert_array_equal(loaded.gains.toward(FAR), made.gains.toward(FAR))
     assert (tmp_path / "a.struck").read_bytes() == model_file.to_bytes(loaded)
+
+
+def with_a_skin(model: ModalModel) -> ModalModel:
+    """Return a model with a coarse skin beside its field, of all modes but one."""
+    skin, chance = ball(RADIUS, 1), np.random.default_rng(3)
+    size, modes = (len(skin.faces), 5), np.array([0, 1, 2, 4, 5])
+    part = SurfaceField(
+        mesh=skin,
+        modes=modes,
+        wave_numbers=model.gains.field.wave_numbers[modes],
+        pressures=chance.normal(size=(2, *size)).astype(np.float32),
+        velocities=chance.normal(size=size).astype(np.float32),
+        errors=np.full(5, 0.01),
+    )
+    return replace(model, gains=replace(model.gains, near=(part,)))
+
+
+def test_what_is_near_returns_exactly(tmp_path: Path) -> None:
+    made = with_a_skin(radiating_ball()[0])
+    loaded = through(made, tmp_path / "a.struck")
+    beside = np.array([[1.1 * RADIUS, 0, 0], [0.4, 0, 0]])
+    np.testing.assert_array_equal(loaded.gains.toward(beside), made.gains.toward(beside))
+    assert complaints(metadata(tmp_path / "a.struck"), SCHEMA, SCHEMA) == []
+    text, tensors = unpack((tmp_path / "a.struck").read_bytes(), kind="struck", newest=2)
+    for name in [name for name in tensors if name.startswith("near.")]:
+        data = pack({**tensors, name: tensors[name][1:]}, {**text, "sha256": "0" * 64})
+        with pytest.raises(FileFormatError):
+            model_file.from_bytes(data)
+
+
+def test_100_modes_of_a_body_add_little() -> None:
+    frequencies = np.linspace(0.5, 5.0, 100) * 343.21 / (2 * np.pi * RADIUS)
+    plain = plain_ball(frequencies)
+    field = RadiatingGains.of(plain.gains, frequencies, [some_sources(frequencies)])
+    sizes = [len(model_file.to_bytes(replace(plain, gains=each))) for each in (plain.gains, field)]
+    assert sizes[1] - sizes[0] < 0.3e6
+    skin = 1152 * 100 * (2 * 4 + 4)
+    assert skin < 2e6
 
 
 def test_a_field_needs_version_2_and_nothing_else_does(tmp_path: Path) -> None:

@@ -38,10 +38,10 @@ from struck.files.container import (
     unpack,
     vector,
 )
-from struck.model.arrays import Array, checked
+from struck.model.arrays import Array, checked, require_numbers
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
-from struck.model.material import Material
+from struck.model.material import AIR, Air, Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
@@ -52,11 +52,12 @@ from struck.radiation import by_name
 if TYPE_CHECKING:
     from struck.files.sofa_fields import Places
     from struck.model.chart import Chart
+    from struck.radiation.boundary_elements import SurfaceField
 
 
 # Gains: mode shapes on a surface; those of recordings by name, from `fields_file`.
 
-_FORMULA = "formula."
+_FORMULA, _NEAR = "formula.", "near."
 # By annotation of a formula's part: NumPy's kind of number, and the largest size.
 _PARTS = {"float": ("f", 1e100), "Array": ("f", 1e100), "Index": ("i", 10_000)}
 _COMPARED, _SAME = 8, 1e-3  # vertices, share of the largest displacement
@@ -209,12 +210,18 @@ _SHAPES = Kind(
 
 def _radiating() -> Kind:
     """Return how files keep computed fields: as mode shapes, with waves about the centre."""
+    from struck.radiation.boundary_elements import SurfaceField
     from struck.radiation.directivity import RadiatingGains
     from struck.radiation.multipoles import Multipoles
 
+    kinds = (SurfaceField, Mesh, Air)
+
     def keep(gains: RadiatingGains) -> tuple[dict[str, Any], Arrays]:
         text, arrays = _keep_shapes(gains)
-        return {**text, "radius": float(gains.field.radius), "near": None}, arrays
+        kept: Arrays = {}
+        near = to_plain(gains.near, kinds, kept) if gains.near else None
+        arrays |= {_NEAR + name: array for name, array in kept.items()}
+        return {**text, "radius": float(gains.field.radius), "near": near}, arrays
 
     def make(text: Text, tensors: Tensors, surface: Mesh | None) -> RadiatingGains:
         shaped = _make_shapes(text, tensors, surface)
@@ -225,7 +232,7 @@ def _radiating() -> Kind:
             radius=number(text["radius"], "radius", 0.0, FARTHEST),
             errors=tensors["multipole_errors"],
         )
-        return RadiatingGains.over(shaped, field=field)
+        return RadiatingGains.over(shaped, field=field, near=_near(text["near"], tensors, kinds))
 
     # T waves of all modes.
     waves = {
@@ -236,6 +243,26 @@ def _radiating() -> Kind:
     }
     layout = {**_SHAPES.layout, **waves}
     return Kind(made=RadiatingGains, layout=layout, keep=keep, make=make, version=2)
+
+
+def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[SurfaceField, ...]:
+    """Return what a file keeps of the sound on the skin; FileFormatError where it is damaged."""
+    if plain is None:
+        return ()
+    arrays = {
+        name.removeprefix(_NEAR): array for name, array in tensors.items() if name.startswith(_NEAR)
+    }
+    parts = from_plain(plain, {kind.__name__: kind for kind in kinds}, arrays)
+    for part in parts:
+        shape, modes = (len(part.mesh.faces), len(part.modes)), len(tensors["multipole_degrees"])
+        require_numbers("its near pressures", part.pressures, (2, *shape))
+        require_numbers("its near velocities", part.velocities, shape)
+        require_numbers("its near errors", part.errors, shape[1:], gaps=True, least=0)
+        require_numbers("its near wave_numbers", part.wave_numbers, shape[1:], least=0)
+        known = part.modes.dtype == np.int64 and (part.modes < modes).all()
+        if part.air != AIR or not known or not isinstance(part.mesh, Mesh):
+            raise FileFormatError("its near fields are damaged: save the model again")
+    return tuple(parts)
 
 
 ENDINGS = (".struck", ".sofa")  # of model files
