@@ -456,29 +456,30 @@ def explore(
     return server.explore(model, names=names, port=port, browser=browser, wait=wait)
 
 
-def show(model: ModalModel, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw a model: its shape, its first mode shapes and the spectrum of a strike.
+def show(
+    model: ModalModel,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    field: int | str | None = None,
+) -> Figure:
+    """Draw a model: its shape, first modes and the spectrum of a strike; or its timbre field.
 
     Parameters
     ----------
     model : ModalModel
     path : path, optional
         Where to save the picture too; the ending tells its format.
+    field : int or "brightness", optional
+        Number of a mode, whose directivity is drawn; or how bright a strike is all around.
 
     Raises
     ------
-    FileFormatError
-        When the folder is missing or the ending is no picture's.
+    FileFormatError, OptionError
+        When the folder is missing or the ending is no picture's; without a field or such a mode.
     """
-    from struck.excitation.strike import Strike
-    from struck.report.charts import overview
-    from struck.report.charts import save as save_picture
-    from struck.scene.render import render
+    from struck.report.field_picture import picture_of
 
-    figure = overview(model, render(model, Strike()))
-    if path is not None:
-        save_picture(figure, path)
-    return figure
+    return picture_of(model, path, field)
 
 
 def compare(

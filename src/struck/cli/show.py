@@ -10,13 +10,16 @@ from struck.cli.command import Result
 from struck.files.atomic import writable
 from struck.model.provenance import TerminalProgress
 
-EXAMPLES = ("bell.struck -o bell.png",)
+EXAMPLES = ("bell.struck -o bell.png", "bell.struck --field brightness")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck show`."""
     parser.add_argument("model")
     parser.add_argument("-o", "--output", help="picture; MODEL.png unless given")
+    parser.add_argument(
+        "--field", help="of a timbre field: number of a mode for its directivity, or brightness"
+    )
 
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
@@ -24,5 +27,6 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     output = writable(
         options.output or Path(options.model).with_suffix(".png"), unlike=[options.model]
     )
-    struck.show(struck.load(options.model), output)
+    field = int(options.field) if (options.field or "").isdigit() else options.field
+    struck.show(struck.load(options.model), output, field=field)
     return Result(f"wrote {output}", output=str(output))
