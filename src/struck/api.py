@@ -457,10 +457,7 @@ def explore(
 
 
 def show(
-    model: ModalModel,
-    path: str | os.PathLike[str] | None = None,
-    *,
-    field: int | str | None = None,
+    model: ModalModel, path: str | os.PathLike[str] | None = None, *, field: int | str | None = None
 ) -> Figure:
     """Draw a model: its shape, first modes and the spectrum of a strike; or its timbre field.
 
