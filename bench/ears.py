@@ -91,9 +91,7 @@ def main() -> None:
     met = "met" if verdict <= SHARE else "MISSED"
     field = of_a_field(rounds)
     told = "met" if field <= FIELD else "MISSED"
-    print(
-        f"field of {MODES} modes of degree 8, two ears, at most {FIELD} ms: {field:.2f} ms, {told}"
-    )
+    print(f"field of {MODES} modes of degree 8, at most {FIELD} ms: {field:.2f} ms, {told}")
     print(f"at most {SHARE:.0%} of a core (kemar live, blocks of 128): {verdict:.1%}, {met}")
 
 

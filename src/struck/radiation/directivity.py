@@ -13,7 +13,7 @@ from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
 from struck.model.mesh import in_space
-from struck.radiation.multipoles import CLOSE, Multipoles
+from struck.radiation.multipoles import CLOSE, FAR, Multipoles
 
 _SAME = 1e-9  # relative: frequencies closer than this are the same
 _IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
@@ -54,7 +54,7 @@ class RadiatingGains(ShapeGains):
     field : Multipoles
         The sound about the centre, right from 1.5 radii on, and with larger errors from 1.2.
     near : tuple of SurfaceField
-        What tells the sound nearer than that, up to the surface and into a bowl; or nothing.
+        What tells the sound within 1.5 radii, up to the surface and into a bowl; or nothing.
 
     Raises
     ------
@@ -186,12 +186,16 @@ class RadiatingGains(ShapeGains):
         """
         places = in_space(listeners)
         distances = self._distances(places)
-        heard = np.empty((len(places), self.field.count), np.complex128)
-        close = distances < CLOSE * self.field.radius
+        heard = np.zeros((len(places), self.field.count), np.complex128)
+        # Where the waves miss more than 1 %, what the surface tells takes over, little by little.
+        reach = FAR if self.near else np.nextafter(CLOSE, 2.0)
+        share = np.clip((reach - distances / self.field.radius) / (reach - CLOSE), 0.0, 1.0)
+        far, close = share < 1, share > 0
+        if far.any():
+            heard[far] = _IMPULSE * self.field.at(places[far] - self.centre)
         if close.any():
-            heard[close] = self._beside(places[close], distances[close])
-        if not close.all():
-            heard[~close] = _IMPULSE * self.field.at(places[~close] - self.centre)
+            more = self._beside(places[close], distances[close]) - heard[close]
+            heard[close] += share[close, None] * more
         return heard[:, None]
 
     def _beside(self, places: Array, distances: Array) -> Complex:
