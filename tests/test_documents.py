@@ -26,6 +26,7 @@ DEAR = {
     "docs/how-to/long_work.md",
     "docs/how-to/play_live.md",
     "docs/how-to/simulate.md",
+    "docs/how-to/timbre_fields.md",
     "docs/how-to/touch_a_body.md",
     "docs/how-to/use_a_mesh_file.md",
     "examples/a_broken_file.py",
@@ -40,6 +41,7 @@ DEAR = {
     "examples/two_ears.py",
     "examples/vase_of_2007.py",
     "examples/walk_past.py",
+    "examples/walk_round_a_bowl.py",
 }
 BLOCK = re.compile(
     r"^```(?P<kind>python|console)(?P<words>[^\n]*)\n(?P<code>.*?)^```$",

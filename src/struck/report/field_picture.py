@@ -105,7 +105,7 @@ def _draw_balloon(figure: Figure, ways: Array, radii: Array) -> None:
     limits = (-_RANGE, _RANGE)
     axes.set(xlim=limits, ylim=limits, zlim=limits, xlabel="x", ylabel="y", zlabel="z")
     axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
-    axes.set_box_aspect((1, 1, 1), zoom=1.1)
+    axes.set_box_aspect((1, 1, 1))
     axes.view_init(elev=22, azim=-58)
 
 
@@ -125,6 +125,7 @@ def _shown(shares: Array) -> Array:
 
 
 def _slices(model: ModalModel) -> Figure:
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
     centre = centre_of(model)
@@ -138,13 +139,13 @@ def _slices(model: ModalModel) -> Figure:
     scale = LogNorm(*np.percentile(known, (1, 99)))
     for axes, (name, across, up), values in zip(panels, _PLANES, drawn, strict=True):
         axes.set_facecolor(_BODY)
-        image = axes.pcolormesh(
+        axes.pcolormesh(
             centre[across] + line, centre[up] + line, values, norm=scale, cmap="viridis",
             rasterized=True,
         )  # fmt: skip
         axes.set(xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)", aspect="equal")
         axes.set_title(f"from {name}", fontsize=10, color=INK)
-    bar = figure.colorbar(image, ax=list(panels), pad=0.01, label="Hz")
+    bar = figure.colorbar(ScalarMappable(scale, "viridis"), ax=list(panels), pad=0.01, label="Hz")
     ticks = np.geomspace(scale.vmin or 1.0, scale.vmax or 1.0, 5)
     bar.set_ticks(ticks.tolist(), labels=[f"{each:.0f}" for each in ticks], minor=False)
     bar.ax.minorticks_off()
