@@ -403,7 +403,7 @@ FAULTS: dict[str, tuple[str, Callable[[dict[str, Any], dict[str, Any]], object]]
     "its system is 'polar'": ("table", lambda _, g: g.update(system="polar")),
     "not all of it finite": ("single point", lambda _, g: g.update(centre=[None, 0, 0])),
     "(2,) numbers where (3,) belong": ("single point", lambda _, g: g.update(centre=[0, 0])),
-    "none of ShapeGains, TimbreField": ("single point", lambda _, g: g.update(kind="Magic")),
+    "none of ShapeGains, RadiatingGains": ("single point", lambda _, g: g.update(kind="Magic")),
     "'shapes' is missing": ("single point", lambda _, g: g.update(kind="ShapeGains")),
 }
 
