@@ -33,8 +33,7 @@ BROUGHT = {
     "scene/engines: simulations in MuJoCo and Rapier, their verb, live, pictures": (3_500, 16),
     "live: scenes that play, bodies that move, moments": (350, 1),
     "explorer: its server, its objects and its command": (1_500, 6),
-    "timbre fields: multipoles, gains, files, ears, pictures": (900, 3),
-    "timbre fields: boundary elements, their meshes and verbs": (1_100, 5),
+    "radiation: boundary elements, multipoles, gains of computed fields": (2_100, 6),
 }
 LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
 MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
