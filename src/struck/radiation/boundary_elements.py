@@ -223,8 +223,8 @@ def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: A
     matrix[count:, count:] = 0
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-    found: Complex = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
-    return found[:count]
+    found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
+    return np.array(found[:count], dtype=np.complex128)
 
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
