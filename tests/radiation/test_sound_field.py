@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +15,7 @@ from struck.radiation import sound_field
 from struck.radiation.sound_field import Plan, fields_of, velocities_on
 from struck.solids import Block
 
-SPOT = Path("/work/shared/data/meshes/spot.obj")
-BAND = 20.0, 7000.0
+BAND = 20.0, 20_000.0
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +40,7 @@ def test_a_field_is_computed_kept_and_taken_up_again(
     assert made.provenance.details["radiation"] == "field"
     assert told[0][0].startswith("forecast: timbre field, about ")
     assert told[-1] == ("timbre field", 1.0)
-    monkeypatch.setattr(sound_field, "solved", None)  # what is kept is not solved again
+    monkeypatch.setattr(sound_field, "solved", solved_again)
     again = radiating(block, band, cache=tmp_path)
     place = np.array([[0.1, 0.3, -0.2]])
     np.testing.assert_array_equal(made.gains.toward(place), again.gains.toward(place))
@@ -54,6 +48,10 @@ def test_a_field_is_computed_kept_and_taken_up_again(
     levels = 20 * np.log10(np.abs(shaped(made).outputs) / estimate)
     assert abs(levels[0]) < 4  # the estimate's measured error on blocks is 3 dB
     np.testing.assert_allclose(levels[1:], 0, atol=1e-9)  # out of the band
+
+
+def solved_again(**given: object) -> None:
+    raise AssertionError(f"what was kept is solved again: {given}")
 
 
 def test_net_flux_is_that_of_the_bodys_own_surface(block: struck.ModalModel) -> None:
@@ -79,7 +77,7 @@ def test_higher_modes_get_finer_meshes_and_the_highest_none(block: struck.ModalM
     np.testing.assert_array_equal(high, np.flatnonzero(ka > 24))
 
 
-def test_too_little_memory_and_bodies_without_shapes_are_refused(
+def test_too_little_memory_and_a_relative_estimate_are_refused(
     block: struck.ModalModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = Plan.of(shaped(block), block.natural_frequencies, BAND)
@@ -91,65 +89,3 @@ def test_too_little_memory_and_bodies_without_shapes_are_refused(
     )
     with pytest.raises(OptionError, match="radiation='power'"):
         relative.radiating()
-    recorded = replace(block, gains=Recorded(block.gains), geometry=None, recoil=None)
-    with pytest.raises(OptionError, match="mode shapes on a surface"):
-        recorded.radiating()
-
-
-class Recorded(struck.model.gains.Gains):
-    """Gains without shapes."""
-
-    def __init__(self, gains: Any) -> None:
-        self.count_of = gains.count
-
-    calibrated = True
-
-    def changed(self, *given: Any) -> Any:
-        return self
-
-    def at(self, points: Any, directions: Any) -> Any:
-        return np.ones((len(points), 1, self.count_of))
-
-    def toward(self, listeners: Any) -> Any:
-        return np.ones((len(listeners), 1, self.count_of), complex)
-
-
-RUN = """
-import resource, struck, sys, time
-model = struck.load(sys.argv[1])
-from struck.analysis.analysis import radiating
-told = []
-def progress(stage, share):
-    print(stage, share, time.process_time(), flush=True)
-radiating(model, (20.0, float(sys.argv[2])), cache=sys.argv[3], progress=progress)
-print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time())
-"""
-
-
-@pytest.mark.prove
-@pytest.mark.timed
-@pytest.mark.skipif(not SPOT.exists(), reason="the mesh of the cow is not there")
-def test_a_cow_of_ceramic_to_8_khz_is_forecast_and_taken_up_after_a_kill(tmp_path: Path) -> None:
-    made = struck.analyze(str(SPOT), "ceramic", size=0.15, wall=0.008, band=(20, 8000))
-    struck.save(made, tmp_path / "spot.struck")
-    command = [sys.executable, "-c", RUN, tmp_path / "spot.struck", "8000", tmp_path / "cache"]
-    work = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert work.stdout is not None
-    lines = [next(work.stdout) for _ in range(4)]
-    work.kill()
-    work.wait()
-    forecast = float(lines[0].split("about ")[1].split()[0])
-    kept = len(list((tmp_path / "cache").iterdir()))
-    begun = time.monotonic()
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    told = [line for line in done.stdout.splitlines() if line.startswith("timbre field")]
-    # What was finished comes from the cache: those steps take no time of the processor.
-    first = float(told[min(kept, 3) - 1].split()[-1]) - float(
-        done.stdout.splitlines()[0].split()[-1]
-    )
-    *_, peak, spent = done.stdout.split()
-    assert float(peak) * 1024 < 4 * 2**30
-    every = float(lines[-1].split()[-1]) + float(spent) - first
-    print(f"forecast {forecast} s, took {spent} s after the kill, {every:.0f} in all; peak {peak}")
-    assert forecast / 1.5 < every < 1.5 * forecast
-    assert time.monotonic() > begun
