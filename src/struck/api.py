@@ -115,7 +115,8 @@ def analyze(
 
     from struck.analysis import analysis
 
-    return analysis.analyze(**given)
+    computed = radiation == "field"
+    return (analysis.analyze_with_field if computed else analysis.analyze)(**given)
 
 
 def fit(

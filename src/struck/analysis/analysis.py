@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,7 +49,6 @@ from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
 MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
-FIELD = "field"  # radiation that is computed all around the body
 
 
 if TYPE_CHECKING:
@@ -111,7 +110,6 @@ def analyze(
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     lowest, highest = _require_band(BAND if band is None else band)  # before the long work
-    computed, radiation = radiation == FIELD, "power" if radiation == FIELD else radiation
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
@@ -120,12 +118,7 @@ def analyze(
         if method in {None, "formula"}:
             band = lowest, highest
             recoil = recoil and not body.supported
-            by_formula = _by_formula(
-                body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed
-            )
-            if not computed:
-                return by_formula
-            return radiating(by_formula, band, cache=cache, progress=progress)
+            return _by_formula(body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
@@ -149,10 +142,14 @@ def analyze(
     elements, modes = work.resolved(source)
     merged = _merged(elements.provenance, modes, body, method)
     model = work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
-    model = _recoiling(model) if recoil else model
-    if computed:
-        model = radiating(model, (lowest, highest), cache=cache, progress=progress)
-    return model
+    return _recoiling(model) if recoil else model
+
+
+def analyze_with_field(**given: Any) -> ModalModel:  # noqa: ANN401 - as `analyze`
+    """Compute the modal model of a body, and then its timbre field."""
+    band = _require_band(BAND if given["band"] is None else given["band"])
+    model = analyze(**{**given, "radiation": "power"})
+    return radiating(model, band, cache=given["cache"], progress=given["progress"])
 
 
 def radiating(

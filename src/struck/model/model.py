@@ -261,8 +261,8 @@ class ModalModel:
         return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
 
     @checked
-    def made_of(self, material: Material | str) -> ModalModel:
-        """Return the same body of another isotropic material.
+    def made_of(self, material: Material | str, *, field: bool = False) -> ModalModel:
+        """Return the same body of another isotropic material; its timbre field anew on demand.
 
         With the same Poisson's ratio exactly (2002, section 3.3); with another to first order in
         the shapes: `errors` grows by what that may cost, `complete_to` falls as far as a mode
@@ -278,7 +278,9 @@ class ModalModel:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
         after = changed(self._stiffness(), self.material, wanted)
         model = self._remade(after, wanted, density=wanted.density / self.material.density)
-        return replace(model, provenance=model.provenance.extended(computed_as=self.material.name))
+        told = model.provenance.extended(computed_as=self.material.name)
+        made = replace(model, provenance=told)
+        return made.radiating() if field else made
 
     @checked
     def radiating(

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -224,7 +225,7 @@ def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: A
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
     found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
-    return np.array(found[:count], dtype=np.complex128)
+    return cast("Complex", found[:count])
 
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
