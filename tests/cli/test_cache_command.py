@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from struck.cli import main
-from struck.cli.command import warnings_in_one_line
+from struck.cli import main, warnings_in_one_line
 from struck.errors import CacheWarning
 from struck.files.cache import Cache
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import struck
-from struck.cli import declare
-from struck.cli.command import Result
+from struck.cli import Result, declare
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.model.provenance import TerminalProgress
 from struck.shapes import Bar

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck.cli import declare
-from struck.cli.command import Result
+from struck.cli import Result, declare
 from struck.cli.record import Terminal
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.live import device as binding

@@ -11,8 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.cli import declare
-from struck.cli.command import Result
+from struck.cli import Result, declare
 from struck.cli.info import described
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
 from struck.files import model_file, sofa_fields

@@ -27,7 +27,7 @@ from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
 from struck.model.modes import Modes
-from struck.model.provenance import FORECAST, Progress, Provenance, silent
+from struck.model.provenance import ForecastStage, Progress, Provenance, silent
 from struck.radiation import added_mass, by_name
 from struck.radiation.added_mass import recoil_of
 from struck.solids.fem import factorisation
@@ -65,7 +65,7 @@ _WIDER = 1.15
 _BESIDE_END = 10  # modes whose errors tell how far the band is complete
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _HELPS = 0.75  # times the errors before, or less: else more elements would not help
-_CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
+CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
 def _model_to_bytes(model: ModalModel) -> bytes:
@@ -241,8 +241,8 @@ class _Work:
         cost = Cost.of(forecast.modes(self.highest), nodes)
         if told:
             warnings.warn(told, ScaleWarning, stacklevel=4)
-        factorisation.require(int(cost.memory / _CERTAIN))
-        self.stages.progress(f"{FORECAST}{cost}", 0.0)
+        self.stages.progress(ForecastStage.of(cost, cost.memory), 0.0)
+        factorisation.require(int(cost.memory / CERTAIN))
 
     def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
         """Return elements and their modes, with errors estimated by a coarser resolution too."""

@@ -109,13 +109,13 @@ class _UnknownContentError(TypeError):
 
 def _key(stage: str, inputs: Mapping[str, object]) -> str | None:
     try:
-        return fingerprint((stage, _method(), inputs))
+        return fingerprint((stage, method(), inputs))
     except _UnknownContentError:
         return None
 
 
 @computed_once
-def _method() -> str:
+def method() -> str:
     """Return the fingerprint of what computes: struck's own source, and the libraries."""
     source = Path(__file__).parents[1]
     files = {

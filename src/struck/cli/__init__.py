@@ -6,16 +6,19 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
+from typing import TextIO
 
-from struck.cli.command import complain, warnings_in_one_line
-from struck.errors import StruckError
+from struck.errors import CacheWarning, LossWarning, RepairWarning, ScaleWarning, StruckError
 from struck.model.provenance import TerminalProgress
 
 COMMANDS = {
     "analyze": "compute the modes of a body and save its model",
+    "analyze-many": "compute the models of many mesh files, and a data set of their sounds",
     "radiate": "compute the timbre field of a model, which sounds another way on each side",
     "info": "tell what a model holds",
     "show": "draw shape, modes and spectrum",
@@ -36,10 +39,11 @@ COMMANDS = {
 }
 UNWRITTEN = 1
 BAD_INPUT = 2
+SOME_FAILED = 3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 1 unwritten, 2 on bad input."""
+    """Run one command; return its exit code: 0, 1 unwritten, 2 bad input, 3 if some failed."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who started us
@@ -60,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     finally:
         progress.close()
-    return _told((json.dumps(result.facts, indent=2) if options.json else result.text) + "\n")
+    text = json.dumps(result.facts, indent=2) if options.json else result.text
+    return _told(text + "\n") or result.code
 
 
 def _told(text: str) -> int:
@@ -103,3 +108,49 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
     parser.add_argument("--json", action="store_true", help="print the result for machines")
     parser.set_defaults(run=module.run)
     module.declare(parser)
+
+
+# What all commands have in common.
+
+
+class Result:
+    """What a command tells machines (`facts`) and people (`text`), and its exit code."""
+
+    def __init__(self, text: str, **facts: object) -> None:
+        self.text = text
+        self.facts = facts
+        self.code = 0
+
+
+def complain(message: str) -> None:
+    """Tell a person in one line, where there is anywhere to tell it."""
+    with suppress(OSError):
+        sys.stderr.write(f"struck: {message}\n")
+
+
+_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Tell what a person should know as the shell tells all: in one line, without code."""
+    shown = warnings.showwarning
+
+    def tell(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, _TOLD):
+            complain(str(message))
+        else:
+            shown(message, category, filename, lineno, file, line)
+
+    with warnings.catch_warnings():
+        for category in _TOLD:
+            warnings.simplefilter("always", category)
+        warnings.showwarning = tell
+        yield

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.info import described
 from struck.cli.options import MATERIAL, body_named, material_named, numbers
 from struck.errors import OptionError
@@ -137,7 +137,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "body", nargs="?", help="mesh file, or tube:length=0.5,radius=0.0125,wall=0.001"
     )
-    parser.add_argument("--material", required=True, help=MATERIAL)
+    add_how(parser)
+    parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
+    add_shape(parser)
+
+
+def add_how(parser: argparse.ArgumentParser, *, one: bool = True) -> None:
+    """Declare how a body is analyzed; `one` needs its material."""
+    parser.add_argument("--material", required=one, help=MATERIAL)
     parser.add_argument("--damping", default="own", help="own (default) or heard")
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
@@ -162,8 +169,6 @@ def declare(parser: argparse.ArgumentParser) -> None:
         action="store_false",
         help="neither take up nor keep finished work",
     )
-    parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
-    add_shape(parser)
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
@@ -171,31 +176,20 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     body, name = _body(options)
     read = [] if options.body is None else [options.body]
     output = model_path(options.output or f"{name}.struck", unlike=read)
-    fixed = options.fixed and (options.fixed[:3], options.fixed[3:])
-    same = (
-        "units",
-        "size",
-        "holes",
-        "repair",
-        "part",
-        "up",
-        "accuracy",
-        "cache",
-        "radiation",
-        "recoil",
-        "method",
-    )
-    model = struck.analyze(
-        body,
-        material_named(options.material, options.damping),
-        **{name: getattr(options, name) for name in same},
-        wall=None if options.shape else options.wall,
-        fixed=fixed,
-        band=options.band,
-        progress=progress,
-    )
+    given = how(options)
+    if options.shape:
+        given["wall"] = None  # which is the shape's own
+    material = material_named(options.material, options.damping)
+    model = struck.analyze(body, material, progress=progress, **given)
     struck.save(model, output)
     return described(model, f"wrote {output}", output=str(output))
+
+
+def how(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what `add_how` declares as options of `struck.analyze`, but for the material."""
+    same = ("units", "size", "wall", "holes", "repair", "part", "up", "accuracy", "cache", "band")
+    given = {name: getattr(options, name) for name in (*same, "radiation", "recoil", "method")}
+    return given | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}
 
 
 def _body(options: argparse.Namespace) -> tuple[Source, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.files.cache import opened
 from struck.model.provenance import TerminalProgress
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.files.model_file import is_model, model_path
 from struck.model.provenance import TerminalProgress
 

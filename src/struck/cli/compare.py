@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.options import numbers, place
 from struck.errors import OptionError
 from struck.excitation.strike import Strike

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = ("--out gallery",)

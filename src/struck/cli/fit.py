@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.info import described
 from struck.cli.options import numbers
 from struck.errors import OptionError

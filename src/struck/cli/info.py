@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.files.archives import PACKINGS
 from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.model.html import aligned
 from struck.model.provenance import TerminalProgress
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.options import add_listener, listener
 from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress

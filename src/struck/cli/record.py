@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.errors import DeviceError, OptionError, RecordingError
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.options import add_listener, add_room, listener, numbers, place, room
 from struck.errors import OptionError
 from struck.excitation.excitation import Hold

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.options import add_listener, add_room, listener, room
 from struck.cli.play import device, told
 from struck.ears.listeners import Listener, Mono, is_listener, position_of

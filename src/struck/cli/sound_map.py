@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import struck
-from struck.cli.command import Result
+from struck.cli import Result
 from struck.cli.options import numbers
 from struck.files.atomic import writable
 from struck.model.arrays import Array

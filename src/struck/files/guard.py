@@ -68,6 +68,11 @@ def read_volume(path: str | os.PathLike[str]) -> ElementBlocks:
     return _GUARD.blocks(path)
 
 
+def close() -> None:
+    """End the process that reads files; the next file starts another."""
+    _GUARD.close()
+
+
 class Guard:
     """A process that reads files, its limits, and a lock for the threads that share it."""
 

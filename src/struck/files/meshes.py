@@ -21,8 +21,8 @@ from struck.model.arrays import Array, Index, checked
 from struck.model.mesh import Mesh, Triangles
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
-from struck.solids.surface.closedness import counted, is_closed, require_closed
-from struck.solids.surface.repair import Repair, repaired, require_holes
+from struck.solids.surface.closedness import counted, crossings, is_closed, require_closed
+from struck.solids.surface.repair import DEBRIS, Repair, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
 
@@ -266,6 +266,25 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
         )
         for name, body in choices.items()
     )
+
+
+def body_names(path: str | os.PathLike[str]) -> list[str]:
+    """Return what `part=` calls the bodies of a surface mesh file, none where it holds but one.
+
+    Pieces of an open surface, those that cross each other and crumbs are no bodies of their own.
+    """
+    with _named(Path(path)):
+        parts = read_contents(path).parts
+        surfaces = _surfaces(parts)
+        whole = _whole(parts, surfaces)
+        if not is_closed(whole):
+            return []
+        found, names = _bodies(parts, surfaces, whole)
+        volumes = np.array([abs(body.volume) for body in found])
+        large = np.flatnonzero(volumes > DEBRIS * volumes.max())
+        if len(large) < 2 or len(crossings(whole)):
+            return []
+    return [names[each] if names else str(each) for each in large]
 
 
 @checked

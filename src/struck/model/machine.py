@@ -11,8 +11,13 @@ GIB = 2**30
 def thread_count() -> int:
     """Return how many threads a factorisation may use: OMP_NUM_THREADS, else the cores we own."""
     wanted = os.environ.get("OMP_NUM_THREADS", "")
+    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(cores(), 4)
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
     owned = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(owned or 1, 4)
+    return owned or 1
 
 
 def available(root: Path = Path("/")) -> int | None:

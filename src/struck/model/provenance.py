@@ -80,6 +80,19 @@ Progress = Callable[[str, float], None]  # takes a stage of long work and the fr
 FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
+class ForecastStage(str):
+    """Text of the stage that tells what all of the work takes, with its memory, bytes."""
+
+    __slots__ = ("memory",)
+
+    @classmethod
+    def of(cls, cost: object, memory: float) -> ForecastStage:
+        """Return the stage of a cost, told in words."""
+        stage = cls(f"{FORECAST}{cost}")
+        stage.memory = memory
+        return stage
+
+
 def silent(_stage: str, _fraction: float) -> None:
     """Show no progress."""
 

@@ -470,7 +470,7 @@ def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
 
 # Bodies among the pieces of a mended surface: what is loose, hidden or beside the largest.
 
-_DEBRIS = 0.01  # share of the largest body below which others are crumbs
+DEBRIS = 0.01  # share of the largest body below which others are crumbs
 
 
 def solid_shells(surface: Mended, solid: Mask, diary: Diary) -> Shells:
@@ -517,13 +517,13 @@ def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
     volumes = np.bincount(body, weights=shells.volumes)
     largest = int(volumes.argmax())
     others = np.delete(volumes, largest) / volumes[largest]
-    debris = int(np.count_nonzero(others < _DEBRIS))
+    debris = int(np.count_nonzero(others < DEBRIS))
     if debris:
         diary.note(
-            f"{counted(debris, 'crumb')} beside the body, below {100 * _DEBRIS:g} % of its volume.",
+            f"{counted(debris, 'crumb')} beside the body, below {100 * DEBRIS:g} % of its volume.",
             f"{counted(debris, 'crumb')} removed.",
         )
-    rest = others[others >= _DEBRIS]
+    rest = others[others >= DEBRIS]
     if len(rest):
         diary.note(
             f"{counted(len(rest) + 1, 'separate body')}.",
