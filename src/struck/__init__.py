@@ -17,9 +17,10 @@ import lazy_loader
 
 __getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 
-# Rooms that are reached as attributes without an import of their own; most are not for a `*`.
+# Rooms that are reached as attributes without an import of their own, and not by a `*`.
 _ROOMS = {
     "analysis",
+    "batch",
     "ears",
     "errors",
     "excitation",
@@ -32,6 +33,8 @@ _ROOMS = {
     "recordings",
     "report",
     "scene",
+    "shapes",
+    "solids",
     "synth",
 }
 __all__ = [name for name in _names if name not in _ROOMS]

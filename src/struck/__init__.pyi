@@ -1,4 +1,5 @@
 from . import analysis as analysis
+from . import batch as batch
 from . import ears as ears
 from . import errors as errors
 from . import excitation as excitation
@@ -14,6 +15,7 @@ from . import shapes as shapes
 from . import solids as solids
 from . import synth as synth
 from .api import analyze as analyze
+from .api import analyze_many as analyze_many
 from .api import audible as audible
 from .api import compare as compare
 from .api import explore as explore

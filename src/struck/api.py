@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from struck.analysis.analysis import Fixed, Source
     from struck.analysis.discretisation import Solid
+    from struck.batch.batch_report import BatchReport
     from struck.ears.listeners import Listener
     from struck.ears.room import Room
     from struck.excitation.strike import Strike
@@ -119,6 +120,27 @@ def analyze(
     return (analysis.analyze_with_field if computed else analysis.analyze)(**given)
 
 
+def analyze_many(
+    files: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None = None,
+    material: Material | str | None = None,
+    *,
+    out: str | os.PathLike[str],
+    **options: Any,  # noqa: ANN401 - of `struck.batch.analyze_many`
+) -> BatchReport:
+    """Analyze many mesh files into a folder of models, with a report.
+
+    Parameters
+    ----------
+    files, material, out : str or path or several, Material or str, path
+        Patterns as "meshes/**/*.obj", folders, names; what they are made of; where models go.
+    **options
+        Those of `analyze`, and more: see `struck.batch.analyze_many`, also for what it returns.
+    """
+    from struck.batch import batch
+
+    return batch.analyze_many(files, material, out=out, **options)
+
+
 def fit(
     recordings: Recording | Sequence[Recording],
     *,
@@ -187,10 +209,8 @@ def fit(
         Make a model even of what is not the ringing of a struck object.
     report : path, optional
         Where to write an HTML page of how recordings and model sound and differ.
-    cache : bool or path
-        Where finished stages are kept: a fit that was stopped goes on from there. As in `analyze`.
-    progress : callable
-        Told the stage and the fraction of it that is done.
+    cache, progress : bool or path, callable
+        As for `analyze`: a fit that was stopped goes on from there.
 
     Returns
     -------
@@ -339,10 +359,8 @@ def simulate(
         A model of MuJoCo (MJCF) or a robot (URDF).
     seconds : float
         s.
-    control : callable, optional
-        ``control(model, data)`` before each step.
-    progress : callable
-        Told the stage and the fraction of it that is done.
+    control, progress : callable, optional
+        ``control(model, data)`` before each step, and as for `analyze`.
     **options
         What bodies are made of, restitution, engine and all else: see `struck.scene.Simulation`.
 
@@ -356,13 +374,6 @@ def simulate(
     ------
     FileFormatError, OptionError, MissingDependencyError, SimulationError
         As `struck.scene.Simulation` does.
-
-    Examples
-    --------
-    ::
-
-        scene, contacts = struck.simulate("mugs.xml", materials={"mug*": "ceramic", "*": "oak"})
-        struck.render(scene, contacts, listener=struck.Mono(position=(0, -1, 1)))
     """
     from struck.scene.engines.simulation import Simulation
 
@@ -395,11 +406,10 @@ def play(
     device, sample_rate : int or str, float, optional
         Number or part of the name (`struck play --list-devices`), and Hz; the system's own choice
         and the device's own rate unless given.
-    block : int
-        Samples for each call of the device: fewer are heard sooner and cost more.
-    volume : float
-        dB. At 0 the default strike of the loudest body at its default contact peaks at -12 dB of
-        full scale; a limiter keeps all below -1 dB.
+    block, volume : int, float
+        Samples for each call of the device: fewer are heard sooner and cost more. And dB: at 0 the
+        default strike of the loudest body at its default contact peaks at -12 dB of full scale; a
+        limiter keeps all below -1 dB.
     voices, ahead : int, optional
         Excitations at once, 16 or of a scene 128; strikes at one place share one. And blocks of
         forces kept ready, 2 or of a scene 8: more bear a busier machine, and are heard later.
@@ -508,10 +518,8 @@ def compare(
         In the coordinates of each model, m; beside it unless given.
     recording : Sound, optional
         What was fitted, to be heard on the page; else the fitted modes are.
-    widest : float
-        Largest factor between the frequencies of the two, either way.
-    progress : callable
-        Told the stage and the fraction done while a recording is fitted.
+    widest, progress : float, callable
+        Largest factor between the frequencies of the two, either way; and as for `analyze`.
 
     Returns
     -------
@@ -550,10 +558,8 @@ def tune(
         Name of the dimension, such as "length".
     lowest : float
         Hz.
-    accuracy : str
-        "preview", "standard" or "fine".
-    progress : callable
-        Told the stage and the fraction of it that is done.
+    accuracy, progress : str, callable
+        As for `analyze`.
 
     Raises
     ------
@@ -576,9 +582,7 @@ def audible(
 
     Modes are left out, those that add least first, as long as behind no filter of the ear all
     those left out together exceed the threshold that the others leave, at any contact and any
-    listener: the threshold in quiet and a just noticeable share (1 dB) of the others' excitation.
-    Each mode that stays gets a factor, the same for all contacts, such that what passes the ear's
-    filters comes nearest to what did before, in relative least squares with a weak pull toward 1.
+    listener. Those that stay get factors, such that what passes the filters changes least.
 
     Parameters
     ----------
@@ -622,20 +626,14 @@ def sonic_distance(
     ----------
     a, b : ModalModel
         What is struck; one model twice to compare two of its contacts.
-    at : place, optional
-        Where `a` is struck, as for `ModalModel.contact`; the loudest contact unless given.
-    against : place, optional
-        Where `b` is struck; as `a` unless given.
-    listener : array-like (3,), optional
-        In the coordinates of each model, m; beside it unless given.
-    level : float, optional
-        What the loudest contact of each model reaches, dB re 20 micropascal; 85 unless given. So
-        bodies are compared by their timbre, contacts of one body by their level too.
+    at, against : place, optional
+        Where `a` is struck, as for `ModalModel.contact`, the loudest contact unless given; and `b`.
+    listener, level : array-like (3,), float, optional
+        In the coordinates of each model, m; beside it unless given. And what the loudest contact of
+        each reaches, dB re 20 micropascal; 85 unless given: bodies are compared by their timbre.
     method : str
         "erb": levels behind the ear's filters, above the threshold in quiet; root mean square over
-        those filters where either is heard. Filters stand every half bandwidth and pass the flanks
-        of what lies beside them, so a mode that louder neighbours mask counts for little, and
-        changes within one band for nothing.
+        those filters where either is heard: masked modes count for little.
         "doel1998": the sum of section 5 over modes; its root grows with their number.
         "doel1998-mean": the same with the sum of S(f) divided out, a weighted root mean square.
 

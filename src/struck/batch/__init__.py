@@ -1,0 +1,5 @@
+"""Many meshes: a folder of files becomes a folder of models, sounds and a report."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

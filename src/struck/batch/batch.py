@@ -1,0 +1,259 @@
+"""Analysis of many meshes: jobs go to a crew, what is finished stays, a report tells of all."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections import deque
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from struck.batch.batch_report import PAGES, BatchReport, BatchRow
+from struck.batch.job import Facts, kept
+from struck.batch.job_table import FACTS, Files, BodyJob, Table, jobs_of, table_rows
+from struck.batch.processes import Processes, failure
+from struck.batch.strike_set import Strikes, StrikeSet
+from struck.errors import FileFormatError, OptionError, SolverError, StruckError
+from struck.files.atomic import read_bytes, real, sweep, write_bytes
+from struck.model.arrays import checked, require_number
+from struck.model.material import Material
+from struck.model.provenance import Progress, silent
+from struck.solids.fem import factorisation
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from struck.batch.cluster import Cluster
+
+_PATIENCE = 0.2  # s between two looks at the crew
+_STAGE = "models"
+
+
+@checked
+def analyze_many(
+    files: Files = None,
+    material: Material | str | None = None,
+    *,
+    out: str | os.PathLike[str],
+    table: Table = None,
+    strikes: Strikes | str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    seconds: float = 1.0,
+    sample_rate: int = 48_000,
+    sounds: str = "wav",
+    labels: str = "labels.csv",
+    resume: bool = True,
+    processes: int | None = None,
+    memory: float | None = None,
+    scheduler: str | Client | None = None,
+    cache: bool | str | os.PathLike[str] = True,
+    progress: Progress = silent,
+    **options: Any,  # noqa: ANN401 - of `struck.analyze`
+) -> BatchReport:
+    """Analyze many mesh files: each body becomes a model in a folder, and a line in a report.
+
+    Each body is analyzed in a process of its own with one thread, which writes its ``.struck``
+    file whole: byte for byte what `struck.analyze` with one thread gives. What fails, fails alone.
+
+    Parameters
+    ----------
+    files : str or path, or several, optional
+        Patterns as "meshes/**/*.obj", folders and names of mesh files. What stands below the fixed
+        part of a pattern stands in `out` alike. A file of several bodies gives one model a body.
+    material : Material or str, optional
+        Of all files whose row in the table names none.
+    out : path
+        Folder of models and report; made where it is missing.
+    table : path or sequence of mappings, optional
+        Options of single files: CSV with names in its first line, or TOML with ``[[files]]`` for
+        each. Columns are `file` (relative to the table), `material`, `output` (name of the model
+        without its ending) and the options of `struck.analyze`; `band` and `fixed` are numbers with
+        spaces between. Its files need not be among `files`.
+    strikes : int, path, sequence of mappings, or callable, optional
+        Strikes of each model whose sounds are written beside it: so many at random; or the same for
+        all, by a CSV or TOML table of what `struck.Strike` takes, and `listener`; or a function
+        of a module, ``chosen(model, generator)``, that returns strikes or pairs of strike and
+        listener.
+    seed : int
+        Of random strikes and of the generator.
+    seconds, sample_rate, sounds : float, int, str
+        Length of each sound, s, its rate, Hz, and "wav", "flac" (24 bit, struck[recordings]) or
+        "npz" (one array of all sounds of a model).
+    labels : str
+        Table in `out` of what was struck where, how and heard from where: ``.csv``, or ``.parquet``
+        (struck[parquet]).
+    resume : bool
+        Keep what is in `out` of the same content and options, failures of a mesh too; otherwise all
+        is done anew.
+    processes : int, optional
+        How many at once on this machine; its cores unless given.
+    memory : float, optional
+        Bytes that all together may take; what is free unless given. By the forecast of each, as
+        many run at once as fit; one that is forecast to take more runs alone, or is refused where
+        that cannot be.
+    scheduler : str or distributed.Client, optional
+        A Dask cluster that does the work instead (struck[batch]), as "tcp://host:8786".
+    cache : bool or path
+        As for `struck.analyze`; of a cluster, each worker's own.
+    progress : callable
+        Told the stage and the fraction of it that is done.
+    **options
+        All options of `struck.analyze` for every file, unless the table has others.
+
+    Returns
+    -------
+    BatchReport
+        A row for each body. The same stands in `out` as ``report.csv``, ``.json`` and ``.html``.
+
+    Raises
+    ------
+    OptionError, FileFormatError, MissingDependencyError
+        On what concerns all: no files, two models of one name, unknown options, a folder that
+        cannot be written, a missing package. What is wrong with one file is told in its row.
+    """
+    wanted = None
+    if strikes is not None:
+        each = table_rows(strikes) if isinstance(strikes, str | os.PathLike) else strikes
+        how = {"seconds": seconds, "sample_rate": sample_rate, "sounds": sounds, "seed": seed}
+        wanted = StrikeSet(strikes=each, **how)
+    if processes is not None:
+        require_number("processes", processes, 1, 10_000, whole=True, wanted="give 1 or more")
+    if memory is not None:
+        require_number("memory", memory, 1e6, 1e18, wanted="give 1e6 or more", unit=" bytes")
+    chosen = cache if isinstance(cache, bool) else os.fspath(cache)
+    jobs = jobs_of(files, material, table, options, partial(BodyJob, strikes=wanted, cache=chosen))
+    folder = Path(out)
+    _require_apart(jobs, table, [folder / name for name in (*PAGES, labels)], folder)
+    batch = _Batch(folder, run=_made(folder, jobs), resume=resume, progress=progress)
+    for number, job in enumerate(jobs):
+        progress("files", number / len(jobs))
+        batch.add(job)
+    if not batch.waiting:
+        progress("report", 0.0)
+    elif scheduler is None:
+        free = factorisation.available() if memory is None else int(memory)
+        count = processes or factorisation.cores()
+        batch.run(Processes(folder, count=count, memory=free))
+    else:
+        from struck.batch.cluster import Cluster
+
+        batch.run(Cluster(folder, scheduler, batch.name))
+    return batch.report().written(labels)
+
+
+def _require_apart(jobs: Iterable[BodyJob], table: Table, pages: list[Path], folder: Path) -> None:
+    """Raise OptionError where what is written would replace what is read."""
+    read = {real(job.file) for job in jobs}
+    read |= {real(table)} if isinstance(table, str | os.PathLike) else set()
+    for path in (*pages, *(job.path(folder) for job in jobs)):
+        if real(path) in read:
+            raise OptionError(f"{path} is read as well: give another folder for out=")
+
+
+def _made(folder: Path, jobs: Iterable[BodyJob]) -> str:
+    """Make the folder, free of what killed processes left; return the name of this run in it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(f"{folder} cannot be made ({reason}): name another") from error
+    for each in {job.path(folder).parent for job in jobs}:
+        sweep(each)
+    name = secrets.token_hex(16)
+    write_bytes(folder / PAGES[0], json.dumps({"run": name}).encode())
+    return name
+
+
+class _Batch:
+    """Jobs that wait, that go on and that have ended, each with what is told of it."""
+
+    def __init__(self, folder: Path, *, run: str, resume: bool, progress: Progress) -> None:
+        self._folder, self._resume, self._progress = folder, resume, progress
+        self.name = run
+        self.waiting: deque[BodyJob] = deque()
+        self._running: list[BodyJob] = []
+        self._ended: dict[str, tuple[BodyJob, Facts]] = {}  # by their outputs
+        self._alike: dict[str, list[BodyJob]] = {}  # by their keys: the first does the work of all
+        self._computed = 0
+
+    def add(self, job: BodyJob) -> None:
+        """Take a job in, unless it was finished before or another does the same work."""
+        try:
+            job = job if job.key else job.keyed()
+        except StruckError as error:
+            self._end(job, failure(type(error).__name__, str(error)))
+            return
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            message = f"{job.file} cannot be read ({reason}): check its name and the permissions"
+            self._end(job, failure("FileFormatError", message))
+            return
+        alike = self._alike.setdefault(job.key, [])
+        alike.append(job)
+        facts = kept(job, self._folder) if self._resume else None
+        if facts is not None:
+            self._end(job, facts)
+        elif alike[0] is job:
+            self.waiting.append(job)
+        elif alike[0].output in self._ended:
+            self._end(job, self._copied(alike[0], job))
+
+    def run(self, crew: Processes | Cluster) -> None:
+        """Let a crew do all that waits; where it cannot go on, the rest has failed."""
+        try:
+            while self.waiting or self._running:
+                while self.waiting and crew.free():
+                    self._running.append(self.waiting.popleft())
+                    crew.start(self._running[-1])
+                told = crew.finished(_PATIENCE)
+                if told is not None:
+                    self._running.remove(told[0])
+                    self._computed += 1
+                    self._end(*told)
+                left = len(self.waiting) + len(self._running)
+                self._progress("models", 1 - left / (left + len(self._ended)))
+        except SolverError as error:
+            for job in (*self._running, *self.waiting):
+                self._end(job, failure("SolverError", str(error)))
+        finally:
+            crew.close()
+            for each in {job.path(self._folder).parent for job in self._running}:
+                sweep(each)
+
+    def report(self) -> BatchReport:
+        """Return a row for each body, in the order of their outputs."""
+        told = [self._ended[output] for output in sorted(self._ended)]
+        rows = [BatchRow.of(job, facts) for job, facts in told if not facts.get("parts")]
+        return BatchReport(folder=self._folder, rows=tuple(rows), computed=self._computed)
+
+    def _end(self, job: BodyJob, facts: Facts) -> None:
+        """Note what became of a job, of its parts and of those that are alike."""
+        self._ended[job.output] = job, facts
+        for part in map(job.for_part, facts.get("parts", ())):
+            other = self._ended.get(part.output, (part, facts))[0]
+            if (other.file, other.options) == (part.file, part.options):
+                self.add(part)
+            else:
+                message = f"it would become {part.output}, as {other.file} does: rename that"
+                self._ended[f"{part.output} {job.key}"] = part, failure("OptionError", message)
+        for twin in self._alike.get(job.key, ()):
+            if twin.output not in self._ended:
+                self._end(twin, self._copied(job, twin))
+
+    def _copied(self, first: BodyJob, twin: BodyJob) -> Facts:
+        """Write what was made of the same content and options under another name."""
+        told = json.dumps(self._ended[first.output][1])
+        facts = json.loads(told.replace(json.dumps(first.file)[1:-1], json.dumps(twin.file)[1:-1]))
+        try:
+            if "files" in facts:
+                twin.path(self._folder).parent.mkdir(parents=True, exist_ok=True)
+                model = read_bytes(first.path(self._folder))
+                facts["files"] = {twin.path(Path()).as_posix(): len(model)}
+                write_bytes(twin.path(self._folder, FACTS), json.dumps(facts, indent=1).encode())
+                write_bytes(twin.path(self._folder), model)
+        except (OSError, StruckError) as error:
+            return failure("FileFormatError", str(error))
+        return facts

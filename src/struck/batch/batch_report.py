@@ -1,0 +1,277 @@
+"""Report of a batch: a row for each body as CSV and JSON, labels of its sounds, and a page."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import html
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from struck.batch.job_table import MODEL, BodyJob
+from struck.batch.strike_set import struck_as
+from struck.errors import MissingDependencyError, StruckError
+from struck.excitation.strike import Strike
+from struck.files import model_file
+from struck.files.atomic import write_bytes
+from struck.model.html import document, picture, table
+from struck.model.material import Material
+from struck.model.model import ModalModel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGES = ("report.json", "report.csv", "report.html")
+_SHOWN = 20  # bodies or strikes on the page
+_HEARD = 1.5  # s, of a body without strikes
+_HEADINGS = ("file", "part", "status", "modes", "lowest (Hz)", "error (%)", "CPU (s)", "GB", "told")
+_SEAL = "<!-- of {} -->\n"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchRow:
+    """What became of one body.
+
+    Parameters
+    ----------
+    file, part, material : str
+        Of which body, by the names of its file and of its part where a file holds several.
+    model : str
+        Name of its model in the folder; empty where there is none.
+    status : str
+        "done" or "failed".
+    modes : int
+        Where there is none, what is heard of the body is its recoil, as its message says.
+    lowest, error : float or None
+        Lowest frequency, Hz, and the largest relative error of a frequency.
+    cpu, memory : float
+        Processor time, s, and peak of memory, bytes, of its process.
+    warnings : tuple of str
+        What was repaired, or doubted.
+    failure, message : str
+        Name of the error, and what it says; or what was left out.
+    labels : tuple of mappings
+        Of each of its sounds: what `struck.Strike` and `struck.render` take for the same one.
+    """
+
+    file: str
+    part: str = ""
+    material: str = ""
+    model: str = ""
+    status: str
+    modes: int = 0
+    lowest: float | None = None
+    error: float | None = None
+    cpu: float = 0.0
+    memory: float = 0.0
+    warnings: tuple[str, ...] = ()
+    failure: str = ""
+    message: str = ""
+    labels: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
+
+    @classmethod
+    def of(cls, job: BodyJob, facts: Mapping[str, Any]) -> BatchRow:
+        """Return the row of a job that told its facts."""
+        material, model = job.material, "" if "failure" in facts else f"{job.output}{MODEL}"
+        named = material.name if isinstance(material, Material) else material
+        body = {
+            "file": job.file,
+            "part": job.options.get("part") or "",
+            "material": named,
+            "model": model,
+        }
+        names = ("modes", "lowest", "error", "cpu", "memory", "failure", "message")
+        return cls(
+            **body,
+            status="done" if model else "failed",
+            **{name: facts[name] for name in names if name in facts},
+            warnings=tuple(facts.get("warnings", ())),
+            labels=tuple({**body, **each} for each in facts.get("labels", ())),
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """Return the row as JSON values, without the labels of its sounds."""
+        told = asdict(self)
+        del told["labels"]
+        return told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchReport:
+    """What became of all bodies of a batch.
+
+    Parameters
+    ----------
+    folder : Path
+        Where models and report are.
+    rows : tuple of BatchRow
+        In the order of the models' names.
+    computed : int
+        Bodies that were analyzed this time; all others were there already.
+    """
+
+    folder: Path
+    rows: tuple[BatchRow, ...]
+    computed: int = 0
+
+    @property
+    def failed(self) -> tuple[BatchRow, ...]:
+        """Rows of the bodies without a model."""
+        return tuple(row for row in self.rows if row.status == "failed")
+
+    @property
+    def labels(self) -> list[Mapping[str, Any]]:
+        """Labels of all sounds, in order."""
+        return [label for row in self.rows for label in row.labels]
+
+    def __str__(self) -> str:
+        done = len(self.rows) - len(self.failed)
+        cpu = sum(row.cpu for row in self.rows)
+        return (
+            f"{done} of {len(self.rows)} models in {self.folder}, {self.computed} computed now "
+            f"({cpu:.0f} s of a processor in all)"
+        )
+
+    def written(self, labels: str) -> BatchReport:
+        """Write report, page and the table of labels into the folder; return the report."""
+        rows, folder = [row.plain() for row in self.rows], self.folder
+        write_bytes(folder / PAGES[0], json.dumps(rows, indent=1).encode())
+        write_bytes(
+            folder / PAGES[1],
+            _csv([{**row, "warnings": " ".join(row["warnings"])} for row in rows]),
+        )
+        if self.labels:
+            write_bytes(folder / labels, _label_table(labels, self.labels))
+        seal = _SEAL.format(hashlib.sha256(json.dumps([rows, self.labels]).encode()).hexdigest())
+        page = folder / PAGES[2]
+        if not _begins(page, seal.encode()):
+            write_bytes(page, seal.encode(), self._page().encode())
+        return self
+
+    def _page(self) -> str:
+        """Return an HTML page with some bodies or strikes, and a table of all."""
+        entries = [
+            (row, label) for row in self.rows if row.model for label in row.labels or (None,)
+        ]
+        chosen = np.unique(np.linspace(0, len(entries) - 1, min(len(entries), _SHOWN)).astype(int))
+        shown = "".join(self._shown(*entries[each]) for each in chosen)
+        failed, done = self.failed, [row for row in self.rows if row.model]
+        body = f"<p>{len(done)} of {len(self.rows)} bodies have a model.</p>"
+        if shown:
+            title = f"{len(chosen)} of {len(entries)} sounds"
+            body += f'<section><h2>{title}</h2><div class="sounds">{shown}</div></section>'
+        for title, rows in ((f"{len(failed)} failed", failed), (f"{len(done)} models", done)):
+            if rows:
+                cells = table(_HEADINGS, [_cells(row) for row in rows])
+                body += f"<section><h2>{title}</h2>{cells}</section>"
+        return document("struck: many bodies", body, style=_STYLE)
+
+    def _shown(self, row: BatchRow, label: Mapping[str, Any] | None) -> str:
+        """Return a body's picture and the sound of a strike."""
+        from struck.scene.render import render
+
+        name = f"{row.file} {row.part}".strip()
+        try:
+            model = model_file.load(self.folder / row.model)
+            if label is None:
+                sound = render(model, Strike(), seconds=_HEARD)
+                how = f"{row.modes} modes" + (f" from {row.lowest:.0f} Hz" if row.lowest else "")
+            else:
+                sound = struck_as(model, label)
+                impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")
+                how = f"{label['striker'] or 'struck'}, {impulse}"
+            figure = _picture(model, label)
+        except StruckError as error:  # a file that was changed meanwhile
+            return f"<figure><figcaption>{html.escape(str(error))}</figcaption></figure>"
+        drawn = "" if figure is None else picture(f"the body of {name}", figure)
+        text = html.escape(f"{name}, {row.material}: {how}")
+        return f"<figure>{drawn}<br>{sound._repr_html_()}<figcaption>{text}</figcaption></figure>"
+
+
+_STYLE = """\
+.sounds figure { flex: 1 1 14rem; max-width: 16rem; }
+audio { width: 100%; }
+table { font-size: .85rem; }
+:is(td, th):is(:first-child, :last-child) { text-align: left; overflow-wrap: anywhere; }
+td:last-child { max-width: 28rem; }
+section { overflow-x: auto; }
+"""
+
+
+def _cells(row: BatchRow) -> tuple[str, ...]:
+    lowest = "" if row.lowest is None else f"{row.lowest:.1f}"
+    error = "" if row.error is None else f"{100 * row.error:.2g}"
+    told = " ".join(part for part in (row.failure, row.message, *row.warnings) if part)
+    counts = (str(row.modes) if row.model else "", lowest, error)
+    return (
+        row.file,
+        row.part,
+        row.status,
+        *counts,
+        f"{row.cpu:.1f}",
+        f"{row.memory / 1e9:.2f}",
+        told,
+    )
+
+
+def _picture(model: ModalModel, label: Mapping[str, Any] | None) -> Figure | None:
+    """Draw a body, and where it was struck; None where there is no surface."""
+    from struck.report.charts import ORANGE, chart
+    from struck.report.surface_picture import Painter
+
+    if model.geometry is None:
+        return None
+    figure, painter = chart(2.6, 1.9), Painter.of(model.geometry)
+    axes = figure.subplots()
+    painter.paint(axes)
+    if label is not None:
+        x, y, height = painter.view @ [label[axis] for axis in "xyz"]
+        hidden = height < (painter.surface.points @ painter.view[2]).mean()
+        axes.plot(x, y, "o", color=ORANGE, fillstyle="none" if hidden else "full", markersize=7)
+    return figure
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Return a table as CSV, floats in as many digits as they have."""
+    text = io.StringIO(newline="")
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode()
+
+
+def _label_table(name: str, labels: list[Mapping[str, Any]]) -> bytes:
+    """Return labels as CSV, or as Parquet by the ending of their table's name."""
+    if not name.endswith(".parquet"):
+        return _csv(labels)
+    arrow, data = arrow_module(), io.BytesIO()
+    arrow.parquet.write_table(arrow.Table.from_pylist(labels), data)
+    return data.getvalue()
+
+
+def arrow_module() -> Any:  # noqa: ANN401 - a module
+    """Return what writes Parquet; MissingDependencyError without it."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Parquet files need pyarrow: pip install 'struck[parquet]', or name a .csv"
+        ) from error
+    return pa
+
+
+def _begins(path: Path, head: bytes) -> bool:
+    """Tell whether a file is there and begins with some bytes."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(head)) == head
+    except OSError:
+        return False

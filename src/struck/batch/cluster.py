@@ -1,0 +1,216 @@
+"""Jobs on a Dask cluster: each is tried once, on one worker, in a process of its own there.
+
+The scheduler would give a job whose worker died to others, up to four of them: so each is bound to
+its worker, and as many are given out as workers have threads. A worker that sees this run's folder
+writes into it; another sends files back as bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import time
+from collections import Counter
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from struck.analysis.cached_steps import method
+from struck.batch.batch_report import PAGES
+from struck.batch.job import Facts
+from struck.batch.job_table import FACTS, BodyJob
+from struck.batch.processes import Processes, failure
+from struck.errors import MissingDependencyError, OptionError, SolverError
+from struck.files.atomic import write_bytes
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_LONGEST = 20.0  # s, of an answer of the scheduler
+_OFTEN = 1.0  # s between two looks at the workers
+_PATIENCE = 120.0  # s without a worker
+_COMPARED = ("python", "dask", "distributed")
+
+
+class Cluster:
+    """Workers of a Dask cluster, given by the address of its scheduler or by a client of it.
+
+    They know the folder of the models by what this `run` has written into its report.
+    """
+
+    def __init__(self, folder: Path, scheduler: str | Client, run: str) -> None:
+        self._folder, self._run = folder.absolute(), run
+        self._own = isinstance(scheduler, str)
+        self._client: Any = _connected(scheduler) if isinstance(scheduler, str) else scheduler
+        self._events: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._running: dict[Any, tuple[BodyJob, str]] = {}  # by futures, each with its worker
+        self._threads: dict[str, int] = {}  # by addresses of workers
+        self._looked, self._seen = 0.0, time.monotonic()
+        try:
+            _require_same(self._client)
+        except BaseException:
+            self.close()
+            raise
+
+    def free(self) -> bool:
+        """Tell whether some worker has a thread to spare."""
+        self._look()
+        return self._spare()[0] > 0
+
+    def start(self, job: BodyJob) -> None:
+        """Give a job to the worker with most threads to spare."""
+        worker = self._spare()[1]
+        there = replace(job, file=str(Path(job.file).absolute()))
+        future = self._client.submit(
+            task,
+            *(there, str(self._folder), self._run),
+            key=f"struck-{self._run}-{job.output}",
+            workers=[worker],
+            allow_other_workers=False,
+            retries=0,
+            pure=False,
+        )
+        self._running[future] = job, worker
+        future.add_done_callback(self._events.put)
+
+    def finished(self, seconds: float) -> tuple[BodyJob, Facts] | None:
+        """Wait for a job to end for at most some seconds, and return it with its facts."""
+        try:
+            future = self._events.get(timeout=seconds)
+        except queue.Empty:
+            return self._lost()
+        if future not in self._running:
+            return None
+        job, worker = self._running.pop(future)
+        if future.status == "cancelled":
+            self._gone()
+        try:
+            told = future.result(timeout=_LONGEST)
+            for name, data in told["contents"].items():
+                path = self._folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, data)
+        except Exception as error:  # noqa: BLE001 - of whatever kind, it is this job's alone
+            return job, failure(type(error).__name__, f"{error} (on the worker {worker})")
+        return job, told["facts"]
+
+    def close(self) -> None:
+        """Leave the cluster: what waits there is not begun, and what goes on is not waited for."""
+        for future in self._running:
+            future.cancel()
+        if self._own:
+            self._client.close()
+
+    def _look(self) -> None:
+        """Ask the scheduler which workers there are, once a second."""
+        now = time.monotonic()
+        if now - self._looked < _OFTEN:
+            return
+        try:
+            found = self._client.sync(self._client.scheduler.ncores, callback_timeout=_LONGEST)
+        except (OSError, TimeoutError, AttributeError) as error:
+            self._gone(error)
+        self._threads, self._looked = dict(found), now
+        self._seen = now if found else self._seen
+        if now - self._seen > _PATIENCE:
+            raise SolverError(
+                f"the scheduler has had no worker for {_PATIENCE:.0f} s: start some, and run it "
+                "again, which goes on from here"
+            )
+
+    def _spare(self) -> tuple[int, str]:
+        """Return the most threads that a worker has to spare, and its address."""
+        busy = Counter(worker for _, worker in self._running.values())
+        return max(((n - busy[each], each) for each, n in self._threads.items()), default=(0, ""))
+
+    def _lost(self) -> tuple[BodyJob, Facts] | None:
+        """Return a job whose worker has gone, if any."""
+        self._look()
+        for future, (job, worker) in list(self._running.items()):
+            if worker not in self._threads and not future.done():
+                del self._running[future]
+                future.cancel()
+                message = (
+                    f"the worker {worker} ended while it was at it: see its log, give workers more "
+                    "memory or fewer threads, and run it again"
+                )
+                return job, failure("WorkerEnded", message)
+        return None
+
+    def _gone(self, error: BaseException | None = None) -> NoReturn:
+        raise SolverError(
+            "the scheduler went away: start it and its workers, and run it again, which goes on "
+            "from here"
+        ) from error
+
+
+def task(job: BodyJob, folder: str, run: str) -> dict[str, Any]:
+    """Do a job on a worker; return its facts, and its files where the folder is not this run's."""
+    from distributed import get_worker
+
+    worker: Any = get_worker()
+    limit = worker.memory_manager.memory_limit
+    share = None if limit is None else int(limit) // worker.state.nthreads
+    with TemporaryDirectory(prefix="struck-") as own:
+        shared = _is_of(run, Path(folder))
+        place = Path(folder) if shared else Path(own)
+        with closing(Processes(place, count=1, memory=share)) as crew:
+            crew.start(job)
+            while (told := crew.finished(_OFTEN)) is None:
+                pass
+        facts, names = told[1], []
+        if not shared and "key" in facts:  # the model last, with which the job is finished
+            names = [*facts.get("files", {})]
+            names.insert(-1, f"{job.output}{FACTS}")
+        contents = {name: (place / name).read_bytes() for name in names if (place / name).exists()}
+    return {"facts": facts, "contents": contents}
+
+
+def _is_of(run: str, folder: Path) -> bool:
+    """Tell whether a folder is where this run writes."""
+    try:
+        return json.loads((folder / PAGES[0]).read_bytes()).get("run") == run
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def _connected(address: str) -> Client:
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingDependencyError(
+            "a cluster needs Dask: pip install 'struck[batch]', or leave scheduler= out"
+        ) from error
+    try:
+        return distributed.Client(address, timeout=_LONGEST, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise OptionError(
+            f"no scheduler answers at {address!r} ({error}): give one as 'tcp://host:8786'"
+        ) from error
+
+
+def _require_same(client: Any) -> None:  # noqa: ANN401 - a client of distributed
+    """Refuse schedulers and workers of other versions than ours."""
+    told = client.get_versions()
+    ours = _versions(told["client"])
+    others = {"the scheduler": told["scheduler"], **told["workers"]}
+    wrong = [
+        f"{who} has {_versions(each)}" for who, each in others.items() if _versions(each) != ours
+    ]
+    try:
+        methods = client.run(method)
+    except Exception as error:
+        raise OptionError(
+            f"workers cannot load struck ({error}): install the same version there"
+        ) from error
+    wrong += [f"{who} has another struck" for who, each in methods.items() if each != method()]
+    if wrong:
+        raise OptionError(f"{wrong[0]}, and here is {ours}: install the same versions everywhere")
+
+
+def _versions(told: dict[str, Any]) -> str:
+    """Return the versions that matter, in words."""
+    found = {name: str(told.get("packages", {}).get(name)) for name in _COMPARED}
+    return ", ".join(f"{name} {'.'.join(v.split('.')[:3])}" for name, v in found.items())

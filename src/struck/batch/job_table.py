@@ -1,0 +1,265 @@
+"""Table of jobs: which mesh files are analyzed with which options, and their models' names.
+
+A job's key is the SHA-256 of its file's content, of its options and of what computes: what has the
+same key has the same model.
+"""
+
+from __future__ import annotations
+
+import csv
+import glob
+import hashlib
+import inspect
+import io
+import json
+import os
+import pickle
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from struck.analysis.analysis import analyze
+from struck.analysis.cached_steps import fingerprint, method
+from struck.batch.strike_set import StrikeSet
+from struck.errors import FileFormatError, OptionError
+from struck.files.atomic import is_file, is_folder, open_ordinary, read_bytes
+from struck.files.messages import FORMATS, READERS, ReadingLimits
+from struck.model.material import Material
+
+MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
+_KINDS = {*FORMATS, *(suffix[1:] for suffix in READERS)}
+_PACKED = {".gz", ".bz2", ".xz", ".zip"}
+_OPTIONS = {  # of `analyze`, with what they are unless given
+    name: each.default
+    for name, each in inspect.signature(analyze).parameters.items()
+    if name not in {"body", "material", "cache", "progress"}
+}
+_COLUMNS = {"file", "output", "material", *_OPTIONS}
+Files = str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None
+Table = str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyJob:
+    """A body to be analyzed, and where its model goes."""
+
+    file: str
+    output: str  # of its files below the folder, with "/" between, without an ending
+    material: Material | str
+    options: Mapping[str, Any]  # of `analyze`
+    strikes: StrikeSet | None = None
+    cache: bool | str = True
+    content: str = ""  # SHA-256 of the file
+    key: str = ""
+
+    def keyed(self) -> BodyJob:
+        """Return the job with its key, once its file has been read; OSError where it cannot be."""
+        damping, content = self.options.get("damping", "own"), self.content or content_of(self.file)
+        material = self.material
+        if isinstance(material, str):
+            material = Material.named(material, damping)
+        strikes = None if self.strikes is None else (self.strikes.plain, self.output)
+        options = {
+            name: inspect.getsource(value) if inspect.isfunction(value) else value
+            for name, value in sorted(self.options.items())
+            if value is not _OPTIONS[name] and name != "damping"
+        }
+        key = fingerprint((method(), content, material, options, strikes))
+        return replace(self, content=content, key=key)
+
+    def for_part(self, name: str) -> BodyJob:
+        """Return the job of one body of several."""
+        output = "-".join((self.output, re.sub(r"[^\w.-]", "_", name)))
+        return replace(self, output=output, options={**self.options, "part": name}).keyed()
+
+    def path(self, folder: Path, ending: str = MODEL) -> Path:
+        """Return where one of its files is."""
+        return folder / f"{self.output}{ending}"
+
+
+def content_of(file: str) -> str:
+    """Return the SHA-256 of a mesh file, and of the buffers beside a glTF; OSError without it."""
+    path, digest = Path(file), hashlib.sha256()
+    for each in (path, *_beside(path)):
+        with open_ordinary(each) as opened:
+            size = os.fstat(opened.fileno()).st_size
+            digest.update(size.to_bytes(8, "little"))
+            if size <= ReadingLimits().size:  # no reader takes a larger one
+                digest.update(hashlib.sha256(opened.read()).digest())
+    return digest.hexdigest()
+
+
+def _beside(path: Path) -> list[Path]:
+    """Return the files that a glTF file names and that are there."""
+    try:
+        buffers = json.loads(read_bytes(path))["buffers"] if path.suffix.lower() == ".gltf" else ()
+        named = [path.with_name(str(each.get("uri"))) for each in buffers]
+    except (FileFormatError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
+        return []
+    return [each for each in named if is_file(each)]
+
+
+def jobs_of(
+    files: Files,
+    material: Material | str | None,
+    table: Table,
+    options: Mapping[str, Any],
+    make: Callable[..., BodyJob] = BodyJob,
+) -> list[BodyJob]:
+    """Return the jobs of patterns and a table; OptionError on none, or two of one name."""
+    _require_known(options, "analyze", _OPTIONS)
+    patterns = [files] if isinstance(files, str | os.PathLike) else list(files or ())
+    found = {path: root for each in patterns for path, root in _matches(os.fspath(each))}
+    rows: dict[str, list[Mapping[str, Any]]] = {}
+    for row, root in _rows(table):
+        path = os.path.normpath(root / row["file"])
+        found.setdefault(path, root)
+        rows.setdefault(path, []).append(row)
+    if not found:
+        raise OptionError(
+            f"no mesh file has the name {' or '.join(map(repr, patterns)) or '(none)'}: give a "
+            "pattern as 'meshes/**/*.obj', in quotes in a shell"
+        )
+    jobs, taken = [], {}
+    for path, root in found.items():
+        for row in rows.get(path, [{}]):
+            job = _job(path, root, {"material": material, **options, **row}, make)
+            other = taken.setdefault(job.output.casefold(), job)
+            if other is not job:
+                raise OptionError(
+                    f"{other.file} and {path} would both become {job.output}{MODEL}: rename one, "
+                    "or tell the output of each in a table"
+                )
+            jobs.append(job)
+    _require_sendable(jobs)
+    return jobs
+
+
+def _matches(pattern: str) -> Iterator[tuple[str, Path]]:
+    """Yield the files of a pattern, a folder or a name, each with the folder it stands below."""
+    path = Path(pattern)
+    if is_folder(pattern) and pattern:
+        every = sorted(each for each in path.rglob("*") if is_file(each))
+        yield from ((str(each), path) for each in every if {*_suffix(each).split(".")} & _KINDS)
+    elif is_file(pattern) or not glob.has_magic(pattern):
+        yield from [(os.path.normpath(pattern), path.parent)] if pattern else ()
+    else:
+        first = next(i for i, part in enumerate(path.parts) if glob.has_magic(part))
+        every = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - as shells read it
+        root = Path(*path.parts[:first])
+        yield from ((os.path.normpath(each), root) for each in every if is_file(each))
+
+
+def _suffix(path: Path) -> str:
+    """Return the ending of a mesh file's name in small letters, that of its packing with it."""
+    packed = path.suffix.lower() in _PACKED
+    return "".join(path.suffixes[-2:] if packed else path.suffixes[-1:]).lower()
+
+
+def _job(path: str, root: Path, row: dict[str, Any], make: Callable[..., BodyJob]) -> BodyJob:
+    below = Path(path).relative_to(root) if Path(path).is_relative_to(root) else Path(path).name
+    stem = Path(below).as_posix()
+    stem = stem[: len(stem) - len(_suffix(Path(path)))]
+    named, material = row.pop("output", stem), row.pop("material")
+    row.pop("file", None)
+    output = Path(str(named).removesuffix(MODEL))
+    if output.is_absolute() or ".." in output.parts or not output.parts:
+        raise OptionError(f"output {named!r} of {path} does not lie in the folder: give a name")
+    if material is None:
+        raise OptionError(f"{path} has no material: give one for all, or in its row of the table")
+    return make(file=path, output=output.as_posix(), material=material, options=row)
+
+
+def _require_sendable(jobs: Sequence[BodyJob]) -> None:
+    """Refuse options that no other process could be told."""
+    told = [
+        each for job in jobs for each in (*job.options.values(), getattr(job.strikes, "strikes", 0))
+    ]
+    try:
+        pickle.dumps(told)
+        own = [each for each in told if getattr(each, "__module__", "") == "__main__"]
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        own = [error]
+    if own:
+        raise OptionError(
+            f"other processes cannot be told of {own[0]!r}: give numbers, texts, or a function of "
+            "a module that they can import"
+        )
+
+
+def _require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:
+    unknown = {str(each) for each in names} - {*known}
+    if unknown:
+        raise OptionError(
+            f"{where} has no {', '.join(sorted(unknown))}: give some of {', '.join(sorted(known))}"
+        )
+
+
+# Tables
+
+
+def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
+    """Yield the rows of a table, checked, each with the folder its file stands in."""
+    if isinstance(table, str | os.PathLike):
+        name, root, rows = os.fspath(table), Path(table).parent, table_rows(table)
+    else:
+        name, root, rows = "the table", Path(), table or ()
+    for number, row in enumerate(rows, start=1):
+        where = f"row {number} of {name}"
+        if not isinstance(row, Mapping) or not row.get("file"):
+            raise OptionError(f"{where} names no file: it is needed in each row")
+        _require_known(row, where, _COLUMNS)
+        given = {key: value for key, value in row.items() if value is not None and value != ""}
+        try:
+            yield {key: _READ.get(key, _same)(value) for key, value in given.items()}, root
+        except (ValueError, TypeError, KeyError) as error:
+            raise OptionError(f"{where} is not understood ({error}): {dict(given)}") from error
+
+
+def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """Return the rows of a CSV file with names in its first line, or of the one array of a TOML."""
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+        if Path(path).suffix.lower() != ".toml":
+            return list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
+        (rows,) = tomllib.loads(text).values()
+        return list(rows)
+    except (ValueError, TypeError, csv.Error, RecursionError) as error:
+        raise FileFormatError(
+            f"{path} is no table ({error}): give CSV with the names of its columns in the first "
+            "line, or TOML with [[files]] for each"
+        ) from error
+
+
+def _same(value: Any) -> Any:  # noqa: ANN401 - a cell of a table
+    return value
+
+
+def _flag(value: object) -> bool:
+    return {"true": True, "false": False}[str(value).lower()]
+
+
+def _numbers(value: Any) -> Any:  # noqa: ANN401
+    if callable(value):
+        return value
+    cells = value.replace(",", " ").split() if isinstance(value, str) else value
+    return tuple(np.asarray(cells, np.float64).ravel().tolist())
+
+
+def _box(value: Any) -> Any:  # noqa: ANN401
+    corners = _numbers(value)
+    return corners if callable(corners) else (corners[:3], corners[3:])
+
+
+# What cells of CSV files stand for.
+_READ: Mapping[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("size", "wall"), float),
+    **dict.fromkeys(("repair", "recoil"), _flag),
+    "band": _numbers,
+    "fixed": _box,
+}

@@ -1,0 +1,157 @@
+"""Processes of this machine that do jobs: as many at once as cores and memory together allow.
+
+Each tells a forecast of its memory once it knows the body, and waits for leave to go on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from struck.batch.job import ALLOWED, Facts
+from struck.batch.job_table import BodyJob
+from struck.errors import SolverError
+
+# Models depend in their last bits on the number of threads that computed them: each job has one.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_PROGRAM = "from struck.batch.job import main; main()"
+
+
+def failure(kind: str, message: str) -> Facts:
+    """Return the facts of a job that told none."""
+    return {"failure": kind, "message": message}
+
+
+class _Worker:
+    """A process that does one job after the other, each in a fork of it."""
+
+    def __init__(self, events: queue.SimpleQueue[tuple[_Worker, Facts | None]]) -> None:
+        modules = os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
+        self._process = subprocess.Popen(  # noqa: S603 - our own module, in this interpreter
+            [sys.executable, "-P", "-W", "ignore", "-c", _PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **_ONE_THREAD, "PYTHONPATH": modules},
+            start_new_session=True,  # Ctrl-C is for the program, and all it starts ends together
+        )
+        self._thread = threading.Thread(target=self._listen, args=(events,), daemon=True)
+        self._thread.start()
+
+    def _listen(self, events: queue.SimpleQueue[tuple[_Worker, Facts | None]]) -> None:
+        """Pass on what it tells, and None once it has ended."""
+        with cast("Any", self._process.stdout) as told:
+            for line in told:
+                events.put((self, json.loads(line)))
+        events.put((self, None))
+
+    def tell(self, data: bytes) -> None:
+        """Send bytes to it; that it has ended is told by `_listen`."""
+        stdin = cast("Any", self._process.stdin)
+        with contextlib.suppress(OSError):
+            stdin.write(data)
+            stdin.flush()
+
+    def close(self) -> int:
+        """End it with all that it has started, and return its exit code."""
+        if hasattr(os, "killpg"):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
+        with contextlib.suppress(OSError):
+            cast("Any", self._process.stdin).close()
+        code = self._process.wait()
+        self._thread.join()
+        return code
+
+
+@dataclass(slots=True, kw_only=True)
+class _Running:
+    """A job that a process is at."""
+
+    job: BodyJob
+    forecast: float = 0.0  # bytes, once it is known
+    waits: bool = False  # for memory
+    facts: Facts | None = None
+
+
+class Processes:
+    """Processes of this machine: `count` compute at once, by forecasts within `memory` bytes."""
+
+    def __init__(self, folder: Path, *, count: int, memory: int | None) -> None:
+        self._folder, self._count, self._memory = folder, count, memory
+        self._events: queue.SimpleQueue[tuple[_Worker, Facts | None]] = queue.SimpleQueue()
+        self._idle: list[_Worker] = []
+        self._running: dict[_Worker, _Running] = {}
+
+    def free(self) -> bool:
+        """Tell whether another job can be started: one that waits for memory leaves its core."""
+        waiting = sum(each.waits for each in self._running.values())
+        return len(self._running) - waiting < self._count and waiting < self._count
+
+    def start(self, job: BodyJob) -> None:
+        """Begin a job."""
+        try:
+            worker = self._idle.pop() if self._idle else _Worker(self._events)
+        except OSError as error:
+            raise SolverError(f"no process can be started ({error}): end some others") from error
+        self._running[worker] = _Running(job=job)
+        asked = pickle.dumps((job, str(self._folder), self._memory))
+        worker.tell(len(asked).to_bytes(8, "little") + asked)
+
+    def finished(self, seconds: float) -> tuple[BodyJob, Facts] | None:
+        """Wait for a job to end for at most some seconds, and return it with its facts."""
+        try:
+            worker, told = self._events.get(timeout=seconds)
+        except queue.Empty:
+            return None
+        running = self._running.get(worker)
+        if running is None:  # it ended without a job
+            return None
+        if told is not None and "ended" not in told:
+            running.facts = told.get("facts")
+            running.forecast, running.waits = told.get("forecast", 0.0), "forecast" in told
+            self._allow()
+            return None
+        del self._running[worker]
+        code = worker.close() if told is None else told["ended"]
+        if code == 0 and running.facts is not None:
+            self._idle.append(worker)
+        else:
+            worker.close()
+        self._allow()
+        return running.job, running.facts or _ended(code)
+
+    def close(self) -> None:
+        """End all processes, at once."""
+        for worker in (*self._running, *self._idle):
+            worker.close()
+
+    def _allow(self) -> None:
+        """Let those go on whose memory fits beside the others'; one alone always may."""
+        for worker, each in self._running.items():
+            taken = sum(other.forecast for other in self._running.values() if not other.waits)
+            fits = self._memory is None or taken + each.forecast <= self._memory
+            if each.waits and (fits or not taken):
+                each.waits = False
+                worker.tell(ALLOWED)
+
+
+def _ended(code: int) -> Facts:
+    """Return the facts of a job whose process ended by itself."""
+    reason = f"signal {-code}" if code < 0 else f"code {code}"
+    return failure(
+        "ProcessEnded",
+        f"the process that computed it ended ({reason}): the system does so where memory is short; "
+        "give it more memory, or run fewer jobs at once (processes=)",
+    )

@@ -1,0 +1,217 @@
+"""Strike set: which strikes of a model are rendered, and the labels from which each comes again.
+
+A label holds a strike as the body received it: a point on the surface, a unit push, an impulse and
+how long it lasts. So `struck.render` of a `Strike` with a label's own numbers is the same sound.
+"""
+
+from __future__ import annotations
+
+import inspect
+import io
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from struck.errors import MissingDependencyError, OptionError
+from struck.excitation.hertz import strikers
+from struck.excitation.strike import Strike
+from struck.files.atomic import write_bytes
+from struck.files.sound import PEAK, Sound
+from struck.model.arrays import Array, require_number
+from struck.model.gains import ShapeGains
+from struck.model.model import ModalModel
+from struck.scene.render import render
+
+Strikes: TypeAlias = (
+    "int | Sequence[Mapping[str, Any]] | Callable[[ModalModel, Any], Sequence[Any]]"
+)
+SOUNDS = ("wav", "flac", "npz")
+_MOST = 100_000  # strikes of a model
+_SPEEDS = (0.1, 2.0)  # m/s, between which random strikers fly, evenly in octaves
+_TILT = 0.3  # of random pushes from the normal, as a tangent's root mean square
+_NEAR = 1.0  # m, of random listeners beyond the body
+_XYZ = "xyz"
+_SAME = ("shape", "patch", "transient", "time", "seed")  # of a strike and of its label
+_NAMES = tuple(field.name for field in fields(Strike))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StrikeSet:
+    """Strikes of each model of a batch, and how their sounds are written."""
+
+    strikes: Strikes
+    seed: int = 0
+    seconds: float = 1.0
+    sample_rate: int = 48_000
+    sounds: str = "wav"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.strikes, int | float):
+            wanted = "give how many of each model, their table, or a function that chooses them"
+            require_number("strikes", self.strikes, 1, _MOST, whole=True, wanted=wanted)
+        elif not callable(self.strikes):
+            for row in self.strikes:
+                _strike_of(row)
+        require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
+        if self.sounds not in SOUNDS:
+            raise OptionError(f"sounds is {self.sounds!r}: give one of {', '.join(SOUNDS)}")
+        if self.sounds == "flac":
+            _soundfile()
+
+    @property
+    def plain(self) -> tuple[object, ...]:
+        """What the sounds depend on, as plain values; a function is known by its source."""
+        how = inspect.getsource(self.strikes) if callable(self.strikes) else self.strikes
+        return how, self.seed, self.seconds, self.sample_rate, self.sounds
+
+    def written(self, model: ModalModel, output: str, folder: Path) -> list[dict[str, Any]]:
+        """Write the sounds of a model, all in one NPZ file or one by one; return their labels."""
+        labels, together = [], []
+        for number, (strike, listener) in enumerate(self._chosen(model, output)):
+            label = self._label(model, strike, listener)
+            sound = struck_as(model, label)
+            ending = ".npz" if self.sounds == "npz" else f"_{number:03d}.{self.sounds}"
+            unit = "Pa" if sound.calibrated else "relative"
+            label |= {"sound": output + ending, "index": number, "factor": 1.0, "unit": unit}
+            if self.sounds == "npz":
+                together.append(sound.samples)
+            else:
+                label["factor"] = _saved(sound, folder / f"{output}{ending}")
+            labels.append(label)
+        if together:
+            data, samples = io.BytesIO(), np.concatenate(together)
+            np.savez(data, samples=samples, sample_rate=self.sample_rate)
+            write_bytes(folder / f"{output}.npz", data.getvalue())
+        return labels
+
+    def _chosen(self, model: ModalModel, output: str) -> Iterator[tuple[Strike, Array]]:
+        """Yield strikes with those who hear them; random ones by the seed and the model's name."""
+        chance = np.random.default_rng([self.seed, zlib.crc32(output.encode())])
+        if callable(self.strikes):
+            for each in self.strikes(model, chance):
+                strike, listener = each if isinstance(each, tuple) else (each, None)
+                yield strike, _beside(model, listener)
+        elif isinstance(self.strikes, int):
+            yield from (_random(model, chance) for _ in range(self.strikes))
+        else:
+            for strike, listener in map(_strike_of, self.strikes):
+                yield strike, _beside(model, listener)
+
+    def _label(self, model: ModalModel, strike: Strike, listener: Array) -> dict[str, Any]:
+        """Return the label of a strike: where and how the body receives it, and who hears it."""
+        contact = model.contact(strike.at, strike.direction)
+        blow = strike.resolved(model, contact)
+        return {
+            **dict(zip(_XYZ, contact.point.tolist(), strict=False)),
+            **{f"direction_{x}": v for x, v in zip(_XYZ, contact.direction.tolist(), strict=False)},
+            "striker": strike.striker or "",
+            "impulse": blow.impulse,
+            "duration": blow.duration,
+            **{name: getattr(strike, name) for name in _SAME},
+            **{f"listener_{x}": v for x, v in zip(_XYZ, listener.tolist(), strict=True)},
+            "seconds": self.seconds,
+            "sample_rate": self.sample_rate,
+        }
+
+
+def struck_as(model: ModalModel, label: Mapping[str, Any]) -> Sound:
+    """Return the sound of a model that a label tells of."""
+    strike = Strike(
+        at=[label[x] for x in _XYZ if x in label],
+        direction=[label[f"direction_{x}"] for x in _XYZ if f"direction_{x}" in label],
+        **{name: label[name] for name in ("impulse", "duration", *_SAME)},
+    )
+    return render(
+        model,
+        strike,
+        seconds=label["seconds"],
+        sample_rate=label["sample_rate"],
+        listener=[label[f"listener_{x}"] for x in _XYZ],
+    )
+
+
+def _random(model: ModalModel, chance: np.random.Generator) -> tuple[Strike, Array]:
+    """Return a strike anywhere on a surface, evenly by area, and a listener in any direction."""
+    surface = model.geometry
+    if surface is None:
+        raise OptionError(
+            "the model has no surface to be struck at random: give a table of strikes"
+        )
+    areas = surface.areas
+    face = surface.faces[chance.choice(len(areas), p=areas / areas.sum())]
+    point = chance.dirichlet(np.ones(3)) @ surface.points[face]
+    inward = model.contact(point).direction
+    push = inward + _TILT * chance.standard_normal(3)
+    strike = Strike(
+        at=point.tolist(),
+        direction=(push if push @ inward > 0 else inward).tolist(),
+        striker=str(chance.choice(sorted(strikers()))),
+        speed=float(np.exp(chance.uniform(*np.log(_SPEEDS)))),
+        seed=int(chance.integers(2**31)),
+    )
+    way = chance.standard_normal(3)
+    return strike, _beside(model, None, way / np.linalg.norm(way))
+
+
+def _beside(
+    model: ModalModel, listener: Sequence[float] | None, way: Sequence[float] | Array = (1, 0, 0)
+) -> Array:
+    """Return who was given to listen, else 1 m beyond the body from its centre."""
+    if listener is not None:
+        return np.asarray(listener, np.float64)
+    gains = model.gains
+    if not isinstance(gains, ShapeGains):
+        return np.asarray(way, np.float64)
+    return np.asarray(gains.centre) + (_NEAR + gains.radius) * np.asarray(way, np.float64)
+
+
+def _strike_of(row: Mapping[str, Any]) -> tuple[Strike, Sequence[float] | None]:
+    """Return the strike and the listener of a row of a table, of texts or of values."""
+    try:
+        given = {name: _number(text) for name, text in row.items() if text not in {None, ""}}
+    except TypeError:  # values that are no texts, as lists
+        given = dict(row)
+    listener = given.pop("listener", None)
+    unknown = set(given) - set(_NAMES)
+    if unknown:
+        raise OptionError(
+            f"strikes have {', '.join(sorted(map(str, unknown)))}, which is nothing of a strike: "
+            f"give {', '.join((*_NAMES, 'listener'))}"
+        )
+    return Strike(**given), listener
+
+
+def _number(text: Any) -> Any:  # noqa: ANN401 - a cell of a table
+    """Return a text of one number or several as numbers, any other as it is."""
+    if not isinstance(text, str):
+        return text
+    try:
+        numbers = [float(each) for each in text.replace(",", " ").split()]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _saved(sound: Sound, path: Path) -> float:
+    """Write a sound, as floats in Pa where it has them or as 24 bit in FLAC; return its factor."""
+    if path.suffix == ".wav":
+        return sound.save(path, level="absolute" if sound.calibrated else "peak")
+    factor, data = PEAK / sound.peak if sound.peak else 1.0, io.BytesIO()
+    samples = sound.samples.T.astype(np.float64) * factor
+    _soundfile().write(data, samples, sound.sample_rate, format="FLAC", subtype="PCM_24")
+    write_bytes(path, data.getvalue())
+    return factor
+
+
+def _soundfile() -> Any:  # noqa: ANN401 - a module
+    try:
+        import soundfile
+    except (ImportError, OSError) as error:
+        raise MissingDependencyError(
+            "FLAC files need soundfile: pip install 'struck[recordings]', or write WAV"
+        ) from error
+    return soundfile
