@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from struck.batch.batch_report import PAGES, BatchReport, BatchRow
+from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
 from struck.batch.job import Facts, kept
-from struck.batch.job_table import FACTS, Files, BodyJob, Table, jobs_of, table_rows
+from struck.batch.job_table import FACTS, BodyJob, Files, Table, jobs_of, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.errors import FileFormatError, OptionError, SolverError, StruckError
@@ -123,6 +123,7 @@ def analyze_many(
         require_number("processes", processes, 1, 10_000, whole=True, wanted="give 1 or more")
     if memory is not None:
         require_number("memory", memory, 1e6, 1e18, wanted="give 1e6 or more", unit=" bytes")
+    require_labels(labels)
     chosen = cache if isinstance(cache, bool) else os.fspath(cache)
     jobs = jobs_of(files, material, table, options, partial(BodyJob, strikes=wanted, cache=chosen))
     folder = Path(out)

@@ -16,7 +16,7 @@ import numpy as np
 
 from struck.batch.job_table import MODEL, BodyJob
 from struck.batch.strike_set import struck_as
-from struck.errors import MissingDependencyError, StruckError
+from struck.errors import MissingDependencyError, OptionError, StruckError
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
@@ -247,25 +247,28 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
     return text.getvalue().encode()
 
 
+def require_labels(name: str) -> None:
+    """Raise MissingDependencyError or OptionError where labels of that name cannot be written."""
+    if Path(name).name != name or not name.endswith((".csv", ".parquet")):
+        raise OptionError(f"labels is {name!r}: give the name of a .csv or .parquet in the folder")
+    if name.endswith(".parquet"):
+        try:
+            import pyarrow.parquet  # noqa: F401 - here only asked for
+        except ImportError as error:
+            raise MissingDependencyError(
+                "Parquet files need pyarrow: pip install 'struck[parquet]', or name a .csv"
+            ) from error
+
+
 def _label_table(name: str, labels: list[Mapping[str, Any]]) -> bytes:
     """Return labels as CSV, or as Parquet by the ending of their table's name."""
-    if not name.endswith(".parquet"):
+    if name.endswith(".csv"):
         return _csv(labels)
-    arrow, data = arrow_module(), io.BytesIO()
-    arrow.parquet.write_table(arrow.Table.from_pylist(labels), data)
+    from pyarrow import Table, parquet
+
+    data = io.BytesIO()
+    parquet.write_table(Table.from_pylist(labels), data)
     return data.getvalue()
-
-
-def arrow_module() -> Any:  # noqa: ANN401 - a module
-    """Return what writes Parquet; MissingDependencyError without it."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Parquet files need pyarrow: pip install 'struck[parquet]', or name a .csv"
-        ) from error
-    return pa
 
 
 def _begins(path: Path, head: bytes) -> bool:
