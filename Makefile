@@ -53,6 +53,7 @@ bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/chimes.py
 	$(BIN)/python bench/shapes.py
 	$(BIN)/python bench/fitting.py
+	$(BIN)/python bench/batch.py
 
 docs: $(ENVIRONMENT)/docs.stamp  ## The documentation as pages in docs/_build
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

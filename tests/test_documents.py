@@ -24,6 +24,7 @@ DEAR = {
     "docs/how-to/hear_a_simulation.md",
     "docs/how-to/hear_in_space.md",
     "docs/how-to/long_work.md",
+    "docs/how-to/many_meshes.md",
     "docs/how-to/play_live.md",
     "docs/how-to/simulate.md",
     "docs/how-to/timbre_fields.md",
