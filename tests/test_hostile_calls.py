@@ -260,6 +260,7 @@ UNCALLED = {
     "on a device": "DeviceRecorder Player PortAudio capture microphone",
     "for minutes": "gallery",
     "on a port": "Explorer explore",
+    "in other processes": "BatchReport BatchRow analyze_many",
 }
 
 

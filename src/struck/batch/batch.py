@@ -240,7 +240,8 @@ class _Batch:
             else:
                 message = f"it would become {part.output}, as {other.file} does: rename that"
                 self._ended[f"{part.output} {job.key}"] = part, failure("OptionError", message)
-        for twin in self._alike.get(job.key, ()):
+        first, *others = self._alike.get(job.key, [job])
+        for twin in others if first is job else ():
             if twin.output not in self._ended:
                 self._end(twin, self._copied(job, twin))
 

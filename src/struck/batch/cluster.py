@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import queue
 import time
+import warnings
 from collections import Counter
 from contextlib import closing
 from dataclasses import replace
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 _LONGEST = 20.0  # s, of an answer of the scheduler
 _OFTEN = 1.0  # s between two looks at the workers
 _PATIENCE = 120.0  # s without a worker
-_COMPARED = ("python", "dask", "distributed")
 
 
 class Cluster:
@@ -193,24 +193,15 @@ def _connected(address: str) -> Client:
 
 def _require_same(client: Any) -> None:  # noqa: ANN401 - a client of distributed
     """Refuse schedulers and workers of other versions than ours."""
-    told = client.get_versions()
-    ours = _versions(told["client"])
-    others = {"the scheduler": told["scheduler"], **told["workers"]}
-    wrong = [
-        f"{who} has {_versions(each)}" for who, each in others.items() if _versions(each) != ours
-    ]
     try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of versions of Dask, Python and what both need
+            client.get_versions(check=True)
         methods = client.run(method)
     except Exception as error:
         raise OptionError(
-            f"workers cannot load struck ({error}): install the same version there"
+            f"scheduler and workers are not as here ({error}): install the same versions everywhere"
         ) from error
-    wrong += [f"{who} has another struck" for who, each in methods.items() if each != method()]
-    if wrong:
-        raise OptionError(f"{wrong[0]}, and here is {ours}: install the same versions everywhere")
-
-
-def _versions(told: dict[str, Any]) -> str:
-    """Return the versions that matter, in words."""
-    found = {name: str(told.get("packages", {}).get(name)) for name in _COMPARED}
-    return ", ".join(f"{name} {'.'.join(v.split('.')[:3])}" for name, v in found.items())
+    other = [worker for worker, each in methods.items() if each != method()]
+    if other:
+        raise OptionError(f"{other[0]} has another struck: install the same version everywhere")

@@ -182,7 +182,7 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
     ]
     try:
         pickle.dumps(told)
-        own = [each for each in told if getattr(each, "__module__", "") == "__main__"]
+        own = [each for each in told if callable(each) and not _is_of_a_module(each)]
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         own = [error]
     if own:
@@ -190,6 +190,10 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
             f"other processes cannot be told of {own[0]!r}: give numbers, texts, or a function of "
             "a module that they can import"
         )
+
+
+def _is_of_a_module(value: object) -> bool:
+    return inspect.isfunction(value) and value.__module__ != "__main__"
 
 
 def _require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:

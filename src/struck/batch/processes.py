@@ -117,6 +117,7 @@ class Processes:
             return None
         running = self._running.get(worker)
         if running is None:  # it ended without a job
+            self._idle = [each for each in self._idle if each is not worker]
             return None
         if told is not None and "ended" not in told:
             running.facts = told.get("facts")

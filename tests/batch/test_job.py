@@ -1,0 +1,78 @@
+"""One job: what it remembers, what it does not, and a file that changes under it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from struck.batch.job import done, kept
+from struck.batch.job_table import BodyJob, content_of, jobs_of
+from struck.errors import OptionError
+from tests.batch.bodies import bar
+
+
+def job_of(file: Path, **options: object) -> BodyJob:
+    (job,) = jobs_of(str(file), "steel", None, options)
+    return job.keyed()
+
+
+def nothing(_stage: str, _fraction: float) -> None:
+    """Show no progress."""
+
+
+def test_a_file_that_changes_while_it_is_read_has_no_model(tmp_path: Path) -> None:
+    file = tmp_path / "bar.vtu"
+    bar(file, 0.08, 0.01, 0.01)
+    job = job_of(file)
+
+    def change(stage: str, _fraction: float) -> None:
+        if stage == "radiation":
+            bar(file, 0.09, 0.01, 0.01)
+
+    facts = done(job, tmp_path / "out", change)
+    assert "changed while it was read" in facts["message"]
+    assert not (tmp_path / "out/bar.struck").exists()
+    assert kept(job, tmp_path / "out") is None
+
+
+def test_a_mesh_that_is_refused_is_remembered_until_it_changes(tmp_path: Path) -> None:
+    file = tmp_path / "bad.obj"
+    file.write_text("v 0 0")
+    facts = done(job_of(file), tmp_path / "out", nothing)
+    assert facts["failure"] == "MeshError"
+    assert kept(job_of(file), tmp_path / "out") == facts
+    assert kept(job_of(file, repair=False), tmp_path / "out") is None
+    file.write_text("v 0 0 0")
+    assert kept(job_of(file), tmp_path / "out") is None
+
+
+def test_damaged_facts_are_none(tmp_path: Path) -> None:
+    file = tmp_path / "bar.vtu"
+    bar(file, 0.08, 0.01, 0.01)
+    job, out = job_of(file), tmp_path / "out"
+    done(job, out, nothing)
+    assert kept(job, out) is not None
+    for damaged in ("", "[]", '{"files": 1}', "{", '{"key": 3}'):
+        (out / "bar.facts.json").write_text(damaged)
+        assert kept(job, out) is None
+
+
+def test_buffers_of_a_gltf_are_part_of_its_content(tmp_path: Path) -> None:
+    file, buffer = tmp_path / "a.gltf", tmp_path / "a.bin"
+    file.write_text('{"buffers": [{"uri": "a.bin"}]}')
+    buffer.write_bytes(b"1")
+    first = content_of(str(file))
+    buffer.write_bytes(b"2")
+    assert content_of(str(file)) != first
+    file.write_text('{"buffers": [3]}')
+    assert content_of(str(file))
+
+
+@pytest.mark.parametrize("fixed", [functools.partial(print, 1), lambda points: points[:, 0] < 0])
+def test_functions_must_be_of_a_module(tmp_path: Path, fixed: Callable[..., object]) -> None:
+    bar(tmp_path / "bar.vtu", 0.08, 0.01, 0.01)
+    with pytest.raises(OptionError, match="other processes"):
+        job_of(tmp_path / "bar.vtu", fixed=fixed)
