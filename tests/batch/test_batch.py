@@ -168,6 +168,7 @@ WRONG = {
     "strikes is 0": {"strikes": 0},
     "sounds is 'mp3'": {"strikes": 1, "sounds": "mp3"},
     "nothing of a strike": {"strikes": [{"where": "top"}]},
+    "strikes tell nothing": {"strikes": [1]},
     "other processes": {"fixed": lambda points: points[:, 0] < 0},
 }
 
@@ -229,9 +230,10 @@ SHELL = "from struck.__main__ import main; import sys; sys.exit(main())"
 
 def shell(folder: Path, out: str) -> subprocess.Popen[bytes]:
     """Start `struck analyze-many` in a group of processes of its own."""
-    words = ("analyze-many", "in", "-o", out, "--material", "steel", "--accuracy", "preview")
+    meshes = folder / "in"
+    words = ("analyze-many", str(meshes), "-o", out, "--material", "steel", "--accuracy", "preview")
     return subprocess.Popen(
-        [sys.executable, "-c", SHELL, *words, "--table", f"in/{TABLE}"],
+        [sys.executable, "-c", SHELL, *words, "--table", str(meshes / TABLE)],
         cwd=folder,
         env={**os.environ, "STRUCK_CACHE": str(folder / "cache")},
         stdout=subprocess.DEVNULL,

@@ -54,6 +54,8 @@ class StrikeSet:
             wanted = "give how many of each model, their table, or a function that chooses them"
             require_number("strikes", self.strikes, 1, _MOST, whole=True, wanted=wanted)
         elif not callable(self.strikes):
+            if not all(isinstance(row, Mapping) for row in self.strikes) or not len(self.strikes):
+                raise OptionError("strikes tell nothing: give a number, or a table of some rows")
             for row in self.strikes:
                 _strike_of(row)
         require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
@@ -95,8 +97,8 @@ class StrikeSet:
             for each in self.strikes(model, chance):
                 strike, listener = each if isinstance(each, tuple) else (each, None)
                 yield strike, _beside(model, listener)
-        elif isinstance(self.strikes, int):
-            yield from (_random(model, chance) for _ in range(self.strikes))
+        elif isinstance(self.strikes, int | float):
+            yield from (_random(model, chance) for _ in range(int(self.strikes)))
         else:
             for strike, listener in map(_strike_of, self.strikes):
                 yield strike, _beside(model, listener)
