@@ -190,7 +190,9 @@ def test_parts_too_thin_for_the_lattice_are_refused() -> None:
 
 def test_a_wire_that_passes_between_points_of_the_lattice_is_refused_with_a_way_out() -> None:
     ring = trimesh.creation.torus(0.5, 0.003, major_sections=256, minor_sections=12)
-    way = r"pieces on a lattice of 0\.0088\d* m: use accuracy='standard', .* solid of struck\.solids"
+    way = (
+        r"pieces on a lattice of 0\.0088\d* m: use accuracy='standard', .* solid of struck\.solids"
+    )
     with pytest.raises(MeshError, match=way):
         filled(FilledBody(mesh=Mesh(points=ring.vertices, faces=ring.faces)), "preview")
 
