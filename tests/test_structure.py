@@ -40,6 +40,8 @@ LINES = 47_000 + sum(lines for lines, _ in BROUGHT.values())
 MODULES = 200 + sum(modules for _, modules in BROUGHT.values())
 LINES_A_FILE, FEW_LINES, LINES_A_BODY = 700, 100, 40
 MODULES_A_ROOM, ENTRIES, PUBLIC_NAMES = 20, 22, 40
+# cli: one command a file, and what they share; model: what both solvers ask of the machine as well
+LARGER_ROOMS = {"cli": 21, "model": 21}
 C_LINES, C_LINES_A_FILE, C_LINES_A_BODY = 3_000, 500, 60
 ALONE = 15  # modules with one importer, in their own room
 
@@ -165,7 +167,8 @@ def too_short() -> dict[str, int]:
 
 def crowded() -> dict[str, int]:
     rooms = Counter(path.parent for path in SOURCES)
-    return {name_of(room): many for room, many in rooms.items() if many > MODULES_A_ROOM}
+    most = {room: LARGER_ROOMS.get(name_of(room), MODULES_A_ROOM) for room in rooms}
+    return {name_of(room): many for room, many in rooms.items() if many > most[room]}
 
 
 def repeated_files() -> list[str]:

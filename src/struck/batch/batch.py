@@ -18,10 +18,10 @@ from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.errors import FileFormatError, OptionError, SolverError, StruckError
 from struck.files.atomic import read_bytes, real, sweep, write_bytes
+from struck.model import machine
 from struck.model.arrays import checked, require_number
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
-from struck.solids.fem import factorisation
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -135,8 +135,8 @@ def analyze_many(
     if not batch.waiting:
         progress("report", 0.0)
     elif scheduler is None:
-        free = factorisation.available() if memory is None else int(memory)
-        count = processes or factorisation.cores()
+        free = machine.available() if memory is None else int(memory)
+        count = processes or machine.cores()
         batch.run(Processes(folder, count=count, memory=free))
     else:
         from struck.batch.cluster import Cluster

@@ -230,7 +230,7 @@ def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: A
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
     """Return what single layers carry (F, K): i w times density times outward velocity."""
-    return 1j * wave_numbers * air.impedance * velocities
+    return np.asarray(1j * wave_numbers * air.impedance * velocities, np.complex128)
 
 
 def edge_length(mesh: Mesh) -> float:
