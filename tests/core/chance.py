@@ -21,7 +21,7 @@ from struck.model.arrays import AnyArray, Array, Index, Single
 from struck.model.exponentials import Exponentials
 from struck.model.gains import shapes_along
 from struck.model.mesh import Mesh
-from struck.radiation.boundary_elements import Elements
+from struck.radiation.boundary_elements import BoundaryElements
 from struck.recordings.noise import Noise
 from struck.recordings.poles.normal_equations import add_unique, take_turns
 from struck.recordings.poles.refinement import blocks_around, overlapping
@@ -163,7 +163,7 @@ def layered(random: Random) -> Iterator[Array]:
     corners = random.random((faces, vertices)).argsort(axis=1)[:, :3]
     corners[0] = corners[0, 0]
     mesh = Mesh(points=random.standard_normal((vertices, 3)), faces=corners)
-    elements, wave_number = Elements.of(mesh), 10 ** random.uniform(-9, 3)
+    elements, wave_number = BoundaryElements.of(mesh), 10 ** random.uniform(-9, 3)
     doubles = np.empty((faces, faces + int(random.integers(3))), np.complex128)
     singles = elements.layers(mesh.centroids, wave_number, doubles, 0)
     yield from (singles.view(np.float64), doubles[:, :faces].copy().view(np.float64))

@@ -12,7 +12,7 @@ from struck.analysis.analysis import radiating
 from struck.errors import OptionError, SolverError
 from struck.model.gains import ShapeGains
 from struck.radiation import sound_field
-from struck.radiation.sound_field import Plan, fields_of, velocities_on
+from struck.radiation.sound_field import FieldPlan, fields_of, velocities_on
 from struck.solids import Block
 
 BAND = 20.0, 20_000.0
@@ -56,7 +56,7 @@ def solved_again(**given: object) -> None:
 
 def test_net_flux_is_that_of_the_bodys_own_surface(block: struck.ModalModel) -> None:
     gains = shaped(block)
-    plan, modes = Plan.of(gains, block.natural_frequencies, BAND), np.arange(gains.count)
+    plan, modes = FieldPlan.of(gains, block.natural_frequencies, BAND), np.arange(gains.count)
     mesh = sound_field.remeshed(plan.skin.mesh, 2 * plan.edges[0], plan.wall)
     velocities = velocities_on(mesh, gains, plan.skin, modes)
     own = np.einsum("fd,fcdm->m", gains.surface.area_vectors, gains.shapes[gains.surface.faces])
@@ -66,13 +66,13 @@ def test_net_flux_is_that_of_the_bodys_own_surface(block: struck.ModalModel) -> 
 
 def test_higher_modes_get_finer_meshes_and_the_highest_none(block: struck.ModalModel) -> None:
     gains, natural = shaped(block), block.natural_frequencies
-    plan = Plan.of(gains, natural, (20.0, 2e4))
+    plan = FieldPlan.of(gains, natural, (20.0, 2e4))
     every = np.concatenate([*plan.meshed, plan.left_out])
     np.testing.assert_array_equal(np.sort(every), np.arange(len(natural)))
     assert list(plan.edges) == sorted(plan.edges)
     for edge, modes in zip(plan.edges, plan.meshed, strict=True):
         assert (plan.wave_numbers[modes] * edge <= 1.01 * 2 * np.pi / 6).all()
-    high = Plan.of(gains, 40 * natural, (20.0, 1e6)).left_out
+    high = FieldPlan.of(gains, 40 * natural, (20.0, 1e6)).left_out
     ka = 2 * np.pi * 40 * natural / 343.21 * gains.radius
     np.testing.assert_array_equal(high, np.flatnonzero(ka > 24))
 
@@ -80,7 +80,7 @@ def test_higher_modes_get_finer_meshes_and_the_highest_none(block: struck.ModalM
 def test_too_little_memory_and_a_relative_estimate_are_refused(
     block: struck.ModalModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = Plan.of(shaped(block), block.natural_frequencies, BAND)
+    plan = FieldPlan.of(shaped(block), block.natural_frequencies, BAND)
     monkeypatch.setattr(sound_field, "available", lambda: 2**20)
     with pytest.raises(SolverError, match="give a band= that ends lower"):
         fields_of(shaped(block), plan)

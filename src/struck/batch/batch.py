@@ -16,9 +16,9 @@ from struck.batch.job import Facts, kept
 from struck.batch.job_table import FACTS, BodyJob, Files, Table, jobs_of, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
+from struck.core import machine
 from struck.errors import FileFormatError, OptionError, SolverError, StruckError
 from struck.files.atomic import read_bytes, real, sweep, write_bytes
-from struck.model import machine
 from struck.model.arrays import checked, require_number
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent

@@ -12,14 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from struck.core.machine import thread_count
 from struck.errors import MeshError, SolverError
 from struck.model.arrays import Array, Complex, Index, Single
-from struck.model.machine import thread_count
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 
@@ -39,7 +38,7 @@ _BY_WAVE, _BY_WALL = 0.01, 0.04
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Elements:
+class BoundaryElements:
     """Triangles of constant pressure and velocity, as the core integrates over them."""
 
     mesh: Mesh
@@ -49,7 +48,7 @@ class Elements:
     sizes: Array  # (F,), longest edges, m
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Elements:
+    def of(cls, mesh: Mesh) -> BoundaryElements:
         """Return the elements of a closed surface."""
         corners = np.ascontiguousarray(mesh.points[mesh.faces])
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -106,7 +105,10 @@ class SurfaceField:
 
         The Kirchhoff-Helmholtz integral: Pa for a modal velocity of 1 kg^1/2 m/s.
         """
-        elements, out = Elements.of(self.mesh), np.empty((len(points), len(modes)), np.complex128)
+        elements, out = (
+            BoundaryElements.of(self.mesh),
+            np.empty((len(points), len(modes)), np.complex128),
+        )
         doubles = np.empty((_ROWS, len(self.mesh.faces)), np.complex128)
         for wave_number in np.unique(self.wave_numbers[modes]):
             some = np.flatnonzero(self.wave_numbers[modes] == wave_number)
@@ -177,7 +179,7 @@ def solved(
     SolverError
         Without a compiled core.
     """
-    elements, walls = Elements.of(mesh), Walls.of(mesh)
+    elements, walls = BoundaryElements.of(mesh), Walls.of(mesh)
     thin = walls.thinnest
     if thin < THINNEST:
         raise MeshError(
@@ -201,7 +203,9 @@ def solved(
     return replace(field, errors=stated + _imbalances(field))
 
 
-def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: Array) -> Complex:
+def _pressures(
+    elements: BoundaryElements, wave_number: float, flows: Complex, inside: Array
+) -> Complex:
     """Return the pressures (F, K) that flows (F, K) make; points (P, 3) border the equations."""
     from scipy.linalg import lu_factor, lu_solve
 
@@ -225,12 +229,12 @@ def _pressures(elements: Elements, wave_number: float, flows: Complex, inside: A
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
     found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
-    return cast("Complex", found[:count])
+    return found[:count]
 
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
     """Return what single layers carry (F, K): i w times density times outward velocity."""
-    return np.asarray(1j * wave_numbers * air.impedance * velocities, np.complex128)
+    return np.asarray(1j * air.impedance * wave_numbers * velocities, np.complex128)
 
 
 def edge_length(mesh: Mesh) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 
@@ -13,35 +13,11 @@ from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
 from struck.model.mesh import in_space
+from struck.radiation.boundary_elements import SurfaceField
 from struck.radiation.multipoles import CLOSE, FAR, Multipoles
 
 _SAME = 1e-9  # relative: frequencies closer than this are the same
 _IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
-
-
-class SurfaceField(Protocol):
-    """Pressure and velocity of some modes of a body on its skin, and so the sound outside."""
-
-    @property
-    def modes(self) -> Index:
-        """Their numbers among the modes of the body (K,)."""
-        ...
-
-    @property
-    def wave_numbers(self) -> Array:
-        """1/m (K,)."""
-        ...
-
-    def pressure(self, points: Array, modes: Index) -> Complex:
-        """Return the pressure at points (P, 3), m, of its own modes by place (K,): (P, K)."""
-        ...
-
-    def chosen(self, modes: Index, size: float, factor: float | Array) -> Self | None:
-        """Return those of `modes` that it has, numbered as there; None without any.
-
-        The body is `size` times as large, and its shapes `factor` times, or one for each of them.
-        """
-        ...
 
 
 # A surface like any other to whoever strikes it, so that what asks for `ShapeGains` takes these.

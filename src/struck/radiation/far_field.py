@@ -157,9 +157,9 @@ class RadiatedPower:
             Where memory does not suffice.
         """
         from struck.radiation.directivity import RadiatingGains
-        from struck.radiation.sound_field import Plan, computed_at_once, fields_of
+        from struck.radiation.sound_field import FieldPlan, computed_at_once, fields_of
 
-        plan = Plan.of(gains, frequencies, band)
+        plan = FieldPlan.of(gains, frequencies, band)
         parts = fields_of(gains, plan, keep or computed_at_once, progress)
         if not parts:
             return gains, plan.left_out

@@ -12,10 +12,10 @@ from functools import partial
 
 import numpy as np
 
+from struck.core.machine import GIB, available
 from struck.errors import SolverError
 from struck.model.arrays import Array, Index
 from struck.model.gains import Keep, ShapeGains
-from struck.model.machine import GIB, available
 from struck.model.material import AIR
 from struck.model.mesh import Mesh
 from struck.model.provenance import FORECAST, Progress, silent
@@ -38,6 +38,7 @@ _WALL = 0.15  # of an element, which a wall has at least
 _FINER = 2**0.5  # from a mesh to the next: twice as many elements
 # Processor time of one factorisation by its F elements, s: putting together, and LAPACK's LU.
 _BY_SQUARE, _BY_CUBE = 1e-7, 6e-11
+_BY_FACE = 3e-4  # of remeshing, by the faces of the skin, s
 _SAMPLES = 1300  # places around the body at which the field is read
 _BYTES = 18  # of memory by the square of the elements
 
@@ -49,7 +50,7 @@ def computed_at_once(compute: Callable[[], SurfaceField], /, **inputs: object) -
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class FieldPlan:
     """What is computed: modes by mesh, and by frequency on each."""
 
     skin: Skin  # what meets free air
@@ -60,8 +61,8 @@ class Plan:
     left_out: Index  # modes that keep the estimate: ka above the bound
 
     @classmethod
-    def of(cls, gains: ShapeGains, frequencies: Array, band: tuple[float, float]) -> Plan:
-        """Plan the field of the modes within a band, Hz."""
+    def of(cls, gains: ShapeGains, frequencies: Array, band: tuple[float, float]) -> FieldPlan:
+        """FieldPlan the field of the modes within a band, Hz."""
         wave_numbers = 2 * np.pi * frequencies / AIR.sound_speed
         within = np.flatnonzero((frequencies >= band[0]) & (frequencies <= band[1]))
         high = wave_numbers[within] * gains.radius > LARGEST
@@ -102,7 +103,8 @@ class Plan:
         """About how much time of a processor it takes."""
         solves = np.array([len(list(self.groups(modes))) for modes in self.meshed])
         each = _BY_SQUARE * self.counts * (self.counts + _SAMPLES) + _BY_CUBE * self.counts**3
-        return float(solves @ each) if len(solves) else 0.0
+        remeshing = _BY_FACE * len(self.skin.faces) * len(solves)
+        return float(solves @ each) + remeshing if len(solves) else 0.0
 
     @property
     def memory(self) -> float:
@@ -125,7 +127,7 @@ def _shape_waves(gains: ShapeGains) -> Array:
 
 
 def fields_of(
-    gains: ShapeGains, plan: Plan, keep: Keep = computed_at_once, progress: Progress = silent
+    gains: ShapeGains, plan: FieldPlan, keep: Keep = computed_at_once, progress: Progress = silent
 ) -> list[SurfaceField]:
     """Return the fields of the planned modes, one for each mesh.
 

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from scipy import sparse
 
+from struck.core.machine import GIB, available, thread_count
 from struck.errors import OptionError, SolverError
 from struck.model.arrays import Array
-from struck.model.machine import GIB, available, thread_count
 
 if TYPE_CHECKING:
     from rslab import LdltSymbolic
