@@ -1,4 +1,4 @@
-"""Analysis of many meshes: jobs go to a crew, what is finished stays, a report tells of all."""
+"""Analysis of many mesh files: worker processes write models, and a report lists every file."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def analyze_many(
 
 
 def _require_apart(jobs: Iterable[BodyJob], table: Table, pages: list[Path], folder: Path) -> None:
-    """Raise OptionError where what is written would replace what is read."""
+    """Raise OptionError where an output file would replace an input file."""
     read = {real(job.file) for job in jobs}
     read |= {real(table)} if isinstance(table, str | os.PathLike) else set()
     for path in (*pages, *(job.path(folder) for job in jobs)):
@@ -155,7 +155,7 @@ def _require_apart(jobs: Iterable[BodyJob], table: Table, pages: list[Path], fol
 
 
 def _made(folder: Path, jobs: Iterable[BodyJob]) -> str:
-    """Make the folder, free of what killed processes left; return the name of this run in it."""
+    """Make the output folder without files of killed runs, and return the name of this run."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -169,7 +169,7 @@ def _made(folder: Path, jobs: Iterable[BodyJob]) -> str:
 
 
 class _Batch:
-    """Jobs that wait, that go on and that have ended, each with what is told of it."""
+    """Jobs of one run: those waiting, those running, and the facts of those that have ended."""
 
     def __init__(self, folder: Path, *, run: str, resume: bool, progress: Progress) -> None:
         self._folder, self._resume, self._progress = folder, resume, progress
@@ -231,7 +231,7 @@ class _Batch:
         return BatchReport(folder=self._folder, rows=tuple(rows), computed=self._computed)
 
     def _end(self, job: BodyJob, facts: Facts) -> None:
-        """Note what became of a job, of its parts and of those that are alike."""
+        """Store the facts of an ended job, of its parts and of jobs with the same content."""
         self._ended[job.output] = job, facts
         for part in map(job.for_part, facts.get("parts", ())):
             other = self._ended.get(part.output, (part, facts))[0]
@@ -246,7 +246,7 @@ class _Batch:
                 self._end(twin, self._copied(job, twin))
 
     def _copied(self, first: BodyJob, twin: BodyJob) -> Facts:
-        """Write what was made of the same content and options under another name."""
+        """Copy the model of a job with the same content and options to another name."""
         told = json.dumps(self._ended[first.output][1])
         facts = json.loads(told.replace(json.dumps(first.file)[1:-1], json.dumps(twin.file)[1:-1]))
         try:

@@ -77,7 +77,7 @@ class BatchRow:
 
     @classmethod
     def of(cls, job: BodyJob, facts: Mapping[str, Any]) -> BatchRow:
-        """Return the row of a job that told its facts."""
+        """Return the report's row of an ended job from its facts."""
         material, model = job.material, "" if "failure" in facts else f"{job.output}{MODEL}"
         named = material.name if isinstance(material, Material) else material
         body = {

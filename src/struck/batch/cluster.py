@@ -97,7 +97,7 @@ class Cluster:
         return job, told["facts"]
 
     def close(self) -> None:
-        """Leave the cluster: what waits there is not begun, and what goes on is not waited for."""
+        """Leave the cluster: cancel its waiting tasks, and do not wait for the running ones."""
         for future in self._running:
             future.cancel()
         if self._own:

@@ -76,7 +76,7 @@ def main() -> None:
 
 
 def _read(count: int) -> bytes:
-    """Return bytes of standard input, all or none; what follows them is left there."""
+    """Return a number of bytes of standard input, or none where it ends before."""
     data = b""
     while len(data) < count and (more := os.read(0, count - len(data))):
         data += more
@@ -135,7 +135,7 @@ def _confine(memory: int | None) -> None:
 
 
 def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> Facts:
-    """Analyze a body into a folder; return what its facts file tells."""
+    """Analyze a body, write its model into a folder, and return the facts of its facts file."""
     facts: Facts = {"key": job.key}
     try:
         job.path(folder).parent.mkdir(parents=True, exist_ok=True)
@@ -222,7 +222,7 @@ def kept(job: BodyJob, folder: Path) -> Facts | None:
 
 
 def _facts(job: BodyJob, folder: Path) -> Facts:
-    """Return what a facts file holds, nothing where it is missing or no facts file."""
+    """Return the facts of a facts file, none where it is missing or damaged."""
     with contextlib.suppress(StruckError, ValueError, RecursionError):
         facts = json.loads(read_bytes(job.path(folder, FACTS)))
         if isinstance(facts, dict) and isinstance(facts.get("files", {}), dict):
@@ -246,7 +246,7 @@ def _cost() -> dict[str, float]:
 
 
 def _may_pass(error: BaseException | None) -> bool:
-    """Tell whether an error, or what led to it, may be gone the next time."""
+    """Return whether an error, or its cause, may not occur again at a second try."""
     while error is not None and not isinstance(error, OSError | MemoryError):
         error = error.__cause__ or error.__context__
     return error is not None

@@ -83,7 +83,7 @@ class BodyJob:
 
 
 def content_of(file: str) -> str:
-    """Return the SHA-256 of a mesh file, and of the buffers beside a glTF; OSError without it."""
+    """Return the SHA-256 of a mesh file and a glTF's buffers; OSError without it."""
     path, digest = Path(file), hashlib.sha256()
     for each in (path, *_beside(path)):
         with open_ordinary(each) as opened:
@@ -176,7 +176,7 @@ def _job(path: str, root: Path, row: dict[str, Any], make: Callable[..., BodyJob
 
 
 def _require_sendable(jobs: Sequence[BodyJob]) -> None:
-    """Refuse options that no other process could be told."""
+    """Raise OptionError for options that cannot be pickled for another process."""
     told = [
         each for job in jobs for each in (*job.options.values(), getattr(job.strikes, "strikes", 0))
     ]
@@ -260,7 +260,7 @@ def _box(value: Any) -> Any:  # noqa: ANN401
     return corners if callable(corners) else (corners[:3], corners[3:])
 
 
-# What cells of CSV files stand for.
+# How the cells of a CSV table are read, by the name of their column.
 _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
     **dict.fromkeys(("repair", "recoil"), _flag),

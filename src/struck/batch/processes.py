@@ -28,7 +28,7 @@ _PROGRAM = "from struck.batch.job import main; main()"
 
 
 def failure(kind: str, message: str) -> Facts:
-    """Return the facts of a job that told none."""
+    """Return the facts of a job that failed without facts of its own: an error and its message."""
     return {"failure": kind, "message": message}
 
 
@@ -49,14 +49,14 @@ class _Worker:
         self._thread.start()
 
     def _listen(self, events: queue.SimpleQueue[tuple[_Worker, Facts | None]]) -> None:
-        """Pass on what it tells, and None once it has ended."""
+        """Put each line of the process's output into the queue, and None once it has ended."""
         with cast("Any", self._process.stdout) as told:
             for line in told:
                 events.put((self, json.loads(line)))
         events.put((self, None))
 
     def tell(self, data: bytes) -> None:
-        """Send bytes to it; that it has ended is told by `_listen`."""
+        """Send bytes to the process; `_listen` reports where it has ended."""
         stdin = cast("Any", self._process.stdin)
         with contextlib.suppress(OSError):
             stdin.write(data)
@@ -139,7 +139,7 @@ class Processes:
             worker.close()
 
     def _allow(self) -> None:
-        """Let those go on whose memory fits beside the others'; one alone always may."""
+        """Let jobs go on whose memory fits beside that of the others; a single job always may."""
         for worker, each in self._running.items():
             taken = sum(other.forecast for other in self._running.values() if not other.waits)
             fits = self._memory is None or taken + each.forecast <= self._memory

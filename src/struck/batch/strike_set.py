@@ -91,7 +91,7 @@ class StrikeSet:
         return labels
 
     def _chosen(self, model: ModalModel, output: str) -> Iterator[tuple[Strike, Array]]:
-        """Yield strikes with those who hear them; random ones by the seed and the model's name."""
+        """Yield strikes and listeners; random ones depend on the seed and the model's name."""
         chance = np.random.default_rng([self.seed, zlib.crc32(output.encode())])
         if callable(self.strikes):
             for each in self.strikes(model, chance):
