@@ -321,8 +321,7 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     found = cells_in(
         seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge, widest=widest
     )
-    functions = FUNCTIONS_A_NODE * (len(found.points) + len(found.edges()))
-    if cubic and functions > _SLACK * goal.crowded:
+    if cubic and _functions(found) > _SLACK * goal.crowded:
         from struck.solids.filling.membership import mended  # few bodies need it
 
         found = mended(found)
@@ -344,6 +343,11 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     )
 
 
+def _functions(cells: Cells) -> float:
+    """Return about how many functions cubic elements of these cells have."""
+    return FUNCTIONS_A_NODE * (len(cells.points) + len(cells.edges()))
+
+
 def _stiffened(body: Body, spacing: float) -> float:
     """Return how much frequencies are too high by what flat elements miss along thin edges."""
     if isinstance(body, FilledBody | WalledSheet):
@@ -359,7 +363,8 @@ def _unreached(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
     """Return the share of a surface's area that no element is within a lattice spacing of."""
     places, vectors = outline.spread(_PLACES)
     areas = np.linalg.norm(vectors, axis=1)
-    away = Surface(elements.surface()[0]).closest(places)[0]
+    # Sides have a node every half spacing, and nodes are found in a third of the time.
+    away = KDTree(elements.nodes).query(places)[0]
     return float(areas[away > spacing].sum() / areas.sum())
 
 
