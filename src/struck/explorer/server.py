@@ -267,11 +267,11 @@ class _Answers:
         self._heads: asyncio.Task[None] | None = None
 
     async def page(self, _request: Request) -> Response:
-        from starlette.responses import FileResponse
+        from starlette.responses import HTMLResponse
 
         if self._heads is None:
             self._heads = asyncio.create_task(asyncio.to_thread(_prepare_heads))
-        return FileResponse(STATIC / "index.html")
+        return HTMLResponse((STATIC / "index.html").read_bytes())
 
     async def core(self, _request: Request) -> Response:
         from starlette.responses import FileResponse
