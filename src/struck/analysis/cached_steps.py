@@ -116,7 +116,7 @@ def _key(stage: str, inputs: Mapping[str, object]) -> str | None:
 
 @computed_once
 def method() -> str:
-    """Return the fingerprint of what computes: struck's own source, and the libraries."""
+    """Return the fingerprint of the method: struck's own source, and the libraries' versions."""
     source = Path(__file__).parents[1]
     files = {
         path.relative_to(source).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
@@ -154,7 +154,7 @@ def _pieces(value: object) -> Sequence[bytes | memoryview]:
 
 
 def _parts(value: object) -> Iterable[object]:
-    """Return what a value is made of, in order."""
+    """Return the parts of a value, in order."""
     if isinstance(value, tuple | list):
         return value
     if isinstance(value, Mapping):

@@ -45,7 +45,7 @@ class Solid(Protocol):
     """A body of struck.solids: it makes its own elements."""
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return its elements, or so many times as many in each direction."""
+        """Return the elements of the solid, `finer` times as many in each direction."""
         ...
 
     @property
@@ -72,7 +72,7 @@ class FileOptions:
     up: str | None = None
 
     def refuse(self, reason: str, *taken: str) -> None:
-        """Raise OptionError where an option was given that is not among those `taken`."""
+        """Raise OptionError where an option was given whose name is not in `taken`."""
         for option in fields(self):
             if getattr(self, option.name) is not None and option.name not in taken:
                 raise OptionError(f"{option.name}= does not apply here: {reason}")
@@ -149,7 +149,7 @@ class StructuredSolid:
 
     @property
     def nodes(self) -> Sequence[float]:
-        """Number of nodes of the coarse elements, and of those to begin with."""
+        """Numbers of nodes of the coarse mesh and of the first mesh."""
         own = self._count(self.accuracy, 1.0)
         return [own] if self._given else [self._count(*self._coarser), own]
 
@@ -173,7 +173,7 @@ class StructuredSolid:
         return self._most(times, stages)
 
     def _most(self, times: float, stages: Stages) -> Elements:
-        """Return elements of so many times the first counts, as far as the accuracy allows."""
+        """Return elements of `times` the first counts, as far as the accuracy allows."""
         while times > 1 and self._count(self.accuracy, times) > accuracy_named(self.accuracy).most:
             times = max(1.0, times / _STEP)
         return self._at(self.accuracy, times, stages)
@@ -393,7 +393,7 @@ def _unrepaired(mesh: Mesh) -> Repair:
 
 
 def _warn_of(body: Source, repair: Repair) -> None:
-    """Warn of what was wrong with a surface and what was done about it."""
+    """Warn of the faults of a surface and the changes that mended it."""
     if repair.found:
         name = f"{body}" if isinstance(body, str | os.PathLike) else "the mesh"
         found, changed = " ".join(repair.found), " ".join(repair.changed)

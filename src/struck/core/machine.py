@@ -35,7 +35,7 @@ def _free_on_machine(root: Path) -> int | None:
 
 
 def _free_in_groups(root: Path) -> list[int]:
-    """Return what each control group (version 2, and version 1's memory) leaves."""
+    """Return the bytes that each control group (version 2, or version 1's memory) leaves free."""
     free = []
     for line in _lines(root / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -56,7 +56,7 @@ def _free_in_groups(root: Path) -> list[int]:
 
 
 def _given_back(folder: Path) -> int:
-    """Return the bytes of files that the system keeps only as long as nobody needs the room."""
+    """Return the bytes of cached files that the system drops when memory is needed."""
     for line in _lines(folder / "memory.stat"):
         name, _, amount = line.partition(" ")
         if name in {"inactive_file", "total_inactive_file"}:

@@ -1,4 +1,4 @@
-"""Ears: what a listener hears of bodies in space, in the open or in a room."""
+"""Ears: the sound of bodies in space at a listener, in the open or in a room."""
 
 import lazy_loader
 

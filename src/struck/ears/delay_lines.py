@@ -125,7 +125,7 @@ def hear(
     history: Single,
     heard: Single,
 ) -> None:
-    """Read all paths and add what they sound like at the ears.
+    """Read all delay lines and add the sound of each path at the ears.
 
     Parameters
     ----------

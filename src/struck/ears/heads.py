@@ -54,7 +54,7 @@ class Head(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the head."""
         ...
 
     @property

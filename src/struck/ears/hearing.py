@@ -1,4 +1,4 @@
-"""What a listener hears of bodies in space, block after block."""
+"""Sound of bodies in space at a listener's ears, block after block."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Hearing:
         return self.propagation.lead
 
     def next_block(self, samples: Array) -> Array:
-        """Return what is heard (ears, n), `lead` samples late.
+        """Return the next block of sound at the ears (ears, n), `lead` samples late.
 
         Parameters
         ----------

@@ -130,7 +130,7 @@ class Listener(Protocol):
 
     @property
     def up(self) -> Course3:
-        """Which way its head points, of any length; what is along `facing` is left out."""
+        """Direction of the top of the head, of any length; its part along `facing` is removed."""
         ...
 
     @property
@@ -253,7 +253,7 @@ class Stereo:
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return those of the ball."""
+        """Return the filters of a rigid ball at a sample rate."""
         del brief
         return _ball(self.head, self.radius).prepared(sample_rate)
 
@@ -299,7 +299,7 @@ class Binaural:
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return those of the measured head; brief ones last 5 ms, 256 samples at 48 kHz."""
+        """Return the filters of the measured head; brief ones last 5 ms, 256 samples at 48 kHz."""
         from struck.ears.measured_head import MeasuredHead
 
         if str(self.hrtf) == "kemar":

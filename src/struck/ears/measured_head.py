@@ -412,7 +412,7 @@ class MeasuredHead:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the measured head."""
         return self.measured.name
 
     @property
@@ -506,7 +506,7 @@ def _nodes() -> Array:
 
 
 def _grid(ready: Aligned, length: int) -> Single:
-    """Return delays and spectra on the grid: a spline over what is measured."""
+    """Return delays and spectra on the grid, by a spline through the measured directions."""
     nodes = _nodes()
     # Far from all that was measured, delays tend to Kuhn's for low frequencies, which are smooth.
     excess = ready.delays + _KUHN * (ready.directions @ EARS.T)

@@ -136,7 +136,7 @@ class Carried:
 
 
 class Centres:
-    """Centres of bodies over time; those that share a table of times are computed together."""
+    """Centres of bodies over time; bodies that share a table of times are computed together."""
 
     def __init__(self, centres: Sequence[Trajectory | Carried]) -> None:
         tabled = [

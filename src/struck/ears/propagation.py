@@ -108,7 +108,7 @@ class Sources:
                 )
 
     def heard_at(self, body: int, pose: Posed, time: float, points: slice) -> Array:
-        """Return where a body, and then its images, are heard of what it sends at a time, s.
+        """Return the listener's places as seen from a body and its images at a time of sending, s.
 
         In its own coordinates, m (images points, 3): a wall mirrors the listener for the body as it
         does the body for the listener. Points are those of the places of a pose.
@@ -127,7 +127,7 @@ class Sources:
         return any(each.centre.moves for each in self._emitters)
 
     def at(self, times: Array, ways: Array) -> Array:
-        """Return the places of sources when they sent what arrives at times (n,): (n, sources, 3).
+        """Return the places of sources (n, sources, 3) when they sent the sound of times (n,).
 
         `ways` (n, sources), m, are how far the sound has gone.
         """
@@ -240,7 +240,7 @@ def _level(ahead: Array, up: Array) -> Array:
 
 
 class Propagation:
-    """Where bodies and ears are, and what a head does between.
+    """Paths from bodies to ears, with delays, gains and the filters of the head.
 
     Its `lead` is by how many samples all delays are longer, so that none is shorter than `READ` /
     2. Raises ContactError with the listener inside a body, OptionError on impossible directions or
@@ -289,7 +289,7 @@ class Propagation:
         return firsts[:, None] + np.outer(self._bare, np.arange(self.ears)), int(sizes.sum())
 
     def heard_at(self, body: int, time: float) -> Array:
-        """Return where a body with a timbre field is heard of what it sends at a time, s.
+        """Return the listener's places as seen from a timbre field at a time of sending, s.
 
         In its own coordinates, m (points, 3): of each image, itself first, the head's centre, or
         each ear.
@@ -320,7 +320,7 @@ class Propagation:
 
     @property
     def longest(self) -> int:
-        """Samples until the last of what is sent now has arrived."""
+        """Number of samples until all sound sent now has arrived."""
         delays, _, responses = self._end
         return int(np.ceil(delays.max())) + responses.shape[-1]
 
@@ -378,7 +378,7 @@ class Propagation:
         return distances, seen / np.maximum(distances[..., :1], 1e-9), places[:, 0]
 
     def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return what the head adds to delays, s (sources, ears), and all responses."""
+        """Return the delays of the head, s (sources, ears), and all responses."""
         later, responses = self._filters.toward(directions, distances)
         bare = self._bare
         if bare.any():
@@ -408,7 +408,7 @@ def _unit(taps: int) -> Single:
 
 
 def _convolved(responses: Single, walls: Single) -> Single:
-    """Return responses (sources, ears, taps) after those of walls (sources, taps)."""
+    """Return responses (sources, ears, taps) convolved with responses of walls (sources, taps)."""
     taps = responses.shape[-1] + walls.shape[-1] - 1
     spectra = np.fft.rfft(responses, taps) * np.fft.rfft(walls, taps)[:, None]
     return np.fft.irfft(spectra, taps).astype(np.float32)

@@ -151,7 +151,7 @@ class Room:
 
     @checked
     def require_inside(self, positions: ArrayLike, name: str) -> None:
-        """Refuse places (..., 3), m, that are not all inside; `name` says of what they are.
+        """Refuse places (..., 3), m, outside the room; `name` is the noun for them in the error.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Room:
             )
 
     def images(self) -> Images:
-        """Return the images up to the order, those of fewer reflections first."""
+        """Return the images up to the order, by ascending number of reflections."""
         span = range(-self.order, self.order + 1)
         cells = [c for c in itertools.product(span, repeat=3) if sum(map(abs, c)) <= self.order]
         cell = np.array(sorted(cells, key=lambda c: sum(map(abs, c))))
@@ -182,7 +182,7 @@ class Room:
 
     @checked
     def responses(self, sample_rate: float, taps: int = 64) -> Single:
-        """Return what the walls do to each image, as short filters of minimum phase: no delay.
+        """Return filters for the reflections of each image, short and of minimum phase.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Excitation: what strikes, scrapes, rolls on, plucks or holds a body, as forces over time."""
+"""Excitation: strikes, scrapes, rolls, plucks and holds, as forces over time."""
 
 import lazy_loader
 

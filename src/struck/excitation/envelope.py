@@ -1,4 +1,4 @@
-"""What a ball feels that rolls: the envelope of heights under its radius, and its own roundness.
+"""Envelope of heights under a rolling ball of a given radius, and the ball's own roundness.
 
 A ball of radius R over heights h(s) rests where it touches first, so that its lowest point is at
 
@@ -111,7 +111,7 @@ class Envelope:
         return factor * self._waves(ways, half)
 
     def _waves(self, ways: Array, half: Array | float) -> Array:
-        """Return the envelope (n,), averaged over `half` m to each side, less what is followed."""
+        """Return the envelope (n,), averaged over `half` m to each side, less its slow part."""
         return self._mean(ways, half) - self._mean(ways, FOLLOWED / 2)
 
     def _mean(self, ways: Array, half: Array | float) -> Array:
@@ -125,7 +125,7 @@ class Envelope:
         return np.interp(numbers, np.arange(len(self._sums)), self._sums)
 
     def _cover(self, begin: float, end: float) -> None:
-        """Make the grid cover a stretch of the way, and forget what lies far behind it."""
+        """Extend the grid over a stretch of the way, and drop the part far behind it."""
         low, high = int(np.floor(begin / self._step)), int(np.ceil(end / self._step)) + 1
         last = self._first + len(self._sums)
         if low < self._first or low > last:

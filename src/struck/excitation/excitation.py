@@ -1,4 +1,4 @@
-"""What all excitations have in common: bounds, control curves, the area of contact, and pushes.
+"""Common parts of excitations: bounds, control curves, the area of contact, and pushes.
 
 An excitation is constant; once begun on a model, it pushes the body block after block. A push is
 spread over a disc, which drives each mode by the mean of its shape: a patch wider than a mode's
@@ -89,7 +89,7 @@ class Changing(Protocol):
 
 
 class Excitation(Protocol):
-    """What pushes a body: constant, and the same again for the same seed."""
+    """An excitation of a body: immutable, and the same each time for the same seed."""
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Pushing:
         """Begin on a model at sample number `start` (may be negative: a prelude).
@@ -311,7 +311,7 @@ def _disc() -> tuple[Array, Array]:
 
 
 def frozen(name: str, course: Course) -> Course:
-    """Return a control curve that nobody can change afterwards, all of it finite and at least 0."""
+    """Return a control curve as immutable values, checked to be finite and at least 0."""
     if callable(course):
         return course
     if not isinstance(course, tuple):
@@ -328,7 +328,7 @@ def frozen(name: str, course: Course) -> Course:
 
 
 def follow(name: str, course: Course) -> Callable[[float], float]:
-    """Return a control curve as a function of time that checks what it returns."""
+    """Return a control curve as a function of time that checks each value."""
     if isinstance(course, tuple):
         times, values = _table(name, course)
         return lambda time: float(np.interp(time, times, values))
@@ -431,7 +431,7 @@ def require_kernel(
 
 
 def require_known(name: str, table: Mapping[str, object], noun: str) -> str:
-    """Return the key of a table that a name stands for in any case, or raise an OptionError."""
+    """Return the key of a table for a name in any case, or raise an OptionError."""
     key = name.strip().lower()
     if key not in table:
         near = difflib.get_close_matches(key, table, n=3, cutoff=0.5)

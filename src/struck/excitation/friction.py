@@ -67,7 +67,7 @@ _RESOLVED = 3.3  # q a of the shortest wave that a contact feels
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tool:
-    """What touches.
+    """A tool that touches a body: its tip, roughness, patch and softness.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class Reader:
         return weights
 
     def weights_plainly(self, speeds: Array, loads: Array) -> Array:
-        """Return what `weights_at` returns, in plain NumPy."""
+        """Return weights of the surface's layers like `weights_at`, in plain NumPy."""
         rubbed = self._rubbed
         radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
         heights = self._followed * patch_mean(np.log(radii)[:, None] - self._scales)

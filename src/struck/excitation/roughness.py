@@ -307,5 +307,5 @@ def _joined(profile: Profile, length: float, count: int) -> Array:
 
 
 def finish(given: str | Finish) -> Finish:
-    """Return a finish given by name, or what was given as it is."""
+    """Return the finish for a name, or a given finish unchanged."""
     return Roughness.named(given) if isinstance(given, str) else given

@@ -109,7 +109,7 @@ class Scrape:
         return rubbing.start(round(self.time * sample_rate), start)
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Reader:
-        """Return what reads the surface along a path."""
+        """Return the reader of the surface along a path."""
         del path, load
         tool = Tool(
             roughness=self.roughness, striker=self.striker, radius=self.radius, seed=self.seed
@@ -225,7 +225,7 @@ class Roll:
         return _GRAVITY * self.mass if self.mass is not None else self.load or 0.0
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Envelope:
-        """Return what reads surface and roller together along a path."""
+        """Return the reader of surface and roller together along a path."""
         surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
         material = self.material
         if isinstance(material, str):
@@ -273,7 +273,7 @@ class Rubbing:
         self._begun = 0.0  # m, where the next chunk begins
 
     def start(self, first: int, start: int) -> Self:
-        """Begin at sample number `start` with what was to begin at `first`."""
+        """Begin at sample number `start`, as if playing since sample `first`."""
         self._wait = max(0, first - start)
         for begin in range(0, start - first, CHUNK):
             self._take(min(CHUNK, start - first - begin))

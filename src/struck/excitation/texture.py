@@ -63,7 +63,7 @@ class Layers:
 
 
 def add_heights(layers: Layers, weights: Array, first: int, places: Array, out: Array) -> None:
-    """Add to `out` (n,) what layers are at places (n, 3), m, times weights (rows, O).
+    """Add to `out` (n,) the heights of layers at places (n, 3), m, times weights (rows, O).
 
     Weights go in a straight line from row to row in 64 samples, `first` of which are over.
     """
@@ -80,7 +80,7 @@ def add_heights(layers: Layers, weights: Array, first: int, places: Array, out: 
 def add_heights_plainly(
     layers: Layers, weights: Array, first: int, places: Array, out: Array
 ) -> None:
-    """Add what `add_heights` adds, in plain NumPy."""
+    """Add the heights of layers like `add_heights`, in plain NumPy."""
     rows, begun = np.divmod(first + np.arange(len(places)), CHUNK)
     share = (begun[:, None] + 1) / CHUNK
     weight = weights[rows] + share * (weights[rows + 1] - weights[rows])

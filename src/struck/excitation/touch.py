@@ -1,4 +1,4 @@
-"""A touch: a hand, a tool or a haptic device on a body, told from outside at its own rate.
+"""A touch: a hand, a tool or a haptic device on a body, updated from outside at its own rate.
 
 Whoever moves it says 60 to 1000 times a second where it is, how hard it presses and how fast it
 moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
@@ -187,7 +187,7 @@ class Touching:
         self._updates.append(word)
 
     def change(self, model: ModalModel) -> None:
-        """Go on with a body that has changed: drives move to those of the new one."""
+        """Continue on a changed body: drives move in a line to the drives of the new one."""
         self._model = model
         held = self._heard
         if held is not None:
@@ -240,7 +240,7 @@ class Touching:
         ]
 
     def _drives(self, lines: Lines, samples: Index) -> list[Array]:
-        """Return the drives before some samples; what does not change is the same array."""
+        """Return the drives before some samples; equal drives are the same array."""
         drives = numbers_at(lines, samples, _DRIVE)
         same = [np.array_equal(drives[0], self._pushed)]
         same += (drives[1:] == drives[:-1]).all(axis=1).tolist()
@@ -500,7 +500,7 @@ class Replay:
         return self._touching.stretch(self._length, count, told)
 
     def _return(self) -> None:
-        """Go back to where what was given ends."""
+        """Go back to the end of the samples already given out."""
         if self._ready:
             given = self._given
             self._restore()
@@ -592,7 +592,7 @@ def expected(
 def expected_plainly(
     between: Index, shortest: float, longest: float, interval: float
 ) -> tuple[Index, float]:
-    """Return what `expected` returns, update by update."""
+    """Return expected samples between updates like `expected`, update by update."""
     gaps = []
     for samples in between.tolist():
         if shortest <= samples <= longest:
@@ -617,7 +617,7 @@ def joined(begins: Index, lengths: Index, low: Array, highs: Array) -> Array:
 
 
 def joined_plainly(begins: Index, lengths: Index, lows: Array, highs: Array) -> Array:
-    """Return what `joined` returns, in plain NumPy, the first row of `lows` being filled."""
+    """Return starts of lines like `joined`, in plain NumPy, with the first row of `lows` filled."""
     for n in range(1, len(lows)):
         before = Line(int(begins[n - 1]), int(lengths[n - 1]), lows[n - 1], highs[n - 1])
         lows[n] = before.at(int(begins[n]))

@@ -51,7 +51,7 @@ def policy(page: Path) -> str:
 
 
 def headers(page: Path) -> Mapping[str, str]:
-    """Return what is sent with every answer: the policy, and what isolates the page."""
+    """Return the headers of every answer: the policy, and the isolation of the page."""
     return {
         "content-security-policy": policy(page),
         "cross-origin-opener-policy": "same-origin",
@@ -151,7 +151,7 @@ class Admission:
 
 
 def _headers(scope: Scope) -> dict[str, str]:
-    """Return a request's headers; of those given twice, both, so that neither is believed."""
+    """Return a request's headers; values of a repeated one are joined, so that neither passes."""
     found: dict[str, str] = {}
     for name, value in scope["headers"]:
         key, text = name.decode("latin-1"), value.decode("latin-1")
@@ -160,7 +160,7 @@ def _headers(scope: Scope) -> dict[str, str]:
 
 
 def _bounded(receive: Receive) -> Receive:
-    """Return what receives a body of at most `LARGEST_BODY` bytes, also without a length."""
+    """Return a `receive` that refuses bodies above `LARGEST_BODY` bytes, also without a length."""
     got = 0
 
     async def bounded() -> Message:

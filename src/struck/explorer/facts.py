@@ -1,4 +1,4 @@
-"""What the page is told of a model beside its file: figures, numbered places, changes."""
+"""Facts of a model for the page: figures, numbered places, and changes of material or size."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LEVEL_SECONDS = 0.25  # of a blow, in which any body reaches its peak
 
 
 def facts(model: ModalModel) -> dict[str, Any]:
-    """Return what the page shows of a model, as JSON values."""
+    """Return the facts of a model that the page shows, as JSON values."""
     surface = model.geometry
     points = list(numbered(model))
     return {
@@ -114,7 +114,7 @@ def _spread(surface: Mesh, loudest: Array) -> Iterator[tuple[str, Array]]:
 
 
 def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what turns a model into one of another material, size or damping, as JSON values.
+    """Return the change of a model to another material, size or damping, as JSON values.
 
     Mode shapes are not among it: they are those of the model times "factor", and its vertices times
     "size". "modes" lists which mode of the model each mode was; null where all stay in order.
@@ -156,7 +156,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _named(model: ModalModel, name: object) -> Material:
-    """Return a material by name, its losses as heard where those of the model are."""
+    """Return a material by name, with "heard" losses where the model's losses are "heard" ones."""
     if not isinstance(name, str):
         raise OptionError(f"material is {name!r}: give a name of `struck materials`")
     heard = model.material is not None and isinstance(model.material.damping, Rayleigh)
@@ -186,7 +186,7 @@ def _number(name: str, value: object, least: float, most: float) -> float:
 def _outputs(
     model: ModalModel, after: ModalModel, kept: Index, size: float, density: float, *, quick: bool
 ) -> tuple[Complex, bool]:
-    """Return the outputs of a changed model (M,), and whether they are what they stay."""
+    """Return the outputs of a changed model (M,), and whether they are final."""
     own = getattr(model.gains, "outputs", None)
     if own is None:
         raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")

@@ -1,4 +1,4 @@
-"""The work behind the room: objects computed in processes beside the server, with progress.
+"""Jobs of the room: objects computed in processes of their own, with progress.
 
 Each process reads a line of JSON for each object it shall compute, and writes lines of its
 progress, and of what it made, on standard output; it ends with its standard input.
@@ -47,7 +47,7 @@ class Job:
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def told(self) -> dict[str, Any]:
-        """Return what the page knows of it, as JSON values."""
+        """Return the state of the job for the page, as JSON values."""
         return {
             **self.thing.told(),
             "state": self.state,
@@ -133,7 +133,7 @@ class Jobs:
                 await process.wait()
 
     async def _computed(self, job: Job, process: asyncio.subprocess.Process) -> None:
-        """Ask a process for one object, and follow what it tells until that is there."""
+        """Ask a process for one object, and pass on its progress until the object is there."""
         if process.stdin is None or process.stdout is None:
             raise RuntimeError("a process was started without pipes")
         job.state, job.stage = "working", "starting"
@@ -187,7 +187,7 @@ def _listen(asked: queue.SimpleQueue[str]) -> None:
 
 
 def _kept(model: ModalModel, path: Path) -> dict[str, Any]:
-    """Write a model for changes and for the page; return what is told of it."""
+    """Write a model in full and for the page; return its facts."""
     model_file.save(model, path)
     write_bytes(path.with_suffix(PAGED), model_bytes(model))
     return facts(model)

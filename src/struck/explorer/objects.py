@@ -1,4 +1,4 @@
-"""The objects of the room: those of 1998, bodies of finite elements and a recorded drum.
+"""Objects of the room: shapes of 1998, bodies of finite elements and a recorded drum.
 
 The room is 5 m wide; x points right, y away from the person and z up, and the floor is z = 0.
 """
@@ -42,7 +42,7 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
-    """One object of the room: how it is computed, where it stands, and what is told of it.
+    """One object of the room: how it is computed, where it stands, and its texts.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Thing:
     swelling: Place = (1.0, 1.0, 1.0)
 
     def told(self) -> dict[str, object]:
-        """Return what the page knows of it before it is computed."""
+        """Return the facts of the object before it is computed."""
         return {
             "id": self.name,
             "title": self.title,
@@ -116,7 +116,7 @@ _LONGEST = 0.08  # m, of an edge
 
 
 def _lines(breaks: Array) -> Array:
-    """Return coordinates with those of `breaks` among them, none farther apart than `_LONGEST`."""
+    """Return coordinates that include `breaks`, none farther apart than `_LONGEST`."""
     parts = [
         np.linspace(a, b, math.ceil((b - a) / _LONGEST), endpoint=False)
         for a, b in itertools.pairwise(breaks)
@@ -141,7 +141,7 @@ def chair() -> VolumeMesh:
 def computed(
     body: Callable[[], Source], material: Material | str, **options: object
 ) -> Callable[[Progress], ModalModel]:
-    """Return what computes a body with the options of `analyze`."""
+    """Return a function that analyzes a body with the given options."""
     chosen: dict = {"accuracy": "preview", **options}
 
     def make(progress: Progress) -> ModalModel:
@@ -157,7 +157,7 @@ def recorded(progress: Progress) -> ModalModel:
 
 
 def _told(name: str) -> dict[str, Any]:
-    """Return what `objects.toml` says of an object: its texts and where it stands."""
+    """Return the entry of an object in `objects.toml`: its texts and where it stands."""
     told = {"turned": {}, **table_of("struck.explorer", "objects")[name]}
     return {"name": name, "rotation": turned(**told.pop("turned")), **told}
 
@@ -254,5 +254,5 @@ def _recording() -> Thing:
 
 
 def things() -> list[Thing]:
-    """Return the objects of the room, formulas first, what takes long last."""
+    """Return the objects of the room, formulas first, slow ones last."""
     return [*_FORMULAS, _recording(), *_chimes(), *_ELEMENTS]

@@ -1,4 +1,4 @@
-"""What the page is sent: models as fine as its clicks need, and the tables of heads.
+"""Files for the page: models as fine as its clicks need, and the tables of heads.
 
 The page knows some mode shapes by their formula and goes straight from vertex to vertex in all
 others; heads come as delays and responses over directions, ready to be mixed.

@@ -95,7 +95,7 @@ class Explorer:
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def wait(self, seconds: float | None = None) -> None:
-        """Serve until Ctrl-C or `stop`, or for so many seconds; then end."""
+        """Serve until Ctrl-C or `stop`, or for a number of seconds; then end."""
         end = math.inf if seconds is None else time.monotonic() + seconds
         with contextlib.suppress(KeyboardInterrupt):
             while self._thread.is_alive() and time.monotonic() < end:
@@ -259,7 +259,7 @@ def application(jobs: Jobs, *, port: int, token: str, ending: asyncio.Event) -> 
 
 
 class _Answers:
-    """What each address answers."""
+    """Answers to requests, one method an address."""
 
     def __init__(self, jobs: Jobs, ending: asyncio.Event) -> None:
         self._jobs = jobs
@@ -334,7 +334,7 @@ class _Answers:
         return await self._worked(request, _drive)
 
     async def _worked(self, request: Request, work: Any) -> Response:  # noqa: ANN401 - of a model
-        """Answer with what a function makes of a model and of the JSON that was sent."""
+        """Answer with the result of a function of a model and of the JSON in the request."""
         from starlette.responses import JSONResponse
 
         name = request.path_params["name"]

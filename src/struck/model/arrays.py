@@ -186,7 +186,7 @@ def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str)
 
 
 def _sorts(annotation: str, module: Mapping[str, Any]) -> tuple[Sort, ...]:
-    """Return what an annotation allows; nothing where that is anything."""
+    """Return the kinds of value that an annotation allows; none if it allows any."""
     found = [_sort(each, module) for each in _alternatives(annotation)]
     return tuple(each for each in found if each) if all(found) else ()
 

@@ -180,7 +180,7 @@ def _pitches(coordinates: Sequence[str], pitch: ArrayLike | None, *, spared: boo
 
 
 def _require_beside(mesh: Mesh, heights: Array) -> None:
-    """Refuse a surface that does not reach as far up and down as what was recorded."""
+    """Refuse a surface that does not reach as far up and down as the recorded contacts."""
     low, high = mesh.bounds[:, 2]
     reach = _BEYOND * (high - low)
     if heights[0] < low - reach or heights[1] > high + reach:

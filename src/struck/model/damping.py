@@ -16,7 +16,7 @@ _STEPS, _PRECISION = 200, 1e-14
 
 @runtime_checkable
 class Damping(Protocol):
-    """What makes modes die away."""
+    """A damping law: the decay rate of each mode from its frequency."""
 
     def decays(self, frequencies: ArrayLike) -> Array:
         """Return the decay rates d (1/s, amplitude exp(-d t)) of natural frequencies in Hz."""

@@ -90,10 +90,10 @@ class Radiation(Protocol):
 
 
 class Keep(Protocol):
-    """What keeps finished parts of long work between runs."""
+    """A store that keeps finished parts of long work between runs."""
 
     def __call__(self, compute: Callable[[], Any], /, **inputs: object) -> Any:  # noqa: ANN401
-        """Return what was kept of the same inputs, or compute and keep it."""
+        """Return the stored result for the same inputs, or compute and store it."""
         ...
 
 
@@ -209,7 +209,7 @@ class RecordedGains(Gains):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpandedGains(Gains):
-    """Gains whose R products for each of M modes count as R M modes: what resonators can play."""
+    """Gains whose R products for each of M modes count as R M modes, as resonators need them."""
 
     products: Gains
 
@@ -425,7 +425,7 @@ class ShapeGains(Gains):
         return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs that fall as 1/r from the centre of mass, and rise no further beside it.
+        """Return outputs that fall as 1/r from the centre of mass, and are constant near it.
 
         Nearer than the ball of the same area, sound comes from all of the surface at once.
         """
@@ -470,13 +470,13 @@ def shapes_along(
 def shapes_along_plainly(
     points: Array, shapes: Single, corners: Index, places: Array, ways: Array
 ) -> Array:
-    """Return what `shapes_along` returns, in plain NumPy."""
+    """Return mode shapes along directions like `shapes_along`, in plain NumPy."""
     weights = barycentric(points[corners], places)
     return np.einsum("kc,kd,kcdm->km", weights, ways, shapes[corners].astype(np.float64))
 
 
 def quarter_turns(frequencies: Array) -> Complex:
-    """Return a phase for each mode (M,): i for every second one of those that share a frequency."""
+    """Return a phase for each mode (M,): i for every second mode of a shared frequency."""
     # A round body has its modes in pairs, which a solver may turn about the axis at will. An
     # estimate the same in all directions must not depend on that turn: a quarter period apart,
     # the two add to the root of their drives' squares, whichever way they are turned.

@@ -44,7 +44,7 @@ def document(title: str, body: str, *, style: str = "") -> str:
 
 
 def picture(text: str, figure: Figure) -> str:
-    """Return a figure as an image within the page, with `text` for those who cannot see it."""
+    """Return a figure as an image within the page, with `text` for readers who cannot see it."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
     encoded = base64.b64encode(data.getvalue()).decode("ascii")
@@ -65,7 +65,7 @@ HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")
 
 
 def note(frequency: float) -> str:
-    """Return the nearest equal-tempered note (A4 = 440 Hz) with the cents beside it."""
+    """Return the nearest equal-tempered note (A4 = 440 Hz) and the distance from it in cents."""
     semitones = 69 + 12 * math.log2(frequency / 440)
     nearest = round(semitones)
     cents = round(100 * (semitones - nearest))

@@ -1,4 +1,4 @@
-"""Materials: what a body is made of, by constants or by name; and the air around it."""
+"""Materials of bodies, by constants or by name; and the air around them."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Material:
 
     @property
     def doubt(self) -> str:
-        """What is said of a Young's modulus so low that another unit was probably meant, or ""."""
+        """Warning about a Young's modulus so low that another unit was probably meant, or ""."""
         modulus = self.youngs_modulus
         speed = math.sqrt(modulus / self.density)
         plausible = modulus >= _SOFTEST and speed >= _SLOWEST

@@ -233,7 +233,7 @@ class Closest:
         return tree
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what pickles and copies hold: all but libigl's tree, which is made anew."""
+        """Return the state for pickles and copies, without libigl's tree, which is rebuilt."""
         return {name: value for name, value in vars(self).items() if name != "_tree"}
 
     def closest(self, points: Array) -> tuple[Array, Index, Array]:

@@ -119,7 +119,7 @@ class Boxes:
         return (self.highest - self.lowest).max(axis=1)
 
     def nested(self) -> Iterator[tuple[int, Index]]:
-        """Yield each box that holds others, and the numbers of those."""
+        """Yield each box that holds other boxes, and their numbers."""
         order = np.argsort(self.lowest[:, 0])
         starts = self.lowest[order, 0]
         for box in range(len(order)):

@@ -340,7 +340,7 @@ class ModalModel:
     def charted(
         self, *, pitch: ArrayLike | None = None, geometry: Mesh | None = None
     ) -> ModalModel:
-        """Return a copy of a recorded body that knows the way over it, for what moves along it.
+        """Return a copy of a recorded body with a chart of its surface, for scrapes and rolls.
 
         Parameters
         ----------

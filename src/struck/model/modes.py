@@ -20,7 +20,7 @@ _SECOND_ORDER = 0.7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stiffness:
-    """Natural frequencies with what a change of material needs to know."""
+    """Natural frequencies with their dependence on the elastic constants."""
 
     frequencies: Array  # (M,), natural, Hz
     poisson_slopes: Array | None  # (M,), d ln f / d nu at constant Young's modulus

@@ -81,13 +81,13 @@ FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
 class ForecastStage(str):
-    """Text of the stage that tells what all of the work takes, with its memory, bytes."""
+    """Text of the stage that forecasts time and memory, bytes, of the whole work."""
 
     __slots__ = ("memory",)
 
     @classmethod
     def of(cls, cost: object, memory: float) -> ForecastStage:
-        """Return the stage of a cost, told in words."""
+        """Return the stage that announces a cost in words."""
         stage = cls(f"{FORECAST}{cost}")
         stage.memory = memory
         return stage

@@ -94,12 +94,12 @@ class Recoil:
     # zeros are a resonator with a complex output gain.
 
     def poles(self, sample_rate: float) -> Complex:
-        """Return the poles that stand for it at a sample rate, 1/s (3,)."""
+        """Return the poles of the recoil along each axis at a sample rate, 1/s (3,)."""
         corners = np.minimum(2 * np.pi * self.corners, _FASTEST * sample_rate)
         return corners * (-self.dampings + 1j * np.sqrt(1 - np.square(self.dampings)))
 
     def outputs(self, sample_rate: float) -> Complex:
-        """Return the output gains of those poles at 1 m, Pa m/(N s) (3,)."""
+        """Return the output gains of the recoil's poles at 1 m, Pa m/(N s) (3,)."""
         poles: Complex = np.exp(self.poles(sample_rate) / sample_rate)
         middle, last = -2 * poles.real, np.square(np.abs(poles))
         # The numerator's power, b1 sin^2 + b2 4 sin^2 cos^2 of half the angle: 0 at 0 Hz.
@@ -128,7 +128,7 @@ class Recoil:
         return np.asarray(2j * np.pi * frequency / denominator, np.complex128)
 
     def answers(self, sample_rate: float, most: int) -> Array:
-        """Return what each axis answers to a force of one sample, at 1 m, `most` samples (3, n)."""
+        """Return the response (3, n) at 1 m to a force of one sample along each axis."""
         turns, gains = self.poles(sample_rate) / sample_rate, self.outputs(sample_rate)
         count = int(min(np.ceil(_OVER / np.abs(turns.real).min()), max(most, 1)))
         answers = np.imag(gains[:, None] * np.exp(np.outer(turns, np.arange(count))))

@@ -71,7 +71,7 @@ class Residual:
             )
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
-        """Return what sounds beside the modes, from `lead` before they set in on (n,).
+        """Return the samples of the residual (n,), which begins `lead` before the modes.
 
         Parameters
         ----------

@@ -49,7 +49,7 @@ def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> A
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
-    """What was recorded of a body: contacts, listeners, and the gains between some of them.
+    """Recordings of a body: contacts, listeners, and the gains between some of them.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ class _Recordings:
 
     @property
     def surplus(self) -> int:
-        """Real numbers recorded of a mode less those that its parts have."""
+        """Number of recorded real values of a mode less the number of its unknowns."""
         unknowns = self.contacts.shape[0] + 2 * self.listeners.shape[0] - 1
         return 2 * len(self.gains) - unknowns
 
@@ -149,7 +149,7 @@ def _summing_matrix(owner: Index, count: int) -> csr_array:
 
 
 def _inverse(values: Array) -> Array:
-    """Return one over each value, 0 for 0: what is not known counts for nothing."""
+    """Return one over each value, and 0 for 0, so that unknown values have no weight."""
     return np.where(values == 0, 0.0, 1 / np.where(values == 0, 1.0, values))
 
 
@@ -320,7 +320,7 @@ class ListenerPart:
         return replace(self, inside=Inside.of(folded, missing, self._folded(outside)))
 
     def _folded(self, places: Array) -> Array:
-        """Return places with those that sound alike inside as one."""
+        """Return places folded by the symmetry of the field, so that equivalent ones are equal."""
         # A contact may lie at any azimuth: then only the distance from the axis counts.
         x, y, z = places.T
         if self.turned:
@@ -380,7 +380,7 @@ class TimbreField(RecordedGains):
     @classmethod
     @checked
     def of(cls, survey: Survey, *, radius: float = 0.0, worst: float = WORST) -> TimbreField:
-        """Make the field of what was recorded.
+        """Make the timbre field of a survey.
 
         Parameters
         ----------

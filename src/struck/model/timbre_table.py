@@ -189,7 +189,7 @@ class TimbreTable(RecordedGains):
 
     @classmethod
     def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
-        """Make the table of what was recorded.
+        """Make the timbre table of a survey.
 
         A distance at which there is one listener alone is heard alike in all directions: as a point
         inside the body.

@@ -1,4 +1,4 @@
-"""Sound around a body as a sum of outgoing spherical waves, fitted to what listeners heard."""
+"""Sound around a body as a sum of outgoing spherical waves, fitted to measured listeners."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def fit_waves(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Problem:
-    """Normal equations of one law: weights have the mean 1 over those above 0, `count` (M,)."""
+    """Normal equations of one law; its `count` (M,) positive weights have the mean 1."""
 
     matrices: Complex
     sides: Complex

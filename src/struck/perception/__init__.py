@@ -1,4 +1,4 @@
-"""Perception: what of a sound is heard, and how different two sounds are."""
+"""Perception: which modes are heard, and how different two sounds are."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Audible modes, by the threshold in quiet and by masking, and a model of those alone."""
+"""Audible modes, by the threshold in quiet and by masking, and a model of these alone."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def audible(
 
 
 def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: HeardModel) -> Array:
-    """Return what each mode brings, over the intensity of 20 micropascal (K, L, M)."""
+    """Return the intensity of each mode relative to 20 micropascal (K, L, M)."""
     if contacts is None:
         return hearing.intensities(*contacts_over(surface_of(model), _CONTACTS))
     if isinstance(contacts, str) or not len(contacts):

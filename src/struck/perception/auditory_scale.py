@@ -33,7 +33,7 @@ _ISO_226 = np.array([
 
 
 def decibels(intensities: ArrayLike) -> Array:
-    """Return levels of intensities, dB; those of silence are -3000."""
+    """Return levels of intensities, dB; -3000 for silence."""
     return 10 * np.log10(np.maximum(np.asarray(intensities, float), 1e-300))
 
 

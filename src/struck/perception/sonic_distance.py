@@ -79,7 +79,7 @@ class HeardModel:
         return np.einsum("krm,lrm->klm", self.model.gains.at(points, directions), self.outputs)
 
     def intensities(self, points: Array, directions: Array) -> Array:
-        """Return what each mode brings, over the intensity of 20 micropascal (K, L, M)."""
+        """Return the intensity of each mode relative to 20 micropascal (K, L, M)."""
         return np.square(np.abs(self.gains(points, directions))) * self.weights
 
     def amplitudes(self, points: Array, directions: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Sound maps: few stored sounds that stand for all contacts of a body (1998, section 5)."""
+"""Sound maps: few stored sounds that represent all contacts of a body (1998, section 5)."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class SoundMap:
 
     @checked
     def stored(self, point: ArrayLike) -> tuple[int, float]:
-        """Return which stored contact sounds at a point, and what to multiply it by.
+        """Return the number of the stored sound at a point, and the factor to multiply it by.
 
         Parameters
         ----------
@@ -308,7 +308,7 @@ def _choose(
 
 
 def _greedy(suits: NDArray[np.bool_]) -> list[int]:
-    """Return columns that suit the most rows, each in turn of those still waiting."""
+    """Return columns chosen greedily: each suits the most rows not yet covered."""
     picks: list[int] = []
     waiting = suits.copy()
     best = waiting.sum(axis=0).max()
@@ -494,7 +494,7 @@ def _widths(
 
 
 def _chosen(corners: Array, widths: Array) -> Index:
-    """Return which edges to halve: the longest of those about as wide as the widest."""
+    """Return the edge of each triangle to halve: the longest of its widest ones."""
     # Of needles simply the longest: what changes unseen between its ends and its middle would be
     # closed in on from one side for ever.
     sides = _next(corners) - corners

@@ -130,7 +130,7 @@ def _manifest(sound_map: SoundMap, names: list[str], sound: Sound, factor: float
 
 
 def _rendered(render: Render, contact: Array, direction: Array) -> Sound:
-    """Return what `render` makes of a contact, once it is a sound."""
+    """Return the result of `render` for a contact, checked to be a Sound."""
     made = render(contact, direction)
     if not isinstance(made, Sound):
         raise OptionError(f"render returned a {type(made).__name__}: return a Sound")

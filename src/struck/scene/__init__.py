@@ -1,4 +1,4 @@
-"""Scenes: bodies in space, what happens to them, and the sound of it offline."""
+"""Scenes: bodies in space, strikes and contacts on them, and their sound offline."""
 
 import lazy_loader
 

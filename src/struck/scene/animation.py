@@ -134,7 +134,7 @@ class _Document:
         return head + first + len(binary).to_bytes(4, "little") + b"BIN\0" + binary
 
     def _mesh(self, body: Body) -> int:
-        """Return the number of a body's surface; those that are alike are kept once."""
+        """Return the number of a body's surface in the file; equal surfaces are stored once."""
         surface, group = body.model.geometry, group_of(body)
         assert isinstance(surface, Mesh)  # noqa: S101 - whoever calls has looked
         key = (id(surface), group)

@@ -1,4 +1,4 @@
-"""Bodies in space: what each is, where it is, what happens to it; and the scene they make."""
+"""Bodies in space, each with its model, position, motion and excitations; scenes of bodies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _EARTH = (0.0, 0.0, -9.81)
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidBody:
-    """What others touch of a body that makes no sound itself.
+    """Surface and mass of a silent body, which sounding bodies collide with.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Body:
 
     @property
     def emitter(self) -> Emitter:
-        """What ears need to know of it."""
+        """The body as a sound source: its centre, radius and surface."""
         model, surface = self.sounding, self.model.geometry
         gains = model.gains
         return Emitter(
@@ -269,7 +269,7 @@ def place_beside(model: ModalModel) -> Array:
 
 
 def unknowns(model: ModalModel, kinds: Iterable[type]) -> tuple[str, ...]:
-    """Return notes of what a recorded body cannot know of what is done to it, by kinds of that."""
+    """Return warnings about kinds of excitation that a model from recordings cannot follow."""
     if not model.recorded:
         return ()
     from struck.excitation.scrape import Roll, Scrape

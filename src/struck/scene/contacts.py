@@ -235,7 +235,7 @@ _COLUMNS = ("time", "dt", "body0", "body1", "position", "normal", "impulse", "ve
 
 
 def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
-    """Return the rows to keep, in order of time, and what was changed."""
+    """Return the indices of the rows to keep, in order of time, and notes about changes."""
     time, notes = columns["time"], []
     order = np.arange(len(time))
     if not len(time):

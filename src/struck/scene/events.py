@@ -1,4 +1,4 @@
-"""Events: what the contacts of a simulation are to the ear, blows and lasting contacts.
+"""Events: the contacts of a simulation sorted into blows and lasting contacts.
 
 The force of a simulation is no sound: its steps are longer than a blow, and a soft solver makes a
 blow longer still. What it knows well is the impulse. So rows of a log are parted into blows and
@@ -44,7 +44,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Impacts:
-    """Blows, point by point: those of one blow share its time."""
+    """Blows, one row for each contact point; points of one blow share its time."""
 
     blow: Index  # (P,), number of the blow
     first: Index  # (P,), body that gets the opposite impulse
@@ -64,7 +64,7 @@ class Impacts:
 
     @classmethod
     def together(cls, parts: Sequence[Impacts]) -> Impacts:
-        """Return those of several pairs, in order of time, blows numbered anew."""
+        """Return the impacts of several pairs joined, in order of time, blows numbered anew."""
         firsts = np.cumsum([0, *(int(part.blow.max(initial=-1)) + 1 for part in parts)])
         columns = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__
@@ -195,7 +195,7 @@ class Events:
 
 @checked
 def events_of(scene: Scene, contacts: Contacts) -> Events:
-    """Find what is heard of the contacts of a scene.
+    """Find the blows and lasting contacts that make a scene sound.
 
     Parameters
     ----------

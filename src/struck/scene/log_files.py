@@ -118,7 +118,7 @@ Line = tuple[int, Mapping[str, Any]]
 
 
 def _csv_lines(text: str) -> Iterator[Line]:
-    """Yield the number and the columns of each line, and what comments say."""
+    """Yield the number and the columns of each line, and the text of comments."""
     columns: Sequence[str] = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("#"):
@@ -169,7 +169,7 @@ def _json_lines(text: str) -> Iterator[Line]:
 
 @dataclass(kw_only=True, eq=False)
 class _Table:
-    """What lines of a log say, column by column."""
+    """Values of the lines of a log, column by column."""
 
     names: dict[str, int] = field(default_factory=dict)
     length: float = 1.0

@@ -1,4 +1,4 @@
-"""Offline sound: bodies and what happens to them, in; samples at a listener, out.
+"""Offline rendering: from bodies and their excitations to samples at a listener.
 
 What a body sends to a place is the sum of three parts: plain strikes in closed form, whatever else
 pushes or holds it block by block through resonators, and the attack and noise of a recorded model.
@@ -57,7 +57,7 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
 ) -> Sound:
-    """Return what a listener hears of bodies (see `struck.api.render`)."""
+    """Return the sound of bodies at a listener (see `struck.api.render`)."""
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
@@ -89,7 +89,7 @@ def render(
 def _excited(
     scene: Scene, contacts: Action | Sequence[Action] | Contacts
 ) -> tuple[Sequence[Body], tuple[str, ...]]:
-    """Return the bodies of a scene with what a log does to them, and the notes of both."""
+    """Return the bodies of a scene with the excitations of a contact log, and notes."""
     from struck.scene.contacts import Contacts
     from struck.scene.events import events_of
 
@@ -141,7 +141,7 @@ def _require_bounds(seconds: float | None, sample_rate: int) -> None:
 def _arriving(
     body: Body, listener: Array, *, seconds: float | None, sample_rate: int
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what arrives at a place (3,) in body coordinates, without travel time (n,)."""
+    """Return the pressure (n,) at a place (3,) in body coordinates, without travel time."""
     model, actions = body.sounding, _after_attack(body)
     holds = [each for each in actions if isinstance(each, Hold)]
     strikes = [each for each in actions if _is_plain(each) and not holds]
@@ -213,7 +213,7 @@ def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> C
 
 
 def _outputs(model: ModalModel, listeners: Array, sample_rate: int) -> Complex:
-    """Return what resonators need to be heard at places (K, 3): of modes and of recoil (K, N)."""
+    """Return output gains (K, N) of resonators at places (K, 3), for modes and recoil."""
     outputs = _finite(model.gains.toward(listeners))[:, 0]
     return with_recoil(outputs, model.recoil, away_from(model, listeners), sample_rate)
 
@@ -337,7 +337,7 @@ class DrivenBody:
         return not (len(self.model.frequencies) or self.model.recoil)
 
     def samples(self, seconds: float | None, *, at_least: float) -> Array:
-        """Return what is heard (points, n); of unsaid length, until all has died away."""
+        """Return the pressure at points (points, n); without a length, until it has decayed."""
         blocks: list[Array] = []
         length = None if seconds is None else max(1, round(seconds * self.sample_rate))
         if self._silent:
@@ -453,7 +453,7 @@ def _mixed(
     seconds: float | None,
     sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what a listener hears of bodies (ears, n)."""
+    """Return the mixed sound of bodies at a listener's ears (ears, n)."""
     from struck.ears.hearing import Hearing
 
     emitters = [body.emitter for body in bodies]
@@ -487,7 +487,7 @@ def _sent(
     seconds: float | None,
     sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what a body sounds like at 1 m, or where it is heard but for travel times (rows, n).
+    """Return a body's sound (rows, n) at 1 m, or at its listeners without travel times.
 
     `seen` tells these places in its own coordinates at a time of sending, s.
     """
@@ -512,7 +512,7 @@ def _sent_around(
     seconds: float | None,
     sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return what a timbre field sends to each place but for the travel time (rows, n)."""
+    """Return the sound of a timbre field at each place (rows, n), without travel time."""
     model = body.sounding.expanded()
 
     def outputs(time: float) -> Complex:
@@ -542,7 +542,7 @@ def _of_one_length(rows: Sequence[Array]) -> Array:
 
 
 def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
-    """Return what the ears hear (ears, n); of unsaid length, until all has arrived."""
+    """Return the pressure at the ears (ears, n); without a length, until all has arrived."""
     blocks, done = [], 0
     while length is None or done < length + hearing.lead:
         part = rows[:, done : done + _HEARING_BLOCK]
@@ -556,7 +556,7 @@ def _heard(hearing: Hearing, rows: Array, length: int | None) -> Array:
 
 
 def _at_a_metre(body: Body, places: Array, rows: Array) -> Array:
-    """Return what a timbre field sounds like at 1 m (1, n), by what comes to places straight."""
+    """Return the mean sound at 1 m (1, n) of a timbre field, from the direct sound at places."""
     distances = np.linalg.norm(places[: len(rows)] - centre_of(body.model), axis=1)
     return (rows * distances[:, None]).mean(axis=0)[None]
 

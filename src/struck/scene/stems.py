@@ -12,7 +12,7 @@ from struck.scene.render import render
 
 
 def save_stems(scene: Scene, whole: Path, *, factor: float, **heard: Any) -> list[Path]:  # noqa: ANN401 - of `render`
-    """Write what is heard of each excited body beside the file of all, and return the files.
+    """Write one file with the sound of each excited body next to the whole; return the paths.
 
     `factor` is what the samples of the whole were multiplied by in its file; so are these. The
     rest is said to `render`.

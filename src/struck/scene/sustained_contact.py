@@ -117,7 +117,7 @@ class SustainedContact:
         return [begin + way for begin, way in zip(begins, gone, strict=True)]
 
     def cut(self, begin: float, end: float) -> SustainedContact:
-        """Return what it is between two times, s."""
+        """Return the part of the contact between two times, s."""
         times = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / _CONTROL)) + 1))
 
         def between(values: Array) -> Array:
@@ -134,7 +134,7 @@ class SustainedContact:
         )
 
     def on(self, model: ModalModel, *, first: bool, seed: int) -> Rub:
-        """Return what it does to one of its bodies."""
+        """Return the force of the contact on one of its two bodies."""
         side = 0 if first else 1
         sign = -1.0 if first else 1.0
         locator = getattr(model.gains, "locator", None)
@@ -169,7 +169,7 @@ class SustainedContact:
     def _squeeze(
         self, reader: Reader, sample_rate: float, way: Array, sweep: Array, loads: Array, out: Array
     ) -> None:
-        """Add to `out` (n,) what a body's surface squeezes the dent by, a second at a time."""
+        """Add to `out` (n,) the change of the dent by a body's surface, a second at a time."""
         speeds = np.linalg.norm(sweep, axis=1)
         long = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         for first in range(0, len(out), _AT_ONCE):
@@ -225,7 +225,7 @@ class Playing:
         self.change(model)
 
     def put_off(self, samples: int) -> int:
-        """Begin so many samples later; return at which one."""
+        """Delay the start by a number of samples; return the first sample."""
         self._start += samples / self._rate
         self._first += samples
         return self._first
@@ -436,7 +436,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _rubbed(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[Rubbed]:
-    """Return the roughness of each body, felt by a tip where one slides, else by what rolls."""
+    """Return the roughness of each body as a sliding tip or a rolling body feels it."""
     solids = [body.model.material for body in bodies if body.model.material is not None]
     least, most = sorted(float(np.linalg.norm(sweep, axis=1).mean()) for sweep in sweeps)
     extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]

@@ -252,7 +252,7 @@ def _hit(above: Array, base: Array, least: float) -> list[int]:
 
 
 def _second_differences(centre: Array) -> Array:
-    """Return second differences of places (T, 3), at the ends as beside them."""
+    """Return second differences of places (T, 3); the end values repeat their neighbours."""
     inner = centre[2:] - 2 * centre[1:-1] + centre[:-2]
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
@@ -349,7 +349,7 @@ def _touch_of(
 
 
 def _answer(leap: _Leap, other: int, impulse: Array, leaps: Sequence[_Leap]) -> _Leap | None:
-    """Return the leap of another body that answers one, the best of those at the same time."""
+    """Return the simultaneous leap of another body that best balances the momentum of this one."""
     best, least = None, _UNMATCHED
     for each in leaps:
         if each.flight.number != other or abs(each.frame - leap.frame) > 1:

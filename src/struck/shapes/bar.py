@@ -86,7 +86,7 @@ class RectangularSection:
         return slab(*plan, self.thickness)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
-        """Return the solid of a bar, and what turns it along x."""
+        """Return the solid of a bar, and the rotation that lays it along x."""
         return Block(size=(length, self.width, self.thickness)), UPRIGHT
 
 
@@ -159,7 +159,7 @@ class RoundSection:
         return sleeve(length, self.radius, self.bore, spacing)
 
     def solid(self, length: float) -> tuple[Tube, Turn]:
-        """Return the solid of a bar, and what turns it along x."""
+        """Return the solid of a bar, and the rotation that lays it along x."""
         return Tube(length=length, radius=self.radius, wall=self.wall or self.radius), ALONG_X
 
 
@@ -214,7 +214,7 @@ class GivenSection:
         return 1 / self.shear_coefficient, 1 / self.shear_coefficient
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the closed surface of the rectangular bar that stands for it."""
+        """Return the closed surface of an equivalent rectangular bar."""
         alike = RectangularSection(width=self.area / self.height, thickness=self.height)
         return alike.skin(length, spacing)
 
@@ -337,7 +337,7 @@ class Bar(Shape):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """What holds it at x = 0 and at x = length."""
+        """Supports of the bar at x = 0 and at x = length."""
         near, far = (self.ends, self.ends) if isinstance(self.ends, str) else self.ends
         return near, far
 
@@ -371,7 +371,7 @@ class Bar(Shape):
         )
 
     def solid(self) -> Counterpart:
-        """Return the block or tube it stands for, in this frame.
+        """Return the block or tube that the bar idealises, in this frame.
 
         Raises
         ------

@@ -231,7 +231,7 @@ class Family:
         return _halved(count, numbers, low, high) ** 4
 
     def count(self, waves: StandingWaves) -> Index:
-        """Return how many frequencies lie below those of the waves, rigid motions included.
+        """Return the number of natural frequencies below each wave's, rigid motions included.
 
         With the end hinged the count is known. To free the end, or to clamp it, moves each
         frequency at most to its neighbour, and the characteristic determinant changes its sign at

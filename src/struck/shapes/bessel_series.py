@@ -78,7 +78,7 @@ def fill(orders: Array, arguments: Array, values: Array) -> None:
 
 
 def _recur(lowest: Array, steps: Index, quarter: Array, top: int, values: Array) -> None:
-    """Write what orders `lowest + steps` (n,) come to at (x / 2)^2 (K, 1) into values (K, n)."""
+    """Write the series of orders `lowest + steps` (n,) at (x / 2)^2 (K, 1) into values (K, n)."""
     above, here, work = np.zeros_like(values), np.ones_like(values), np.empty_like(values)
     total = np.ones_like(values)
     for n in range(top - 1, -1, -1):

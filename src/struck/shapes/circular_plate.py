@@ -271,7 +271,7 @@ class CircularPlate(Shape):
         )
 
     def solid(self) -> Counterpart:
-        """Return the disk it stands for.
+        """Return the solid disk that the plate idealises.
 
         Raises
         ------

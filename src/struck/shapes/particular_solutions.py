@@ -44,7 +44,7 @@ class Basis:
 
     @property
     def steepest(self) -> float:
-        """Largest excess of the orders over those of waves."""
+        """Largest excess of the orders over the orders of the waves."""
         plan = self.plan
         orders = self.counts * plan.powers[self.centres]
         return float(np.max(orders - self.highest * plan.reaches[self.centres], initial=0.0))
@@ -157,7 +157,7 @@ class PolygonForms:
             )
 
     def values(self, places: Array) -> Array:
-        """Return the shapes at places (K, 2), m; those outside count as on the nearest edge."""
+        """Return the shapes at places (K, 2), m; outside places count as on the nearest edge."""
         basis = Basis(
             plan=plan_of(self.corners),
             centres=self.centres,

@@ -64,7 +64,7 @@ class Triangulation:
 
     @cached_property
     def _edges(self) -> tuple[Index, Index, NDArray[np.bool_]]:
-        """Edges (E, 2), those opposite the triangles' corners (T, 3), and which are inner (E,)."""
+        """Edges (E, 2), numbers of edges opposite corners (T, 3), and mask of inner ones (E,)."""
         every = np.sort(sides(self.triangles), axis=2)[:, [1, 2, 0]]
         edges, numbers, counts = np.unique(
             every.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
@@ -297,7 +297,7 @@ class Polygon:
         return int(np.flatnonzero(both)[0])
 
     def located(self, points: Array) -> tuple[Array, Index]:
-        """Return points (K, 2), those outside moved to the nearest edge, and their ears (K,)."""
+        """Return points (K, 2), moved to the nearest edge if outside, and their ears (K,)."""
         ears, depths = self._deepest(points)
         outside = depths < 0
         points = points.copy()
@@ -422,7 +422,7 @@ def _deepest(corners: Array) -> Array:
 
 
 def _inside(plan: Polygon, place: Array) -> Array:
-    """Return a place near one on the boundary: the deepest of those at a small distance."""
+    """Return an inner place near one on the boundary: the deepest at a small distance."""
     radius = INSET * plan.extent
     turns = np.linspace(0, 2 * np.pi, 120, endpoint=False)
     edges = edges_of((plan.corners,))

@@ -329,7 +329,7 @@ class RectangularPlate(Shape):
 
     @property
     def around(self) -> tuple[str, ...]:
-        """What holds it at x = 0, x = length, y = 0 and y = width."""
+        """Supports of the plate at x = 0, x = length, y = 0 and y = width."""
         return (self.edges,) * 4 if isinstance(self.edges, str) else tuple(self.edges)
 
     @property
@@ -367,7 +367,7 @@ class RectangularPlate(Shape):
         )
 
     def solid(self) -> Counterpart:
-        """Return the block it stands for.
+        """Return the solid block that the plate idealises.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Bodies in closed form: how they vibrate, what they look like, and the solids they idealise."""
+"""Bodies in closed form: their vibration, their surface, and the solids they idealise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies by finite elements: solids that mesh themselves, and what fills any closed surface."""
+"""Bodies by finite elements: solids that mesh themselves, and meshers of closed surfaces."""
 
 import lazy_loader
 

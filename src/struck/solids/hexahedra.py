@@ -153,7 +153,7 @@ _WIDEST = np.radians(150.0)  # angle that a pair of triangles may have
 
 
 def _paired(points: Array, triangles: Index) -> tuple[Index, Index]:
-    """Join triangles to quadrilaterals, best ones first: pairs (P, 4) and those left (T, 3)."""
+    """Join triangles to quadrilaterals (P, 4), best ones first; return unpaired ones (T, 3) too."""
     edges = keys(sides(triangles)).ravel()
     order = np.argsort(edges, kind="stable")
     twice = np.flatnonzero(edges[order][1:] == edges[order][:-1])

@@ -356,7 +356,7 @@ def _circumcircles(corners: Array) -> tuple[Array, Array]:
 
 
 def _apart(points: Array, gaps: Array) -> Array:
-    """Keep points in order, each at least its gap away from those kept before."""
+    """Keep points in order that lie at least their gap away from all points kept before."""
     kept = np.zeros((0, 2))
     for point, gap in zip(points, gaps, strict=True):
         if not len(kept) or np.linalg.norm(kept - point, axis=1).min() > gap:

@@ -189,7 +189,7 @@ def block_counts(size: tuple[float, float, float], accuracy: str) -> ElementCoun
 
 
 def _least_cuts(size: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Return what torsion takes: two elements across a bar's section, one through a strip's."""
+    """Return element counts that torsion needs: two across a bar's section, one through a strip."""
     thin, middle, _ = sorted(size)
     x, y, z = (2 if side > middle / 2 or side > thin else 1 for side in size)
     return x, y, z
@@ -244,7 +244,7 @@ _SECONDS, _MEMORY = (0.5, 3.5e-4, 8e-6), (3e7, 4.5e4, 65.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What finding a number of modes takes, within a factor of about 2."""
+    """Time and memory to find a number of modes, within a factor of about 2."""
 
     modes: float
     seconds: float  # of a processor
@@ -281,7 +281,7 @@ def _rough(value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Forecast:
-    """What is to be expected of a body before it is cut into elements."""
+    """Forecast of nodes, modes, time and memory of a body before it is meshed."""
 
     material: Material
     volume: float  # m^3

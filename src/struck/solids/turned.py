@@ -165,7 +165,7 @@ class Turned:
         return np.concatenate(found)
 
     def _on_side(self, sheet: QuadrilateralSheet, shared: Mask, flats: Array, size: float) -> Array:
-        """Return the nodes (N, 2) with those near the side moved onto it."""
+        """Return the nodes (N, 2), moved onto the side where they are near it."""
         edges, counts = np.unique(np.sort(_edges(sheet), axis=1), axis=0, return_counts=True)
         bound = np.zeros(len(sheet.points), bool)
         bound[edges[counts == 1]] = True

@@ -164,7 +164,7 @@ class VolumeMesh:
         return np.hstack(pairs).T
 
     def surface(self) -> tuple[Mesh, Index]:
-        """Return the boundary as triangles through all its nodes, and those nodes' numbers."""
+        """Return the boundary as triangles through all its nodes, and their numbers."""
         sides = [sides for sides in self.boundary_sides() if len(sides)]
         triangles = np.vstack([_triangles(each, self.nodes) for each in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)

@@ -20,7 +20,7 @@ _LINE = 8  # real numbers in a cache line
 
 
 class Mode(IntEnum):
-    """Rows of `Memory.modes`: of each mode its pole, what follows from it, and its state."""
+    """Rows of `Memory.modes`: the pole of each mode, values derived from it, and its state."""
 
     LOG_RE = 0  # logarithm of z, the factor of a sample
     LOG_IM = 1
@@ -43,7 +43,7 @@ class Mode(IntEnum):
 
 
 class Output(IntEnum):
-    """Layers of `Memory.outputs`: gains now and at the end of the block, and what they make."""
+    """Layers of `Memory.outputs`: gains now and at the end of the block, and their products."""
 
     RE = 0
     IM = 1

@@ -21,7 +21,7 @@ STRONGEST = 1e9  # N, force of a sample
 
 @runtime_checkable
 class Ringing(Protocol):
-    """What resonators need to know of a body."""
+    """The frequencies, decays and recoil of a body that resonators need."""
 
     @property
     def frequencies(self) -> Array:
@@ -37,7 +37,7 @@ class Ringing(Protocol):
 def with_recoil(
     outputs: Complex, recoil: Recoil | None, distances: Array, sample_rate: float
 ) -> Complex:
-    """Return outputs (K, M) at some distances (K,), m, with those of recoil, where there is any."""
+    """Return outputs (K, M) at distances (K,), m, with the outputs of recoil, if any."""
     if recoil is None:
         return outputs
     more = recoil.outputs(sample_rate) / distances[:, None]
@@ -46,7 +46,7 @@ def with_recoil(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poles:
-    """The poles of one body at a sample rate: those of its modes, then of its recoil, if any."""
+    """The poles of one body at a sample rate: of its modes, then of its recoil, if any."""
 
     values: Complex  # (M,), -d + 2 pi i f, 1/s; 0 for modes at or above half the sample rate
     recoils: bool = False  # whether the last three are those of recoil
@@ -58,7 +58,7 @@ class Poles:
 
     @classmethod
     def of(cls, model: Ringing, sample_rate: float) -> Poles:
-        """Check frequencies and decays; OptionError on what cannot ring."""
+        """Return the poles of a model, with its frequencies and decays checked."""
         frequencies, decays = np.asarray(model.frequencies), np.asarray(model.decays)
         recoil: Recoil | None = getattr(model, "recoil", None)
         if not (len(frequencies) or recoil):
@@ -77,7 +77,7 @@ class Poles:
         return cls(values=values, recoils=recoil is not None)
 
     def raised(self, more: Array) -> Complex:
-        """Return the poles when decays are higher by `more`, 1/s (M,), those of modes alone."""
+        """Return the poles with the decays of modes raised by `more`, 1/s (M,)."""
         values = self.values.copy()
         values[: self.modes] -= (values[: self.modes] != 0) * more
         return values
@@ -123,7 +123,7 @@ def _require(name: str, values: Array, *, above: bool) -> None:
 
 
 def require_session(sample_rate: float, block: int, points: int) -> None:
-    """Check what holds for a whole session; OptionError on anything out of bounds."""
+    """Check sample rate, block and points of a session; OptionError if out of bounds."""
     if not LOWEST_RATE <= sample_rate <= HIGHEST_RATE:
         raise OptionError(f"sample_rate is {sample_rate}: it must lie from 8000 to 192000 Hz")
     if not 1 <= block <= LONGEST_BLOCK:

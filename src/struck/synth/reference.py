@@ -1,4 +1,4 @@
-"""Resonators in plain NumPy: what the core is tested against, and what plays without it."""
+"""Resonators in plain NumPy: the reference for tests of the core, and its replacement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convex parts: what a hollow or bent mesh is cut into, so that it collides as it looks.
+"""Convex parts of a hollow or bent mesh, so that it collides as it looks.
 
 Engines take the convex hull of a mesh: a bowl would be a lid. CoACD (Wei et al., ACM Transactions
 on Graphics 41(4), 2022) cuts it into pieces whose hulls are close to it. Hulls of thin walls are

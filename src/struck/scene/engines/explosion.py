@@ -1,4 +1,4 @@
-"""Explosion: signs that a simulation is none of nature's, and what is said of them."""
+"""Explosions: signs that a simulation has become unphysical, and the errors about them."""
 
 # MuJoCo is compiled, and has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -123,7 +123,7 @@ def free_masses(model: mujoco.MjModel, links: Sequence[Link]) -> Array:
 
 
 def overlaps(model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[Link]) -> list[str]:
-    """Return notes of bodies that begin in each other, or refuse those that do deeply."""
+    """Return notes about bodies that overlap at the start; refuse deep overlaps."""
     owner = owners(model, links)
     deepest: dict[tuple[int, int], float] = {}
     for contact in data.contact[: data.ncon]:
@@ -146,7 +146,7 @@ def overlaps(model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[Link]) 
 
 
 def _width(model: mujoco.MjModel, link: Link) -> float:
-    """Return the least edge of the box around what touches of a link, m."""
+    """Return the shortest edge of the boxes around a link's colliding geoms, m."""
     widths = [
         float(np.ptp(triangles(model, int(geom))[0], axis=0).min())
         for geom in link.geoms

@@ -39,7 +39,7 @@ class Placement:
     turn: Rotation
 
     def within(self, outer: Placement) -> Placement:
-        """Return where this is in what `outer` is placed in."""
+        """Return this placement in the parent coordinates of the placement `outer`."""
         moved = outer.offset + outer.turn.apply(self.offset)
         return Placement(offset=moved, turn=outer.turn * self.turn)
 
@@ -61,7 +61,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Link:
-    """What moves as one: its geoms, and the shape that sounds of them in coordinates of its own."""
+    """A rigid part of a simulation: its geoms, and its sounding shape in its own coordinates."""
 
     name: str
     frame: int  # number of MuJoCo's body that carries it, or of a geom of the world
@@ -220,7 +220,7 @@ def _placement(offset: Array, quaternion: Array) -> Placement:
 def _shape(
     model: mujoco.MjModel, geoms: Sequence[int], placements: Sequence[Placement]
 ) -> tuple[Shape | None, Placement, str]:
-    """Return what sounds, where its coordinates are in the frame, or why there is nothing."""
+    """Return the shape that sounds, its placement in the frame, and the reason if there is none."""
     nowhere = Placement(offset=np.zeros(3), turn=Rotation.identity())
     kinds = {int(model.geom_type[geom]) for geom in geoms}
     for kind, why in _SILENT.items():

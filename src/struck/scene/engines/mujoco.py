@@ -72,7 +72,7 @@ class MujocoRecorder:
         return self._model
 
     def step(self, data: mujoco.MjData) -> None:
-        """Note what touches and where bodies are; call it after each `mujoco.mj_step`.
+        """Record contacts and positions of bodies; call it after each `mujoco.mj_step`.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class MujocoRecorder:
         require_slow(time, data.qvel, data.xpos, warned=bool(warned))
 
     def _standing(self, data: mujoco.MjData) -> tuple[Array, Array]:
-        """Return the places of geoms of the world, which never move, among those of all links."""
+        """Return positions and rotations of all links, filled in for fixed geoms."""
         places, turns = np.zeros((len(self.links), 3)), np.zeros((len(self.links), 4))
         for number, link in enumerate(self.links):
             if not link.frame_is_body:

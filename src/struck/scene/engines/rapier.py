@@ -277,7 +277,7 @@ def _frame(data: mujoco.MjData, link: Link) -> tuple[Array, Rotation]:
 
 
 def _require_free(model: mujoco.MjModel, links: Sequence[Link]) -> None:
-    """Refuse what Rapier is not given here: joints, actuators, tendons and equalities."""
+    """Refuse joints, actuators, tendons and equalities, which are not passed to Rapier."""
     masses = free_masses(model, links)
     held = [
         link.name
@@ -292,6 +292,6 @@ def _require_free(model: mujoco.MjModel, links: Sequence[Link]) -> None:
 
 
 def _size(model: mujoco.MjModel, links: Sequence[Link]) -> float:
-    """Return the typical length of what moves, m, by which Rapier sets its tolerances."""
+    """Return the typical length of moving bodies, m, by which Rapier sets its tolerances."""
     sizes = [float(model.geom_rbound[g]) for link in links if not link.fixed for g in link.geoms]
     return float(np.clip(np.median(sizes or [1.0]), 1e-3, 10.0))

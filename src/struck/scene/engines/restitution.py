@@ -44,7 +44,7 @@ _SPEED = 1.0  # m/s, of the ball that rebounds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactLaw:
-    """What MuJoCo's solver follows at a contact."""
+    """Stiffness and damping that MuJoCo's solver uses at a contact."""
 
     stiffness: float  # 1/s^2
     damping: float  # 1/s

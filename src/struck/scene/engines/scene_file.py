@@ -46,7 +46,7 @@ class SceneFile:
 
     @classmethod
     def of(cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None) -> SceneFile:
-        """Read a file and what it names; FileFormatError where that lies outside the folder."""
+        """Read a scene file and the files it includes, none of them outside its folder."""
         place = Path(path)
         home = real(place.parent if folder is None else folder)
         if not real(place).is_relative_to(home):
@@ -84,7 +84,7 @@ class SceneFile:
     # MJCF.
 
     def _include(self, parent: ET.Element, home: Path, chain: tuple[Path, ...]) -> None:
-        """Put what <include> names in its place."""
+        """Replace each <include> element by the contents of its file."""
         for number, child in reversed(list(enumerate(parent))):
             if child.tag != "include":
                 self._include(child, home, chain)
@@ -129,7 +129,7 @@ class SceneFile:
     # URDF.
 
     def _take_urdf(self, home: Path) -> None:
-        """Take meshes over as bytes, and keep what is seen: it is the shape that sounds."""
+        """Read the meshes of a URDF; keep visual geometry, which is the sounding shape."""
         options = self.root.find("mujoco/compiler")
         meshes = "" if options is None else options.attrib.pop("meshdir", "")
         if options is None:
@@ -160,7 +160,7 @@ class SceneFile:
             self.notes.append(f"what is seen of {name!r} was left out ({error})")
 
     def _found(self, file: str, home: Path) -> Path:
-        """Return the file that a URDF names: in a package, by a URL, or beside it."""
+        """Return the path of a file that a URDF names by package, URL or relative path."""
         package = _PACKAGE.fullmatch(file)
         if package is None:
             local = unquote(file.removeprefix("file://"))

@@ -1,4 +1,4 @@
-"""Simulation: a scene file, what its bodies are made of, and an engine that moves them."""
+"""Simulation: a scene file, the materials of its bodies, and the engine that moves them."""
 
 # MuJoCo is compiled, and has no stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -216,7 +216,7 @@ class Simulation:
         require_no_blast(contacts, self._masses)
 
     def _watched(self, contacts: Contacts) -> list[str]:
-        """Return what a person should know of a run."""
+        """Return warnings about a finished run."""
         if not len(contacts):
             return ["nothing touches anything, so that there is no sound: let it run longer"]
         if self._engine == "rapier" or self._laws.restitution is not None:
@@ -256,7 +256,7 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 def _give_masses(
     spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link], bodies: Mapping[str, Body]
 ) -> list[str]:
-    """Let bodies weigh what their elements do, where the file does not say; return notes."""
+    """Give bodies the mass of their finite elements where the file gives none; return notes."""
     notes = []
     for link in links:
         sound = bodies[link.name].model

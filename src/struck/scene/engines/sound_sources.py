@@ -1,4 +1,4 @@
-"""Sound sources of a simulation: what each link is made of, and the model of its sound."""
+"""Sound sources of a simulation: the material of each link, and the model of its sound."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoundOptions:
-    """What is said of the bodies of a scene file, by patterns of their names."""
+    """Materials and other options for bodies of a scene file, by patterns of their names."""
 
     materials: Materials | None = None  # else as the file's own materials are called
     models: Mapping[str, Sounding] = field(default_factory=dict)  # in place of the file's shape
@@ -77,7 +77,7 @@ class SoundSources:
     def bodies(
         self, links: Sequence[Link], masses: Sequence[MassProperties | None]
     ) -> dict[str, Body]:
-        """Return a body for each link; those that are silent say why in `notes`."""
+        """Return a body for each link; `notes` gives the reason for each silent one."""
         options = self._options
         options.require_known([link.name for link in links])
         bodies = {}
@@ -95,7 +95,7 @@ class SoundSources:
         return bodies
 
     def material(self, name: str) -> Material | None:
-        """Return what a body was said to be made of."""
+        """Return the material that the options give a body, or None."""
         said = self._options.materials
         chosen = _chosen(said, name) if isinstance(said, Mapping) else said
         if chosen is None or isinstance(chosen, Material):
@@ -130,7 +130,7 @@ class SoundSources:
         return (None, made) if isinstance(made, str) else (made, "")
 
     def _analyzed(self, shape: Shaped, material: Material, name: str) -> ModalModel | str:
-        """Return the model of a shape, or what is wrong with it."""
+        """Return the modal model of a shape, or the message of the error it ended in."""
         options = self._options
         wall, fixed = _chosen(options.walls, name), _chosen(options.fixed, name)
         key = fingerprint((_content(shape), material, wall, _content(fixed)))
@@ -161,7 +161,7 @@ def _damping(name: str, wanted: str) -> str:
 
 
 def _content(value: object) -> object:
-    """Return what tells a shape or a support from others; a callable is told by itself."""
+    """Return a key that is equal for equal shapes or supports; for a callable, its identity."""
     if callable(value):
         return id(value)
     if isinstance(value, Mesh):
@@ -172,7 +172,7 @@ def _content(value: object) -> object:
 
 
 def _rigid(link: Link, material: Material | None, mass: MassProperties | None) -> RigidBody:
-    """Return what others touch of a body without sound."""
+    """Return the surface and mass of a link that makes no sound."""
     shape = link.shape
     if isinstance(shape, Solid):
         shape = shape.volume_mesh("preview").surface()[0]

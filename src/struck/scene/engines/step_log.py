@@ -33,7 +33,7 @@ class StepLog:
         velocities: Array,
         impulses: Array,
     ) -> None:
-        """Note the contacts of one step, (K, ...); those of one pair and place become one."""
+        """Record the contacts of one step, (K, ...), summed for one pair at one place."""
         clock = np.broadcast_to([time, step], (len(pairs), 2))
         rows = np.hstack([clock, pairs.astype(np.float64), places, normals, velocities, impulses])
         alike = (rows[1:, : _IMPULSE.start] == rows[:-1, : _IMPULSE.start]).all(axis=1)

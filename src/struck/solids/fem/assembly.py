@@ -102,7 +102,7 @@ def edge_or_side_keys(corners: Index, nodes: int) -> Index:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Displacements:
-    """Displacements of a mesh as sums of functions: those of its nodes, then cubics."""
+    """Displacements of a mesh as sums of shape functions: nodal functions, then cubic ones."""
 
     mesh: VolumeMesh
     numbers: Index  # (E, n), of the functions in the whole mesh
@@ -124,12 +124,12 @@ class Displacements:
 
     @property
     def mass_rule(self) -> Quadrature:
-        """What integrates products of two functions."""
+        """Quadrature rule for products of two functions."""
         return TET_24 if self.added else self.mesh.element.mass_rule
 
     @property
     def stiffness_rules(self) -> tuple[Quadrature, Quadrature]:
-        """What integrates products of two slopes on straight elements, and on curved ones."""
+        """Quadrature rules for products of two slopes, on straight and on curved elements."""
         if self.added:
             return TET_14, TET_24
         return self.mesh.element.straight_rule, self.mesh.element.stiffness_rule

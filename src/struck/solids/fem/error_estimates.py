@@ -91,7 +91,7 @@ class _Part:
         self._seen = _carried(basis.mesh, chunk) if _is_reduced(basis.mesh) else self._slopes
 
     def forces(self, material: Material, values: Array, shapes: Array) -> Array:
-        """Return what modes (E, 3n, M) leave of forces on the functions (E, m, 3, M)."""
+        """Return the residual forces of modes (E, 3n, M) on the finer functions (E, m, 3, M)."""
         across = _stiffness(self._integrals(self._finer_slopes, self._seen), material)
         count, functions, _, nodes, _ = across.shape
         elastic = across.reshape(count, 3 * functions, 3 * nodes) @ shapes
@@ -167,7 +167,7 @@ _LEAST, _BESIDE, _OUTLYING, _SHARE = 1e-4, 4, 0.07, 0.6
 
 
 def stated_errors(modes: Modes, coarse: Modes | None, finer: float) -> Array:
-    """Return the relative error of each frequency (M,) from those of one or of two meshes."""
+    """Return the relative error of each frequency (M,) by the estimates of one or two meshes."""
     # `modes` and `coarse` (elements `finer` times as wide, a wider band) come with residual errors
     # of one mesh.
     if coarse is None or finer < LEAST_FINER:
@@ -229,7 +229,7 @@ def times_too_wide(stated: float, target: float) -> float:
 def with_shape(
     errors: Array, volume_error: float, cut: Array | float = 0.0, *, layer: bool = False
 ) -> Array:
-    """Return errors (M,) with what the body's own shape misses, all over and where it is `cut`."""
+    """Return errors (M,) increased by errors of the geometry, of volume and of `cut` elements."""
     # In a `layer`, what its two faces miss partly cancels in the volume.
     all_over = (_OF_LAYER if layer else _OF_VOLUME) * abs(volume_error)
     there = np.minimum(_OF_CUT * np.asarray(cut), cut + _MORE_OF_CUT)

@@ -104,7 +104,7 @@ class Factoriser:
 
 
 def _by_superlu(lower: sparse.csc_matrix) -> Factor:
-    """Factorise without row exchanges, so that the signs of U's diagonal are those of D."""
+    """Factorise without row exchanges, so that U's diagonal has the signs of D."""
     from scipy.sparse.linalg import splu
 
     full = (lower + sparse.tril(lower, -1).T).tocsc()

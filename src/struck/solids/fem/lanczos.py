@@ -119,7 +119,7 @@ class _Found:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
-    """So many eigenvalues nearest to a shift on either side."""
+    """Numbers of eigenvalues wanted on either side of a shift."""
 
     shift: float
     below: int
@@ -152,7 +152,7 @@ class _Wanted:
 
 
 def _started(basis: _Basis, mass: Mass, known: Array) -> tuple[Array, Array]:
-    """Put what is known into the basis; return a random block beside it and M times it."""
+    """Put known vectors into the basis; return a random block orthogonal to it, and M times it."""
     if known.shape[1]:
         basis.append(_orthonormal(known, mass @ known)[0])
     start = np.random.default_rng(0).standard_normal((len(known), _WIDTH))

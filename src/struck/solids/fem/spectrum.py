@@ -151,7 +151,7 @@ class Spectrum:
         yield from self._slices(goal)
 
     def _slices(self, goal: Reached) -> Iterator[Eigenpairs]:
-        """Yield what lies below each shift once the inertia there has confirmed it."""
+        """Yield the eigenpairs below each shift, once its inertia has confirmed their number."""
         # What a shift found above itself waits as `tail` for the next one's count.
         last, tail, cut = Reached(value=-np.inf, count=0), _NONE, 0.0
         while last.count + len(tail.values) < goal.count:
@@ -172,7 +172,7 @@ class Spectrum:
             yield tail
 
     def _around(self, start: Reached, shift: Shift, goal: Reached) -> tuple[Eigenpairs, Eigenpairs]:
-        """Return what lies between `start` and a shift, and as many above as make a slice."""
+        """Return the eigenpairs between `start` and a shift, and further ones that fill a slice."""
         below = shift.below - start.count
         above = min(max(self._limit - below, self._limit // 4), goal.count - shift.below)
         if not below + above:
@@ -193,7 +193,7 @@ class Spectrum:
         return pairs
 
     def _next(self, start: Reached, goal: Reached) -> Shift:
-        """Return a shift with about half a slice between it and what was reached."""
+        """Return the next shift, about half a slice of modes above the value reached."""
         target = start.count + min(self._limit, goal.count - start.count) / 2
         shift = self.shift(_predicted(target, start, goal))
         for _ in range(_TRIES):
@@ -328,7 +328,7 @@ class Search:
         return self._factorise.memory(self.system.shifted(self.bound))
 
     def _require_memory(self, modes: int) -> None:
-        """Refuse what does not fit: the factorisation before it, the iteration before that."""
+        """Refuse a solve that exceeds the memory: its factorisation or its iteration."""
         if self.small:
             return
         peak, kept = self._plan

@@ -99,7 +99,7 @@ def without_modes(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """What is kept of some eigenpairs: values, shapes on the surface, errors and Poisson slopes."""
+    """Results kept of eigenpairs: values, shapes on the surface, errors and Poisson slopes."""
 
     values: Array
     shapes: Array
@@ -110,7 +110,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Sight:
-    """A body and what of its modes is wanted."""
+    """A body, and the parts of its modes that are kept."""
 
     basis: Displacements
     material: Material
@@ -119,7 +119,7 @@ class _Sight:
     estimate: Estimate | None
 
     def of(self, pairs: Eigenpairs, residual: float) -> _Seen:
-        """Keep what is needed of a slice; its full vectors go."""
+        """Return the results of a slice of eigenpairs, without their full vectors."""
         vectors = self._everywhere(pairs)
         unknown = np.full(len(pairs.values), np.nan)
         return _Seen(
@@ -138,7 +138,7 @@ class _Sight:
         return (moved @ vectors.reshape(len(vectors), -1)).reshape(-1, *vectors.shape[1:])
 
     def _everywhere(self, pairs: Eigenpairs) -> Array:
-        """Return the movement of all functions (N, 3, m), of those that are held too."""
+        """Return the displacements of all functions (N, 3, m), zero for held ones."""
         moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
         if self.movable.all():
             return moving

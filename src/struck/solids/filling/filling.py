@@ -82,7 +82,7 @@ Body: TypeAlias = "FilledBody | WalledSheet | ThinBody"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Filling:
-    """Elements of a body with what a person would ask about them."""
+    """Elements of a body, with the method that made them and measures of their quality."""
 
     mesh: VolumeMesh
     path: str  # "stuffing"; "one layer" where the lattice is coarser than walls are thick
@@ -107,7 +107,7 @@ def accuracy_named(name: str) -> Accuracy:
 
 
 def nodes_allowed(accuracy: str, wanted: int) -> int:
-    """Return how many nodes the lattice may make where so many are wanted."""
+    """Return the largest number of nodes that the lattice may make for a number `wanted`."""
     goal = accuracy_named(accuracy)
     return min(max(goal.nodes, wanted), goal.most)
 
@@ -191,7 +191,7 @@ def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Acc
 
 
 def spacing_for(body: Body, nodes: int) -> float:
-    """Return the lattice spacing that makes about so many nodes, m."""
+    """Return the lattice spacing that makes about the given number of nodes, m."""
     volume, thickness = body.rough_volume, body.thickness
     if body.is_solid:
         return min(THINNEST * thickness, (volume * _NODES_SOLID / nodes) ** (1 / 3))
@@ -214,7 +214,7 @@ def _is_layer(body: Body, spacing: float) -> bool:
 
 
 def _spacing(body: Body, nodes: int, goal: Accuracy) -> float:
-    """Return the spacing that makes about so many nodes, or more where a layer were too flat."""
+    """Return the spacing for about a number of nodes, smaller where a layer would be too flat."""
     spacing = spacing_for(body, nodes)
     if body.is_solid:
         return spacing
@@ -349,7 +349,7 @@ def _functions(cells: Cells) -> float:
 
 
 def _stiffened(body: Body, spacing: float) -> float:
-    """Return how much frequencies are too high by what flat elements miss along thin edges."""
+    """Return the relative error of frequencies by twist that flat elements miss at thin edges."""
     if isinstance(body, FilledBody | WalledSheet):
         return 0.0
     # Within about a thickness h of an edge twist has no moment to bear: a strip of width b twists
@@ -380,7 +380,7 @@ def _whole(cells: Cells) -> tuple[Cells, int]:
 
 
 def _complaint(filling: Filling, largest: float) -> str:
-    """Tell what is wrong with the elements, or nothing."""
+    """Return the fault of the elements as a message, empty if there is none."""
     if filling.mesh.functions > _MOST_FUNCTIONS:
         return f"walls cross so closely that they take {filling.mesh.functions} functions"
     folded = int(np.count_nonzero(flatness(filling.mesh) <= 0))

@@ -99,7 +99,7 @@ _ROUNDS = 20  # more of them take hardly any more points out
 
 
 def mended(cells: Cells) -> Cells:
-    """Return the same body with points taken out where surfaces cut what they do not bound."""
+    """Return the cells without the points of cuts by surfaces that do not bound the body there."""
     # Such a point moves onto a neighbour on all surfaces that it lies on, with the edges between
     # them; the tetrahedra around it must fill the same space afterwards.
     needless = (cells.depths == _NEEDLESS).any(axis=1)

@@ -35,7 +35,7 @@ def stuffed(depths: Depths, bounds: Array, spacing: float, up: str = "z") -> Vol
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Judge:
-    """What tells which cells are in a body that goes on beyond some of its surfaces."""
+    """Rule that decides which cells are in a body, where some surfaces are carried on past it."""
 
     joined: tuple[int, ...]  # the surfaces beyond which it may go on
     distance: Depths  # to the body, m: negative inside
@@ -258,7 +258,7 @@ class Cells:
         )
 
     def within(self, surface: int, *, beyond: bool = False) -> Cells:
-        """Return tetrahedra cut at a surface: their parts inside it, and those `beyond` it too."""
+        """Return tetrahedra cut at a surface: the parts inside it, or with `beyond` all parts."""
         found = self.crossings(surface, self.edges())
         keys = found.edges[:, 0] * len(self.points) + found.edges[:, 1]
 
@@ -462,7 +462,7 @@ def _misses(
 
 
 def _excess(cells: Cells, edges: Index, widest: Widths) -> Array:
-    """Return how many times longer than wanted edges beside the body are (E,)."""
+    """Return the ratio of the length of edges near the body to the wanted length (E,)."""
     ends = _ends(edges)
     length = np.linalg.norm(cells.points[ends[:, 0]] - cells.points[ends[:, 1]], axis=1)
     near = cells.depths[ends].max(axis=2).min(axis=1) < length

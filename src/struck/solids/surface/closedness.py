@@ -44,7 +44,7 @@ def is_closed(mesh: Mesh) -> bool:
 
 
 def require_closed(mesh: Mesh) -> None:
-    """Raise MeshError, which counts what is wrong, unless a surface encloses one solid body."""
+    """Raise MeshError with counts of the faults unless a surface encloses one solid body."""
     # Coincident vertices must be merged before.
     _require_thickness(mesh)
     edges = edges_of(mesh.faces)
@@ -262,7 +262,7 @@ class Shells:
         return np.where(self.volumes > 0, winding == 0, winding == 1)
 
     def bodies(self, pairs: Index) -> Index:
-        """Return the body of each piece (P,): with its cavities and what it crosses."""
+        """Return the body of each piece (P,), the same for cavities and crossing pieces."""
         crossing = self.labels[pairs]
         cavity = self.volumes[self.inner] < 0
         depth = self.depths[self.around]

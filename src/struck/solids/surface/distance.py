@@ -31,7 +31,7 @@ _ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilledBody:
-    """What fills a closed surface: all of it, or a wall inside it."""
+    """Material in a closed surface: the whole inside, or a wall along it."""
 
     mesh: Mesh
     wall: float | None = None  # thickness, m; without it the body is solid
@@ -51,7 +51,7 @@ class FilledBody:
         return hierarchy
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what pickles and copies hold: all but libigl's hierarchy, which is made anew."""
+        """Return the state for pickles and copies, without libigl's hierarchy, which is rebuilt."""
         return {name: value for name, value in vars(self).items() if name != "_winding"}
 
     @cached_property

@@ -196,7 +196,7 @@ def has_rims(mesh: Mesh) -> bool:
 
 
 def _regions(mesh: Mesh, lattice: Lattice) -> Index:
-    """Return the region of each lattice point (N,), from 1; 0 beside faces and where unknown."""
+    """Return the region of each lattice point (N,), from 1; 0 near faces and where unknown."""
     # Voxels half as wide as cells, each around a point where corners or centres may be.
     shape = 2 * lattice.counts + 1
     points = int(np.prod(lattice.counts + 1) + np.prod(lattice.counts))
@@ -214,7 +214,7 @@ def _regions(mesh: Mesh, lattice: Lattice) -> Index:
 
 
 def _passed(triangles: Array) -> Iterator[Index]:
-    """Yield the voxels (V, 3) that small triangles (T, 3, 3) pass through, and some beside."""
+    """Yield the voxels (V, 3) that small triangles (T, 3, 3) pass through, and some neighbours."""
     lowest, highest = extremes(triangles)
     lowest, highest = np.floor(lowest - _ROUNDING), np.floor(highest + _ROUNDING)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

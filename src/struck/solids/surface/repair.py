@@ -1,4 +1,4 @@
-"""Repair: from any surface to one that encloses a body, and what that took.
+"""Repair: from any surface to one that encloses a body, with a list of the changes.
 
 First mending, which leaves faces where they are; where that cannot give the boundary of the
 material, because faces cross, a new surface. Material is where the winding number exceeds one half
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Repair:
-    """A surface that encloses a body, and what it took.
+    """A surface that encloses a body, with the changes that made it so.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Repair:
 
 
 def require_holes(holes: str | None, wall: float | None) -> None:
-    """Refuse other words for what becomes of holes, and holes in a solid, which has none."""
+    """Refuse unknown values of `holes`, and holes that are kept in a solid without a wall."""
     if holes not in {None, "keep", "fill"}:
         raise OptionError(f"holes is {holes!r}: give 'keep' or 'fill'")
     if holes == "keep" and wall is None:
@@ -298,7 +298,7 @@ def _joined(surface: Mended, diary: Diary) -> Mesh | None:
 
 
 def _meant(surface: Mended, holes: str | None) -> list[Index]:
-    """Return the rims of openings that stay: all, none, or those round or of straight edges."""
+    """Return the rims of openings that stay: all, none, or the round and the straight-edged."""
     if holes is not None:
         return list(surface.closed.rims) if holes == "keep" else []
     extent = surface.open.extent
@@ -366,7 +366,7 @@ def _sheet(surface: Mended, kept: list[Index], wall: float | None, diary: Diary)
 
 @dataclass(slots=True)
 class Diary:
-    """What was wrong with a mesh and what was changed, a sentence each."""
+    """Faults of a mesh and the changes made, a sentence each."""
 
     found: list[str] = field(default_factory=list)
     changed: list[str] = field(default_factory=list)
@@ -397,7 +397,7 @@ class Mended:
 
     @property
     def filled(self) -> Array:
-        """Areas of what fills the openings of each piece, m^2 (P,)."""
+        """Areas of the faces that fill the openings of each piece, m^2 (P,)."""
         fresh = np.arange(len(self.labels)) >= len(self.open.faces)
         areas = np.where(fresh, self.mesh.areas, 0.0)
         return np.bincount(self.labels, weights=areas).astype(np.float64)
@@ -512,7 +512,7 @@ def without_hidden(shells: Shells, pairs: Index, diary: Diary) -> Shells:
 
 
 def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
-    """Keep the largest body and say what else there was."""
+    """Keep the largest body, and note the number and size of the others."""
     body = shells.bodies(pairs)
     volumes = np.bincount(body, weights=shells.volumes)
     largest = int(volumes.argmax())

@@ -202,7 +202,7 @@ class SheetedBody:
 
     @property
     def judge(self) -> Judge:
-        """What tells which cells are in the body."""
+        """Rule that decides which cells are in the body."""
         distance = self.solid.distance
         return Judge(
             joined=self.joined,
@@ -216,7 +216,7 @@ class SheetedBody:
         return self.solid.bounds
 
     def _heights(self, points: Array) -> tuple[Array, Array]:
-        """Return the heights above each sheet and what carries it on, and distances, m (K, n)."""
+        """Return heights above each sheet and its extension, and distances from them, m (K, n)."""
         # Sheets that are joined end some way past their borders, so that all is continuous.
         found = [sheet.height(points) for sheet in self.sheets]
         heights, lengths = (np.stack(each, axis=1) for each in zip(*found, strict=True))
@@ -226,7 +226,7 @@ class SheetedBody:
         return heights, lengths
 
     def depths(self, points: Array) -> Array:
-        """Return the depths below each sheet and what carries it on past its border, m (K, n)."""
+        """Return depths below each sheet and its extension past the border, m (K, n)."""
         # In the material those of sheets that are not joined are negative.
         distance = self.solid.distance(points)[:, None]
         heights, lengths = self._heights(points)
@@ -278,7 +278,7 @@ _AT = 1e-6  # share of a face's height within which a point counts as on its edg
 
 
 def _places(weights: Array) -> Index:
-    """Return where in a face points lie: corner 0 to 2, edge 3 to 5 (opposite those), inside 6."""
+    """Return the place of points in a face: corner 0 to 2, opposite edge 3 to 5, inside 6."""
     nought = weights < _AT
     corner = weights.argmax(axis=1)
     edge = 3 + nought.argmax(axis=1)
@@ -450,7 +450,7 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
 
 
 def _crumbs(mesh: Mesh, pairs: Index, bent: Mask, cut: Mask, thin: float) -> Mask:
-    """Return which faces belong to small parts of the surface beside a rounded rim (F,)."""
+    """Return the mask of faces in small parts of the surface next to a rounded rim (F,)."""
     whole = ~bent[pairs].any(axis=1)
     labels = components(pairs[whole & ~cut], len(mesh.faces))
     areas = np.bincount(labels, weights=mesh.areas)
@@ -494,7 +494,7 @@ def _around(labels: Index, rounded: Index, pairs: Index, kept: Mask) -> Index:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Soundings:
-    """What balls and rays inside a surface tell of its faces."""
+    """Thickness and opposite faces of each face, measured by balls and rays inside the surface."""
 
     thin: Mask  # (F,): a wall or its rim
     bent: Mask  # (F,): near a wall's rim, or where a wall leaves a thicker part

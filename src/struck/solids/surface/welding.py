@@ -26,7 +26,7 @@ class Closed:
 
 
 def closed(mesh: Mesh, rims: Sequence[Index] | None = None) -> Closed:
-    """Fill the openings of a surface whose faces are oriented alike, all or those within `rims`."""
+    """Fill the openings of a consistently oriented surface, all or the ones within `rims`."""
     # Each loop of open edges is filled from its shortest chords on (ears cut off a polygon). No
     # new edge runs where the surface has one already.
     rims = loops(mesh.faces) if rims is None else rims
@@ -142,7 +142,7 @@ class _Polygon:
         return before, after
 
     def remaining(self) -> list[int]:
-        """Return what has not been cut off, in order round the loop."""
+        """Return the corners that have not been cut off, in order round the loop."""
         start = next(i for i, version in enumerate(self.version) if version >= 0)
         around = [start]
         while (onward := self.after[around[-1]]) != start:
