@@ -152,7 +152,7 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
         after = after.scaled(size)
     if losses != 1:
         after = after.damped(_law(after, losses))
-    return _told(model, after, size, quick=wanted.get("quick") is True)
+    return _changed_facts(model, after, size, quick=wanted.get("quick") is True)
 
 
 def _named(model: ModalModel, name: object) -> Material:
@@ -205,7 +205,9 @@ def _growth(size: float, density: float) -> float:
     return (density * size**3) ** -0.5
 
 
-def _told(model: ModalModel, after: ModalModel, size: float, *, quick: bool) -> dict[str, Any]:
+def _changed_facts(
+    model: ModalModel, after: ModalModel, size: float, *, quick: bool
+) -> dict[str, Any]:
     """Return a changed model without its shapes, as JSON values."""
     numbers = np.array(getattr(after.gains, "outputs", []), np.complex128)
     kept = np.rint(numbers.imag / numbers.real).astype(np.intp)

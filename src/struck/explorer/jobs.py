@@ -46,10 +46,10 @@ class Job:
     message: str = ""  # why it failed
     facts: Mapping[str, Any] = field(default_factory=dict)
 
-    def told(self) -> dict[str, Any]:
+    def json_values(self) -> dict[str, Any]:
         """Return the state of the job for the page, as JSON values."""
         return {
-            **self.thing.told(),
+            **self.thing.json_values(),
             "state": self.state,
             "stage": self.stage,
             "fraction": self.fraction,
@@ -103,11 +103,11 @@ class Jobs:
         while True:
             version = self._version
             for name, job in list(self.jobs.items()):
-                told = job.told()
-                text = json.dumps(told, sort_keys=True)
+                values = job.json_values()
+                text = json.dumps(values, sort_keys=True)
                 if known.get(name) != text:
                     known[name] = text
-                    yield told
+                    yield values
             async with self._news:
                 await self._news.wait_for(lambda seen=version: self._version != seen)
 
@@ -205,17 +205,17 @@ class _Teller:
             self._stage, self._told = stage, now
             self.write(stage=stage, fraction=fraction)
 
-    def write(self, **told: object) -> None:
-        self._stream.write(json.dumps(told) + "\n")
+    def write(self, **values: object) -> None:
+        self._stream.write(json.dumps(values) + "\n")
         self._stream.flush()
 
 
 def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
     try:
-        told = _kept(thing.make(teller), path)
+        values = _kept(thing.make(teller), path)
     except (StruckError, MemoryError, OSError) as error:
         return {"message": str(error) or type(error).__name__, "state": "failed"}
-    return {"facts": told, "fraction": 1.0, "stage": "", "state": "ready"}
+    return {"facts": values, "fraction": 1.0, "stage": "", "state": "ready"}
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ class Thing:
     rotation: Array = field(default_factory=lambda: np.eye(3))
     swelling: Place = (1.0, 1.0, 1.0)
 
-    def told(self) -> dict[str, object]:
+    def json_values(self) -> dict[str, object]:
         """Return the facts of the object before it is computed."""
         return {
             "id": self.name,
@@ -156,20 +156,20 @@ def recorded(progress: Progress) -> ModalModel:
         return fit_recordings(path, progress=progress).model
 
 
-def _told(name: str) -> dict[str, Any]:
+def _entry(name: str) -> dict[str, Any]:
     """Return the entry of an object in `objects.toml`: its texts and where it stands."""
-    told = {"turned": {}, **table_of("struck.explorer", "objects")[name]}
-    return {"name": name, "rotation": turned(**told.pop("turned")), **told}
+    entry = {"turned": {}, **table_of("struck.explorer", "objects")[name]}
+    return {"name": name, "rotation": turned(**entry.pop("turned")), **entry}
 
 
 _FORMULAS = (
     Thing(
-        **_told("string"),
+        **_entry("string"),
         kind="formula",
         make=computed(lambda: String(length=0.65, radius=4e-4, tension=80.7), WIRE),
     ),
     Thing(
-        **_told("bar"),
+        **_entry("bar"),
         kind="formula",
         make=computed(
             lambda: Bar(length=0.4, width=0.04, thickness=0.008, ends="free"),
@@ -178,7 +178,7 @@ _FORMULAS = (
         ),
     ),
     Thing(
-        **_told("rod"),
+        **_entry("rod"),
         kind="formula",
         make=computed(
             lambda: Bar(length=0.4, section=RoundSection(radius=0.006), ends="free"),
@@ -187,7 +187,7 @@ _FORMULAS = (
         ),
     ),
     Thing(
-        **_told("square"),
+        **_entry("square"),
         kind="formula",
         make=computed(
             lambda: RectangularMembrane(length=0.4, width=0.4, thickness=2.5e-4, tension=3000.0),
@@ -196,7 +196,7 @@ _FORMULAS = (
         ),
     ),
     Thing(
-        **_told("l_membrane"),
+        **_entry("l_membrane"),
         kind="formula",
         make=computed(
             lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
@@ -205,7 +205,7 @@ _FORMULAS = (
         ),
     ),
     Thing(
-        **_told("plate"),
+        **_entry("plate"),
         kind="formula",
         make=computed(
             lambda: RectangularPlate(length=0.4, width=0.3, thickness=0.005, edges="free"),
@@ -238,19 +238,19 @@ def _chimes() -> Iterator[Thing]:
 
 
 _ELEMENTS = (
-    Thing(**_told("bowl"), make=computed(bowl, "bronze")),
-    Thing(**_told("bell"), make=computed(bell, "bronze")),
+    Thing(**_entry("bowl"), make=computed(bowl, "bronze")),
+    Thing(**_entry("bell"), make=computed(bell, "bronze")),
     Thing(
-        **_told("figurine"),
+        **_entry("figurine"),
         make=computed(lambda: bird().scaled(1.8), "ceramic", wall=0.004, damping="heard"),
     ),
-    Thing(**_told("table"), make=computed(table, "oak", band=(20.0, _FURNITURE))),
-    Thing(**_told("chair"), make=computed(chair, "oak", band=(20.0, _FURNITURE))),
+    Thing(**_entry("table"), make=computed(table, "oak", band=(20.0, _FURNITURE))),
+    Thing(**_entry("chair"), make=computed(chair, "oak", band=(20.0, _FURNITURE))),
 )
 
 
 def _recording() -> Thing:
-    return Thing(**_told("tabla"), kind="recording", make=recorded)
+    return Thing(**_entry("tabla"), kind="recording", make=recorded)
 
 
 def things() -> list[Thing]:

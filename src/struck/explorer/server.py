@@ -295,9 +295,9 @@ class _Answers:
         from starlette.responses import JSONResponse
 
         groups = {name: entry["group"] for name, entry in materials().items()}
-        told = [job.told() for job in self._jobs.jobs.values()]
+        states = [job.json_values() for job in self._jobs.jobs.values()]
         heads = {name: dict(entry) for name, entry in strikers().items()}
-        return JSONResponse({"objects": told, "strikers": heads, "materials": groups})
+        return JSONResponse({"objects": states, "strikers": heads, "materials": groups})
 
     async def events(self, _request: Request) -> Response:
         from starlette.responses import StreamingResponse

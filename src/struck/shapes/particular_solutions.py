@@ -49,7 +49,7 @@ class Basis:
         orders = self.counts * plan.powers[self.centres]
         return float(np.max(orders - self.highest * plan.reaches[self.centres], initial=0.0))
 
-    def sight(self, points: Array, ears: Index) -> Sight:
+    def at(self, points: Array, ears: Index) -> BasisAtPoints:
         """Return the functions at points (K, 2) in ears (K,) of the plan, for any wavenumber."""
         fans = []
         for centre, count in zip(self.centres.tolist(), self.counts.tolist(), strict=True):
@@ -68,10 +68,10 @@ class Basis:
                     table=regular(power, count, int(self.highest * reach) + 2),
                 )
             )
-        return Sight(fans=tuple(fans), apart=points[:, None] - self.sources)
+        return BasisAtPoints(fans=tuple(fans), apart=points[:, None] - self.sources)
 
 
-class Sight:
+class BasisAtPoints:
     """The functions of a basis at some points, for any wavenumber."""
 
     def __init__(self, fans: tuple[_Fan, ...], apart: Array) -> None:
@@ -169,9 +169,9 @@ class PolygonForms:
         found = np.empty((len(places), len(self.wavenumbers)))
         for start in range(0, len(places), _PLACES_AT_ONCE):
             part = slice(start, start + _PLACES_AT_ONCE)
-            sight = basis.sight(*basis.plan.located(places[part]))
+            at_points = basis.at(*basis.plan.located(places[part]))
             for mode, wavenumber in enumerate(self.wavenumbers.tolist()):
-                found[part, mode] = sight.sums(wavenumber, self.coefficients[[mode]].T)[:, 0]
+                found[part, mode] = at_points.sums(wavenumber, self.coefficients[[mode]].T)[:, 0]
         return found
 
     def chosen(self, modes: Index) -> PolygonForms:
@@ -207,9 +207,9 @@ class Trial:
     def __init__(self, basis: Basis) -> None:
         self._basis = basis
         self._edges = along_edges(basis.plan, self._counts)
-        self._on_edges = basis.sight(self._edges.points, self._edges.ears)
+        self._on_edges = basis.at(self._edges.points, self._edges.ears)
         inside = scattered(basis.plan, _INSIDE)
-        self._inside = basis.sight(inside.points, inside.ears)
+        self._inside = basis.at(inside.points, inside.ears)
 
     @property
     def _counts(self) -> Array:
@@ -220,14 +220,14 @@ class Trial:
         return 40 + 0.7 * self._basis.steepest + 1.5 * waves + 3.5 * near
 
     @cached_property
-    def _everywhere(self) -> tuple[Sight, Array]:
+    def _everywhere(self) -> tuple[BasisAtPoints, Array]:
         nodes = all_over(self._basis.plan, self._basis.highest)
-        return self._basis.sight(nodes.points, nodes.ears), nodes.weights
+        return self._basis.at(nodes.points, nodes.ears), nodes.weights
 
     @cached_property
-    def _between(self) -> Sight:
+    def _between(self) -> BasisAtPoints:
         nodes = along_edges(self._basis.plan, 1.7 * self._counts, 1.5)
-        return self._basis.sight(nodes.points, nodes.ears)
+        return self._basis.at(nodes.points, nodes.ears)
 
     def smallest(self, value: float, count: int) -> tuple[Array, Array]:
         """Return the smallest tensions (count,) at a trial value, and their functions (F, count).
@@ -266,8 +266,8 @@ class Trial:
 
     def _products(self, value: float, functions: Array) -> Array:
         """Return the integrals of products of functions over the plan."""
-        sight, weights = self._everywhere
-        values = sight.sums(np.sqrt(value), functions)
+        at_points, weights = self._everywhere
+        values = at_points.sums(np.sqrt(value), functions)
         return values.T @ (weights[:, None] * values)
 
     def error(self, value: float, functions: Array) -> Array:

@@ -66,7 +66,7 @@ class RapierEngine:
         settings.dt = self.step
         settings.length_unit = _size(model, links)
         settings.friction_model = rapier3d.FrictionModel.COULOMB
-        if laws.said:
+        if laws.any_given:
             self._world.physics_hooks = self
         self._said: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
         self._begin(MujocoEngine(model, links, keyframe).data)
@@ -159,7 +159,7 @@ class RapierEngine:
         made = collider.translation(tuple(place.offset.tolist())).rotation(_axis(place.turn * turn))
         made = made.density(0.0).friction(float(model.geom_friction[geom][0])).restitution(0.0)
         made = made.friction_combine_rule(self._rapier.CoefficientCombineRule.MAX)
-        if self._laws.said:
+        if self._laws.any_given:
             made = made.active_hooks(self._rapier.ActiveHooks.MODIFY_SOLVER_CONTACTS)
         return [made]
 

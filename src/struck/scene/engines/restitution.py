@@ -112,7 +112,7 @@ def pair_value(
     pair: tuple[str, str],
     made_of: tuple[Material | None, Material | None],
 ) -> float | None:
-    """Return the restitution or friction of two bodies; None where nothing was said of them."""
+    """Return the restitution or friction of two bodies; None where none was given."""
     if values is None:
         return None
     if isinstance(values, Mapping):
@@ -171,15 +171,15 @@ def _entry(material: Material, kind: str) -> float:
 
 @dataclass(kw_only=True)
 class ContactLaws:
-    """Restitution and friction of the pairs of bodies, as they were said."""
+    """Restitution and friction of the pairs of bodies, as the options give them."""
 
     materials: Mapping[str, Material | None]  # of each body
     restitution: PairValues | None = None
     friction: PairValues | None = None
 
     @property
-    def said(self) -> bool:
-        """Whether anything was."""
+    def any_given(self) -> bool:
+        """Whether the options give any restitution or friction."""
         return self.restitution is not None or self.friction is not None
 
     def between(self, one: str, other: str) -> tuple[float | None, float | None]:

@@ -150,7 +150,7 @@ class Simulation:
             friction=friction,
         )
         model = _compiled(spec)
-        if self._engine == "mujoco" and self._laws.said:
+        if self._engine == "mujoco" and self._laws.any_given:
             self._laws.give(spec, model, links_of(model))
             model = _compiled(spec)
         self.model, self._links = model, links_of(model)

@@ -72,7 +72,7 @@ def block_lanczos(
     # Eigenvalues under `least` hint at larger ones still missing: half as many steps more are made.
     # `precision` bounds residuals over eigenvalues, of the inverted problem and of this one.
     progress(0.0)
-    wanted = _Wanted(shift=shift, below=below, above=count, precision=precision)
+    wanted = _Request(shift=shift, below=below, above=count, precision=precision)
     basis = _Basis(len(known), known.shape[1] + 4 * wanted.count + 12 * _WIDTH)
     block, weighted = _started(basis, mass, known)
     previous, coupling = block[:, :0], np.zeros((block.shape[1], 0))
@@ -118,7 +118,7 @@ class _Found:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Wanted:
+class _Request:
     """Numbers of eigenvalues wanted on either side of a shift."""
 
     shift: float

@@ -51,7 +51,7 @@ def vibration_modes(
     basis = Displacements.of(mesh)
     movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
     system = whole if movable.all() else whole.free(movable)
-    sight = _Sight(
+    collector = _Collector(
         basis=basis, material=material, movable=movable, surface=_surface(basis), estimate=estimate
     )
     search = Search(
@@ -59,13 +59,13 @@ def vibration_modes(
         motions=_free_motions(basis) if movable.all() else np.zeros((system.unknowns, 0)),
         bound=(2 * np.pi * highest) ** 2,
         solver=solver,
-        shown=3 * len(sight.surface[0].points),
+        shown=3 * len(collector.surface[0].points),
         progress=progress,
     )
     # Nothing here may hold on to a slice's vectors while the next one is found.
-    seen = _joined(map(partial(_certified, search, sight), search.pairs()), search)
-    require_complete(seen.values, search.bound, search.counted)
-    return _as_modes(sight, whole, seen, highest, _provenance(mesh, search, seen))
+    results = _joined(map(partial(_certified, search, collector), search.pairs()), search)
+    require_complete(results.values, search.bound, search.counted)
+    return _as_modes(collector, whole, results, highest, _provenance(mesh, search, results))
 
 
 def without_modes(
@@ -98,7 +98,7 @@ def without_modes(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Seen:
+class _SliceResults:
     """Results kept of eigenpairs: values, shapes on the surface, errors and Poisson slopes."""
 
     values: Array
@@ -109,7 +109,7 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Sight:
+class _Collector:
     """A body, and the parts of its modes that are kept."""
 
     basis: Displacements
@@ -118,11 +118,11 @@ class _Sight:
     surface: tuple[Mesh, Index | sparse.csr_array]  # and which functions move its vertices
     estimate: Estimate | None
 
-    def of(self, pairs: Eigenpairs, residual: float) -> _Seen:
+    def of(self, pairs: Eigenpairs, residual: float) -> _SliceResults:
         """Return the results of a slice of eigenpairs, without their full vectors."""
         vectors = self._everywhere(pairs)
         unknown = np.full(len(pairs.values), np.nan)
-        return _Seen(
+        return _SliceResults(
             values=pairs.values,
             shapes=self._on_surface(vectors),
             slopes=poisson_slopes(self.basis, self.material, pairs.values, vectors),
@@ -155,13 +155,13 @@ def _surface(basis: Displacements) -> tuple[Mesh, Index | sparse.csr_array]:
     return surface_of(basis.mesh, basis.added)
 
 
-def _certified(search: Search, sight: _Sight, pairs: Eigenpairs) -> _Seen:
+def _certified(search: Search, collector: _Collector, pairs: Eigenpairs) -> _SliceResults:
     search.progress("certify", 0.0)
     require_one_piece(pairs.values, search.bound)
-    return sight.of(pairs, largest_residual(search.system, pairs))
+    return collector.of(pairs, largest_residual(search.system, pairs))
 
 
-def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
+def _joined(parts: Iterable[_SliceResults], search: Search) -> _SliceResults:
     """Put slices side by side as they come; shapes, the most of it, in their final place."""
     none = np.zeros((0, 3, 0))
     shapes, every = none, []
@@ -172,7 +172,7 @@ def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
         require_complete(part.values, np.inf, min(len(part.values), search.counted - begun))
         shapes[:, :, begun : begun + len(part.values)] = part.shapes
         every.append(replace(part, shapes=none))
-    return _Seen(
+    return _SliceResults(
         values=np.concatenate([part.values for part in every]),
         shapes=shapes,
         slopes=np.concatenate([part.slopes for part in every]),
@@ -182,25 +182,29 @@ def _joined(parts: Iterable[_Seen], search: Search) -> _Seen:
 
 
 def _as_modes(
-    sight: _Sight, system: System, seen: _Seen, highest: float, provenance: Provenance
+    collector: _Collector,
+    system: System,
+    results: _SliceResults,
+    highest: float,
+    provenance: Provenance,
 ) -> Modes:
-    mass, centre, inertia = mass_properties(system, sight.basis.mesh.nodes)
+    mass, centre, inertia = mass_properties(system, collector.basis.mesh.nodes)
     return Modes(
-        frequencies=np.sqrt(seen.values) / (2 * np.pi),
-        surface=sight.surface[0],
-        shapes=seen.shapes,
+        frequencies=np.sqrt(results.values) / (2 * np.pi),
+        surface=collector.surface[0],
+        shapes=results.shapes,
         mass=mass,
         centre=centre,
         inertia=inertia,
         complete_to=highest,
-        poisson_slopes=seen.slopes,
-        errors=seen.errors,
-        supported=not sight.movable.all(),
+        poisson_slopes=results.slopes,
+        errors=results.errors,
+        supported=not collector.movable.all(),
         provenance=provenance,
     )
 
 
-def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
+def _provenance(mesh: VolumeMesh, search: Search, results: _SliceResults) -> Provenance:
     lumped = "lumped" if search.solver.lumped else "consistent"
     method = "anderson1999" if search.small else "grimes1994"
     return Provenance(
@@ -210,7 +214,7 @@ def _provenance(mesh: VolumeMesh, search: Search, seen: _Seen) -> Provenance:
             "elements": f"{len(mesh.elements)} {_named(mesh)}",
             "nodes": len(mesh.nodes),
             "unknowns": search.system.unknowns,
-            "largest_residual": seen.residual,
+            "largest_residual": results.residual,
             "sturm_count": search.counted,
             "memory_forecast": f"{search.forecast / factorisation.GIB:.2f} GiB",
         },

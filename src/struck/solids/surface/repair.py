@@ -115,28 +115,30 @@ def repaired(mesh: Mesh, *, wall: float | None = None, holes: str | None = None)
             f"it is damaged and has {len(mesh.faces):,} faces, and at most {MOST_FACES:,} are "
             "repaired: decimate the surface, or export it again, closed"
         )
-    diary, (together, distance) = Diary(), sewn(mesh)
+    record, (together, distance) = RepairLog(), sewn(mesh)
     if distance:
         merged = counted(len(mesh.points) - len(together.points), "vertex")
-        diary.note(
+        record.note(
             f"Faces stand apart by up to {distance:.1e} m.",
             f"{merged} within {distance:.1e} m of others merged.",
         )
-    result, sheet = _result(together, wall, holes, diary)
+    result, sheet = _result(together, wall, holes, record)
     return Repair(
         mesh=result,
-        found=tuple(diary.found),
-        changed=tuple(diary.changed),
+        found=tuple(record.found),
+        changed=tuple(record.changed),
         volume_before=before,
         volume_after=float(result.areas.sum()) * (wall or 0.0) if sheet else result.volume,
         sheet=sheet,
     )
 
 
-def _result(mesh: Mesh, wall: float | None, holes: str | None, diary: Diary) -> tuple[Mesh, bool]:
+def _result(
+    mesh: Mesh, wall: float | None, holes: str | None, record: RepairLog
+) -> tuple[Mesh, bool]:
     """Return the body, or the sheet and True."""
     if wall is not None and _is_strip(mesh):
-        diary.note(
+        record.note(
             "The surface has one side, as a Moebius strip has.",
             f"Taken as the middle of a wall of {wall:g} m.",
         )
@@ -144,25 +146,25 @@ def _result(mesh: Mesh, wall: float | None, holes: str | None, diary: Diary) -> 
     bare = bared(mesh)
     if bare is not None and is_closed(bare):
         hidden = counted(len(mesh.faces) - len(bare.faces), "face")
-        diary.note(f"{hidden} within the material or repeated.", f"{hidden} removed.")
+        record.note(f"{hidden} within the material or repeated.", f"{hidden} removed.")
         mesh = bare
     elif bare is not None and bare.areas.sum() < (1 - _BURIED) * mesh.areas.sum():
         pairs = crossings(mesh)
-        diary.found.append(f"Parts overlap and share edges; {len(pairs)} pairs of faces cross.")
-        return _rebuilt(mesh, exposed(mesh, pairs), diary), False
-    surface = mended(mesh, diary)
+        record.found.append(f"Parts overlap and share edges; {len(pairs)} pairs of faces cross.")
+        return _rebuilt(mesh, exposed(mesh, pairs), record), False
+    surface = mended(mesh, record)
     solid = surface.solid
     whole = bool(surface.areas[solid].sum() >= surface.areas.sum() / 2)
-    if whole and (wall is None or not _meant(surface, holes)):
-        return _body(surface, solid, diary), False
-    joined = None if whole else _joined(surface, diary)
+    if whole and (wall is None or not _openings_kept(surface, holes)):
+        return _body(surface, solid, record), False
+    joined = None if whole else _joined(surface, record)
     if joined is not None:
         return joined, False
     # Of a sheet that is open anyway the longest rim is its own, and others are left by default.
-    kept = _meant(surface, holes or (None if whole else "keep"))
+    kept = _openings_kept(surface, holes or (None if whole else "keep"))
     if not whole and holes == "fill":
         kept = [max(surface.closed.rims, key=lambda rim: _length(surface.open.points[rim]))]
-    return _sheet(surface, kept, wall, diary), True
+    return _sheet(surface, kept, wall, record), True
 
 
 def _is_strip(mesh: Mesh) -> bool:
@@ -187,27 +189,27 @@ def _is_clean(mesh: Mesh) -> bool:
     return not lines(mesh).any() and not len(crossings(mesh))
 
 
-def _body(surface: Mended, solid: Mask, diary: Diary) -> Mesh:
+def _body(surface: Mended, solid: Mask, record: RepairLog) -> Mesh:
     """Return the largest body that the `solid` pieces (P,) bound."""
-    shells = solid_shells(surface, solid, diary)
-    shells = without_hidden(shells, crossings(shells.mesh), diary)
+    shells = solid_shells(surface, solid, record)
+    shells = without_hidden(shells, crossings(shells.mesh), record)
     crossing = Crossing.of(shells)
-    largest = largest_body(shells, crossing.pairs, diary)
+    largest = largest_body(shells, crossing.pairs, record)
     if largest is not shells:
         shells, crossing = largest, Crossing.of(largest)
-    if _matters(crossing, shells, diary):
+    if _matters(crossing, shells, record):
         from struck.solids.surface.rebuilding import united  # few surfaces need it
 
         whole = united(shells, crossing.pairs)
         if whole is None:
-            return _rebuilt(shells.mesh, crossing.limits, diary)
-        diary.changed.append("United, each part as it is.")
-        return _one(whole, diary)
+            return _rebuilt(shells.mesh, crossing.limits, record)
+        record.changed.append("United, each part as it is.")
+        return _one(whole, record)
     try:
         require_closed(shells.mesh)
     except MeshError as error:
-        diary.note(f"Mended, {error}.", "Rebuilt, as mending was not enough.")
-        return _rebuilt(shells.mesh, crossing.limits, diary)
+        record.note(f"Mended, {error}.", "Rebuilt, as mending was not enough.")
+        return _rebuilt(shells.mesh, crossing.limits, record)
     return shells.mesh
 
 
@@ -233,32 +235,32 @@ class Crossing:
         return cls(pairs=kept, limits=limits, buried=buried)
 
 
-def _matters(crossing: Crossing, shells: Shells, diary: Diary) -> bool:
+def _matters(crossing: Crossing, shells: Shells, record: RepairLog) -> bool:
     """Tell whether crossing faces take a new surface; where not, say that they stay."""
     if not len(crossing.pairs):
         return False
     faces = counted(len(np.unique(crossing.pairs)), "face")
     within = f"{100 * crossing.buried:.2g} % of the area lies within the material."
     if crossing.buried <= _BURIED:
-        diary.note(f"{faces} cross a little.", f"Crossing faces left: {within}")
+        record.note(f"{faces} cross a little.", f"Crossing faces left: {within}")
         return False
     pieces = len(np.unique(shells.labels[crossing.pairs]))
     overlap = f"{pieces} pieces overlap or touch, in {faces}" if pieces > 1 else f"{faces} cross"
-    diary.found.append(f"{overlap}; {within}")
+    record.found.append(f"{overlap}; {within}")
     return True
 
 
-def _rebuilt(mesh: Mesh, limits: Mesh | None, diary: Diary) -> Mesh:
+def _rebuilt(mesh: Mesh, limits: Mesh | None, record: RepairLog) -> Mesh:
     from struck.solids.surface.rebuilding import rebuilt  # few surfaces need it
 
     new = rebuilt(mesh, limits)
-    _say(new, diary)
-    return _one(new.mesh, diary)
+    _say(new, record)
+    return _one(new.mesh, record)
 
 
-def _one(mesh: Mesh, diary: Diary) -> Mesh:
+def _one(mesh: Mesh, record: RepairLog) -> Mesh:
     """Return the largest body of a rebuilt surface."""
-    result = largest_body(Shells.of(mesh), np.empty((0, 2), np.int64), diary).mesh
+    result = largest_body(Shells.of(mesh), np.empty((0, 2), np.int64), record).mesh
     try:
         require_closed(result)
     except MeshError as error:
@@ -269,14 +271,14 @@ def _one(mesh: Mesh, diary: Diary) -> Mesh:
     return result
 
 
-def _say(new: Rebuilt, diary: Diary) -> None:
-    diary.changed.append(
+def _say(new: Rebuilt, record: RepairLog) -> None:
+    record.changed.append(
         f"Surface rebuilt on a lattice of {new.spacing:.3g} m, edges rounded by as much (volume "
         f"{100 * new.change:+.2g} % from the lattice before)."
     )
 
 
-def _joined(surface: Mended, diary: Diary) -> Mesh | None:
+def _joined(surface: Mended, record: RepairLog) -> Mesh | None:
     """Return a body that patches bound together though they do not meet; None where none do."""
     patches = int(np.count_nonzero(surface.areas > _PATCH * surface.areas.sum()))
     box = np.ptp(surface.open.bounds, axis=0)
@@ -292,12 +294,12 @@ def _joined(surface: Mended, diary: Diary) -> Mesh | None:
         new = rebuilt(surface.open, limits)
     except MeshError:
         return None
-    diary.found.append(f"{counted(len(surface.areas), 'patch')} of the surface do not meet.")
-    _say(new, diary)
-    return _one(new.mesh, diary)
+    record.found.append(f"{counted(len(surface.areas), 'patch')} of the surface do not meet.")
+    _say(new, record)
+    return _one(new.mesh, record)
 
 
-def _meant(surface: Mended, holes: str | None) -> list[Index]:
+def _openings_kept(surface: Mended, holes: str | None) -> list[Index]:
     """Return the rims of openings that stay: all, none, or the round and the straight-edged."""
     if holes is not None:
         return list(surface.closed.rims) if holes == "keep" else []
@@ -312,25 +314,25 @@ def _length(rim: Array) -> float:
     return float(np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).sum())
 
 
-def _say_of_holes(surface: Mended, kept: list[Index], diary: Diary) -> None:
+def _say_of_holes(surface: Mended, kept: list[Index], record: RepairLog) -> None:
     """Say which openings of a sheet stay and which are filled, and how to have it otherwise."""
     filled = len(surface.closed.rims) - len(kept)
     if filled:
-        diary.note(
+        record.note(
             f"{counted(filled, 'hole')} in the sheet.",
             f"{counted(filled, 'hole')} filled: holes='keep' leaves all open.",
         )
     across = [float(np.ptp(surface.open.points[rim], axis=0).max()) for rim in kept]
     if surface.solid.any() and across:
-        diary.note(
+        record.note(
             f"{counted(len(kept), 'opening')} up to {max(across):.3g} m across.",
             "Left open, round or of straight edges or as asked for: holes='fill' closes them.",
         )
 
 
-def _sheet(surface: Mended, kept: list[Index], wall: float | None, diary: Diary) -> Mesh:
+def _sheet(surface: Mended, kept: list[Index], wall: float | None, record: RepairLog) -> Mesh:
     if wall is not None:
-        _say_of_holes(surface, kept, diary)
+        _say_of_holes(surface, kept, record)
     stay = {id(rim) for rim in kept}
     rest = [rim for rim in surface.closed.rims if id(rim) not in stay]
     whole = closed(surface.open, rest).mesh
@@ -350,11 +352,11 @@ def _sheet(surface: Mended, kept: list[Index], wall: float | None, diary: Diary)
             "thickness of the sheet in m"
         )
     if others:
-        diary.note(
+        record.note(
             f"{counted(others + 1, 'sheet')} that do not meet.",
             f"The largest taken, {counted(others, 'other')} left out.",
         )
-    diary.note(
+    record.note(
         "The surface is open: a sheet with one side.",
         f"Taken as the middle of a wall of {wall:g} m.",
     )
@@ -365,7 +367,7 @@ def _sheet(surface: Mended, kept: list[Index], wall: float | None, diary: Diary)
 
 
 @dataclass(slots=True)
-class Diary:
+class RepairLog:
     """Faults of a mesh and the changes made, a sentence each."""
 
     found: list[str] = field(default_factory=list)
@@ -417,51 +419,51 @@ class Mended:
         return int(sum(chosen[piece[rim[0]]] for rim in self.closed.rims))
 
 
-def mended(mesh: Mesh, diary: Diary) -> Mended:
+def mended(mesh: Mesh, record: RepairLog) -> Mended:
     """Drop faces that repeat or lean on others, turn the rest alike, fill openings."""
     mesh, repeated = single(mesh)
     if repeated:
-        diary.note(
+        record.note(
             f"{counted(repeated, 'face')} {'repeats' if repeated == 1 else 'repeat'} others.",
             f"{counted(repeated, 'repeated face')} removed.",
         )
     mesh, leaning = without_fins(mesh)
     if leaning:
         meet = "meets" if leaning == 1 else "meet"
-        diary.note(
+        record.note(
             f"{counted(leaning, 'face')} in fins or inner walls {meet} the surface.",
             f"{counted(leaning, 'face')} of fins and inner walls removed.",
         )
     crowded = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
     if crowded:
         mesh = apart(mesh)
-        diary.note(
+        record.note(
             f"{counted(crowded, 'edge')} shared by more than two faces.",
             f"Pieces taken apart at {counted(crowded, 'edge')}.",
         )
-    mesh = without_needles(_alike(mesh, diary), diary)
+    mesh = without_needles(_alike(mesh, record), record)
     filled = closed(mesh)
     return Mended(open=mesh, closed=filled, labels=pieces(filled.mesh))
 
 
-def _alike(mesh: Mesh, diary: Diary) -> Mesh:
+def _alike(mesh: Mesh, record: RepairLog) -> Mesh:
     turned = turned_faces(edges_of(mesh.faces), len(mesh.faces))
     if turned is None:
         raise MeshError(ONE_SIDED)
     if turned.any():
         faces = counted(np.count_nonzero(turned), "face")
-        diary.note(
+        record.note(
             f"{faces} of {len(mesh.faces)} flipped against their neighbours.",
             f"{faces} turned to agree with the others.",
         )
     return flipped(mesh, turned)
 
 
-def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
+def without_needles(mesh: Mesh, record: RepairLog) -> Mesh:
     """Return the mesh without faces of no area, and say so."""
     mesh, flat = without_lines(mesh)
     if flat:
-        diary.note(
+        record.note(
             f"{counted(flat, 'face')} without area.",
             f"{counted(flat, 'face')} without area removed, their neighbours split.",
         )
@@ -473,37 +475,37 @@ def without_needles(mesh: Mesh, diary: Diary) -> Mesh:
 DEBRIS = 0.01  # share of the largest body below which others are crumbs
 
 
-def solid_shells(surface: Mended, solid: Mask, diary: Diary) -> Shells:
+def solid_shells(surface: Mended, solid: Mask, record: RepairLog) -> Shells:
     """Return the pieces that bound bodies, their normals outward."""
     loose = int(np.count_nonzero(~solid))
     if loose:
         share = surface.areas[~solid].sum() / surface.areas.sum()
-        diary.note(
+        record.note(
             f"{counted(loose, 'loose piece')} of the surface without volume.",
             f"{counted(loose, 'loose piece')} removed ({100 * share:.2g} % of the area).",
         )
     holes = surface.holes(solid)
     if holes:
         share = surface.filled[solid].sum() / surface.areas[solid].sum()
-        diary.note(
+        record.note(
             f"{counted(holes, 'hole')} in the surface.",
             f"{counted(holes, 'hole')} filled ({100 * share:.2g} % of the area).",
         )
     kept = submesh(surface.mesh, np.flatnonzero(solid[surface.labels]))
-    shells, wrong = Shells.of(without_needles(kept, diary)).outward()
+    shells, wrong = Shells.of(without_needles(kept, record)).outward()
     if wrong:
-        diary.note(f"{counted(wrong, 'piece')} inside out.", f"{counted(wrong, 'piece')} turned.")
+        record.note(f"{counted(wrong, 'piece')} inside out.", f"{counted(wrong, 'piece')} turned.")
     return shells
 
 
-def without_hidden(shells: Shells, pairs: Index, diary: Diary) -> Shells:
+def without_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
     """Drop the pieces that lie within the material and cross nothing."""
     kept = shells.bounding()
     kept[shells.labels[pairs]] = True
     hidden = int(np.count_nonzero(~kept))
     if hidden:
         solid, inner = (float(shells.volumes[some].sum()) for some in (kept, ~kept))
-        diary.note(
+        record.note(
             f"{counted(hidden, 'shell')} within the material.",
             f"{counted(hidden, 'inner shell')} removed: normals outward make no cavity (volume "
             f"{solid:.3g}; turned inward they would leave {solid - inner:.3g}).",
@@ -511,7 +513,7 @@ def without_hidden(shells: Shells, pairs: Index, diary: Diary) -> Shells:
     return shells.only(kept)
 
 
-def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
+def largest_body(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
     """Keep the largest body, and note the number and size of the others."""
     body = shells.bodies(pairs)
     volumes = np.bincount(body, weights=shells.volumes)
@@ -519,13 +521,13 @@ def largest_body(shells: Shells, pairs: Index, diary: Diary) -> Shells:
     others = np.delete(volumes, largest) / volumes[largest]
     debris = int(np.count_nonzero(others < DEBRIS))
     if debris:
-        diary.note(
+        record.note(
             f"{counted(debris, 'crumb')} beside the body, below {100 * DEBRIS:g} % of its volume.",
             f"{counted(debris, 'crumb')} removed.",
         )
     rest = others[others >= DEBRIS]
     if len(rest):
-        diary.note(
+        record.note(
             f"{counted(len(rest) + 1, 'separate body')}.",
             f"The largest taken; {counted(len(rest), 'other')}, up to {100 * rest.max():.0f} % of "
             "its volume, left out: part= gives another.",

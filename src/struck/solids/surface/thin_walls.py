@@ -38,7 +38,7 @@ _CARRIED = 1.5  # lattice spacings up to which sheets that are joined count: mor
 _REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
 _MOST_SHEETS = 40
 _AROUND_A_ROD = 2.0  # thicknesses along the surface to the opposite side: of a circle, pi / 2
-_FEW_FACES = 4_000  # up to which each face is sounded at four points
+_FEW_FACES = 4_000  # up to which each face is probes at four points
 
 
 def balls_at(surface: Surface, points: Array, normals: Array, most: Array) -> tuple[Array, Index]:
@@ -324,23 +324,23 @@ class Segments:
     @classmethod
     def of(cls, mesh: Mesh, thin: float) -> Self:
         """Cut a surface where it goes round walls of less than `thin`, m."""
-        sounded = _Soundings.of(mesh, thin)
+        probes = _ThicknessProbes.of(mesh, thin)
         pairs = edges_of(mesh.faces).pairs()[0]
         bend = _bends(mesh, pairs)
-        bent, rim = _rims(mesh, sounded, pairs, bend)
+        bent, rim = _rims(mesh, probes, pairs, bend)
         crisp = _crisp(mesh, pairs, bend)
         cut = (crisp & (bend > 0)) | (rim[pairs[:, 0]] != rim[pairs[:, 1]])
-        cleft = crisp & (bend < 0) & sounded.thin[pairs].any(axis=1)
+        cleft = crisp & (bend < 0) & probes.thin[pairs].any(axis=1)
         bent |= _crumbs(mesh, pairs, bent, cut | cleft, thin)
         kept = ~bent
         whole = kept[pairs].all(axis=1)
         smooth = whole & ~cut & ~cleft
         labels = components(pairs[smooth], len(mesh.faces))
-        labels = _unfolded(mesh, smooth, labels, sounded.opposed, thin)
+        labels = _unfolded(mesh, smooth, labels, probes.opposed, thin)
         rounded = components(pairs[~kept[pairs].any(axis=1)], len(mesh.faces))
         labels = np.where(kept, labels, -1)
-        across = pairs[whole & (cut | cleft) & sounded.thin[pairs].any(axis=1)]
-        met = [_distinct(labels[each]) for each in (sounded.opposed, across, sounded.beside)]
+        across = pairs[whole & (cut | cleft) & probes.thin[pairs].any(axis=1)]
+        met = [_distinct(labels[each]) for each in (probes.opposed, across, probes.beside)]
         met.append(_around(labels, rounded, pairs[kept[pairs].sum(axis=1) == 1], kept))
         met.append(_close(mesh, labels, 2 * _CARRIED * THINNEST * thin))
         return cls(
@@ -430,9 +430,9 @@ def _crisp(mesh: Mesh, pairs: Index, bend: Array) -> Mask:
     return (turns > _CREASE) | ((turns > _KINK) & (turns > _ALONE * beside))
 
 
-def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[Mask, Mask]:
+def _rims(mesh: Mesh, probes: _ThicknessProbes, pairs: Index, bend: Array) -> tuple[Mask, Mask]:
     """Return which faces round off the rim of a wall, and which are its rim (F,) each."""
-    strip = sounded.bent | sounded.rim
+    strip = probes.bent | probes.rim
     inner = strip[pairs].all(axis=1) & (bend <= _CREASE)
     labels = components(pairs[inner], len(mesh.faces))
     beside = strip[pairs].any(axis=1) & (bend <= _CREASE)
@@ -442,11 +442,11 @@ def _rims(mesh: Mesh, sounded: _Soundings, pairs: Index, bend: Array) -> tuple[M
         np.bincount(owner, weights=np.maximum(sign * angle, 0), minlength=len(strip))
         for sign in (1, -1)
     )
-    has_rim = np.bincount(labels, weights=sounded.rim, minlength=len(strip)) > 0
+    has_rim = np.bincount(labels, weights=probes.rim, minlength=len(strip)) > 0
     # One face alone that goes on smoothly is half of a facet that a wall's foot passes.
     several = np.bincount(labels, minlength=len(strip)) > 1
     is_rim = strip & (has_rim & several & (hollow <= _HOLLOW * convex))[labels]
-    return is_rim & sounded.bent, is_rim & sounded.rim
+    return is_rim & probes.bent, is_rim & probes.rim
 
 
 def _crumbs(mesh: Mesh, pairs: Index, bent: Mask, cut: Mask, thin: float) -> Mask:
@@ -493,7 +493,7 @@ def _around(labels: Index, rounded: Index, pairs: Index, kept: Mask) -> Index:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Soundings:
+class _ThicknessProbes:
     """Thickness and opposite faces of each face, measured by balls and rays inside the surface."""
 
     thin: Mask  # (F,): a wall or its rim
