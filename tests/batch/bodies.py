@@ -42,9 +42,9 @@ def eight(folder: Path) -> Path:
     dirty.faces[2] = dirty.faces[2][::-1]
     dirty.export(folder / "dirty.off")
     pair = [box(0.07, 0.02, 0.01), box(0.07, 0.025, 0.01).apply_translation((0, 0.1, 0))]
-    trimesh.util.concatenate(pair).export(folder / "pair.stl")
+    trimesh.util.concatenate(pair).export(folder / "pair.off")
     (folder / "broken.obj").write_text("v 0 0\nnonsense\n")
-    rows = (f"{name},{PAPER['method']}\n" for name in ("dirty.off", "pair.stl"))
+    rows = (f"{name},{PAPER['method']}\n" for name in ("dirty.off", "pair.off"))
     (folder / TABLE).write_text("file,method\n" + "".join(rows))
     return folder
 

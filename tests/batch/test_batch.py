@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import math
 import os
 import resource
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +26,7 @@ from struck.errors import FileFormatError, OptionError
 from tests.batch.bodies import PAPER, QUICK, TABLE, bar, box, eight, many
 from tests.folders import closed_to_writing
 
+STRUCK = {"strikes": 5, "seconds": 0.05, "seed": 3}
 MODELS = {
     *("bar.struck", "below/thin.struck", "long.struck", "copy.struck", "dirty.struck"),
     *("die.struck", "pair-0.struck", "pair-1.struck"),
@@ -55,13 +60,30 @@ def contents(folder: Path) -> dict[str, bytes]:
     return found
 
 
+def by_hand(file: Path, label: Mapping[str, Any]) -> struck.Sound:
+    """Return the sound of a label's own numbers."""
+    strike = struck.Strike(
+        at=[float(label[x]) for x in "xyz"],
+        direction=[float(label[f"direction_{x}"]) for x in "xyz"],
+        impulse=float(label["impulse"]),
+        duration=float(label["duration"]),
+    )
+    return struck.render(
+        struck.load(file),
+        strike,
+        seconds=float(label["seconds"]),
+        sample_rate=int(label["sample_rate"]),
+        listener=[float(label[f"listener_{x}"]) for x in "xyz"],
+    )
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, BatchReport, float]:
-    """Return a folder with meshes, models and a cache, the report, and the processor's time, s."""
+    """Return a folder of meshes, a data set and a cache, the report, and processor time, s."""
     folder = tmp_path_factory.mktemp("batch")
     eight(folder / "in")
     before = processor()
-    report = run(folder)
+    report = run(folder, **STRUCK)
     return folder, report, processor() - before
 
 
@@ -72,7 +94,7 @@ def run(folder: Path, out: str = "out", **options: object) -> BatchReport:
     return analyze_many(str(folder / "in"), "steel", out=folder / out, **given)
 
 
-def test_each_body_has_a_line_and_a_model_or_one_clear_error(
+def test_each_body_has_a_line_and_the_model_of_analyze_alone_or_one_clear_error(
     done: tuple[Path, BatchReport, float],
 ) -> None:
     folder, report, _ = done
@@ -93,37 +115,68 @@ def test_each_body_has_a_line_and_a_model_or_one_clear_error(
         assert [line["status"] for line in csv.DictReader(file)].count("done") == 8
     assert len(json.loads((folder / "out/report.json").read_bytes())) == 9
     page = (folder / "out/report.html").read_text()
-    assert page.count("<audio") == page.count("<img") == 8
-
-
-def test_models_are_those_of_analyze_alone(done: tuple[Path, BatchReport, float]) -> None:
-    folder, _, _ = done
-    made = alone(folder / "in/bar.vtu")
-    assert (folder / "out/bar.struck").read_bytes() == made
-    assert (folder / "out/copy.struck").read_bytes() == made
-    part = alone(folder / "in/pair.stl", part="1", **PAPER)
+    assert page.count("<audio") == page.count("<img") == 20
+    for name in ("bar", "copy"):
+        made = alone(folder / f"in/{name}.vtu")
+        assert (folder / f"out/{name}.struck").read_bytes() == made
+    part = alone(folder / "in/pair.off", part="1", **PAPER)
     assert (folder / "out/pair-1.struck").read_bytes() == part
 
 
-def test_a_second_run_computes_nothing(done: tuple[Path, BatchReport, float]) -> None:
+def test_a_second_run_computes_nothing(
+    done: tuple[Path, BatchReport, float], capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, report, first = done
-    before, files = processor(), contents(folder / "out")
-    again = run(folder)
+    files = contents(folder / "out")
+    before = processor()
+    again = run(folder, **STRUCK)
     assert processor() - before < first / 20
-    assert (again.computed, report.computed) == (0, 9)
+    assert (again.computed, report.computed) == (0, 10)
     assert again.rows == report.rows
     assert contents(folder / "out") == files
+    assert main([*words("in", "out", folder), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert told["computed"] == 0
+    assert sum(row["status"] == "failed" for row in told["rows"]) == 1
+    assert main(["analyze-many", str(folder / "in/bar.vtu"), "-o", str(folder / "none")]) == 2
 
 
-def test_same_content_is_computed_once_and_other_options_anew(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for name in "abc":
-        bar(tmp_path / f"in/{name}.vtu", 0.08, 0.01, 0.01)
-    assert run(tmp_path).computed == 1
-    (tmp_path / "out/b.struck").unlink()
-    assert run(tmp_path).computed == 0
-    assert run(tmp_path, band=(20.0, 14_000.0)).computed == 1
-    assert not run(tmp_path, band=(20.0, 14_000.0)).failed
+def test_each_label_is_that_of_its_sound(done: tuple[Path, BatchReport, float]) -> None:
+    folder, _, _ = done
+    with (folder / "out/labels.csv").open(newline="") as file:
+        labels = list(csv.DictReader(file))
+    assert len(labels) == len({label["impulse"] for label in labels}) == 40
+    for label in labels[::6]:
+        again = by_hand(folder / "out" / label["model"], label)
+        again.save(folder / "again.wav", level="absolute")
+        assert (folder / "again.wav").read_bytes() == (folder / "out" / label["sound"]).read_bytes()
+        distance = math.dist([float(label[f"listener_{x}"]) for x in "xyz"], (0, 0, 0))
+        assert 1.0 < distance < 1.2
+
+
+def test_control_c_ends_within_a_second_and_kills_leave_whole_files_alone(
+    done: tuple[Path, BatchReport, float],
+) -> None:
+    folder, _, _ = done
+    process = shell(folder, "cut", *ONE)
+    while not (folder / "cut/report.json").exists():
+        time.sleep(0.01)
+    time.sleep(0.8)
+    family = tree(process.pid)
+    process.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    _, told = process.communicate(timeout=20)
+    while any(map(works, family)):
+        time.sleep(0.01)
+    assert time.monotonic() - begun < 1 + os.getloadavg()[0] / 2
+    assert (process.returncode, told) == (130, b"struck: interrupted\n")
+    for path in (folder / "cut").rglob("*.struck"):
+        struck.load(path)
+    finished = killed(folder, "cut", 1.0, *ONE) | killed(folder, "cut", 1.6, *ONE)
+    ends_as(contents(folder / "out"), run(folder, "cut", processes=1, **STRUCK), finished)
+
+
+NUMBERS = ("first", "second", "fourth")
 
 
 def test_tables_tell_options_of_single_files(tmp_path: Path) -> None:
@@ -134,10 +187,20 @@ def test_tables_tell_options_of_single_files(tmp_path: Path) -> None:
         'a.vtu,glass,cm,first,"20,9e3",true\n'
         "a.vtu,steel,cm,second,,\n"
         "a.vtu,unobtainium,cm,third,,\n"
+        "a.vtu,steel,cm,fourth,,\n"
         "missing.obj,steel,,,,\n"
     )
-    report = analyze_many(table=table, out=tmp_path / "out", cache=False)
-    assert {row.model for row in report.rows} == {"first.struck", "second.struck", ""}
+    report = analyze_many(table=table, out=tmp_path / "out", cache=False, processes=1)
+    assert {row.model for row in report.rows} == {"", *(f"{n}.struck" for n in NUMBERS)}
+    assert report.computed == 2  # what is the same is computed once
+    page = (tmp_path / "out/report.html").read_text()
+    assert page.count("<audio") == page.count("<img") == 3
+    steel = (tmp_path / "out/second.struck").read_bytes()
+    assert (tmp_path / "out/fourth.struck").read_bytes() == steel
+    (tmp_path / "out/fourth.struck").unlink()
+    again = analyze_many(table=table, out=tmp_path / "out", cache=False)
+    assert (again.computed, again.rows) == (0, report.rows)
+    assert (tmp_path / "out/fourth.struck").read_bytes() == steel
     told = {row.failure: row.message for row in report.failed}
     assert "cannot be read" in told["FileFormatError"]
     assert "unobtainium" in told["MaterialError"]
@@ -208,32 +271,51 @@ def test_folders_and_disks_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_what_is_wrong_with_one_stops_no_other(tmp_path: Path) -> None:
-    """Too little memory for a sheet, a folder in the place of a model, and a bar."""
+    """A job that the system kills, a folder for a model, a sheet too large, and a bar."""
     (tmp_path / "in").mkdir()
     (tmp_path / "out/barred.struck").mkdir(parents=True)
-    for name in ("bar", "barred"):
+    for name in ("a", "bar", "barred"):
         bar(tmp_path / f"in/{name}.vtu", 0.08, 0.01, 0.01, count=6 + len(name))
-    bar(tmp_path / "in/sheet.vtu", 0.4, 0.3, 0.002, count=400)
-    report = run(tmp_path, memory=3e7, cache=False)
+    bar(tmp_path / "in/sheet.vtu", 0.4, 0.3, 0.002, count=200)
+    own = os.getpid()
+    victims: list[int] = []
+
+    def watch(_stage: str, _fraction: float) -> None:
+        workers = [each for each in tree(own) if each != own]
+        jobs = [each for each in workers if len(parents(each) & set(workers)) == 1]
+        if jobs and not victims:
+            victims.append(jobs[0])
+            os.kill(jobs[0], signal.SIGKILL)
+
+    report = run(tmp_path, memory=2e7, cache=False, progress=watch, processes=1)
     told = {Path(row.file).stem: row for row in report.rows}
     assert told["bar"].status == "done"
+    assert told["a"].failure == "ProcessEnded"
+    assert "signal 9" in told["a"].message
     assert told["sheet"].failure == "SolverError"
     assert "GiB" in told["sheet"].message
     assert told["barred"].failure == "FileFormatError"
     assert "is a folder" in told["barred"].message
-    for name in ("sheet", "barred"):  # no fault of the meshes, so it is not remembered
-        assert not (tmp_path / f"out/{name}.facts.json").exists() or name == "barred"
+    for name in ("a", "sheet"):  # no fault of the meshes, so it is not remembered
+        assert not (tmp_path / f"out/{name}.facts.json").exists()
 
 
+ONE = ("--processes", "1")
 SHELL = "from struck.__main__ import main; import sys; sys.exit(main())"
 
 
-def shell(folder: Path, out: str) -> subprocess.Popen[bytes]:
+def words(files: str, out: str, folder: Path = Path()) -> list[str]:
+    """Return the command of a run in the shell."""
+    sounds = [text for name, value in STRUCK.items() for text in (f"--{name}", str(value))]
+    table = ["--table", str(folder / files / TABLE)]
+    where = ["analyze-many", str(folder / files), "-o", str(folder / out), *table]
+    return [*where, "--material", "steel", "--accuracy", "preview", *sounds]
+
+
+def shell(folder: Path, out: str, *more: str) -> subprocess.Popen[bytes]:
     """Start `struck analyze-many` in a group of processes of its own."""
-    meshes = folder / "in"
-    words = ("analyze-many", str(meshes), "-o", out, "--material", "steel", "--accuracy", "preview")
     return subprocess.Popen(
-        [sys.executable, "-c", SHELL, *words, "--table", str(meshes / TABLE)],
+        [sys.executable, "-c", SHELL, *words("in", out), *more],
         cwd=folder,
         env={**os.environ, "STRUCK_CACHE": str(folder / "cache")},
         stdout=subprocess.DEVNULL,
@@ -251,72 +333,33 @@ def tree(process: int) -> list[int]:
     return found
 
 
-def kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill a whole tree of processes, as a machine that stops does."""
-    for each in tree(process.pid):
-        try:
-            os.kill(each, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
-    process.communicate()
+def works(process: int) -> bool:
+    """Tell whether a process is still there, and not only its number."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
 
 
-def killed_at(folder: Path, moments: list[float]) -> None:
-    """Kill runs at moments, s; each folder must end as one that was left alone."""
-    expected = contents(folder / "out")
-    for number, moment in enumerate(moments):
-        process = shell(folder, f"out{number}")
-        time.sleep(moment)
-        kill(process)
-        out = folder / f"out{number}"
-        finished = {path: path.stat().st_mtime_ns for path in out.rglob("*.struck")}
-        assert len(run(folder, out.name).failed) == 1
-        assert contents(out) == expected
-        assert {path: path.stat().st_mtime_ns for path in finished} == finished
-        assert not list(out.rglob(".*"))
-
-
-def test_kills_leave_whole_files_alone(done: tuple[Path, BatchReport, float]) -> None:
-    killed_at(done[0], [0.9, 1.8])
-
-
-def test_control_c_ends_within_a_second(done: tuple[Path, BatchReport, float]) -> None:
-    folder, _, _ = done
-    process = shell(folder, "interrupted")
-    while not (folder / "interrupted/report.json").exists():
-        time.sleep(0.01)
-    time.sleep(0.5)
+def killed(folder: Path, out: str, moment: float, *more: str) -> dict[Path, int]:
+    """Kill all processes of a run at a moment, s; return its models with their times."""
+    process = shell(folder, out, *more)
+    time.sleep(moment)
     family = tree(process.pid)
-    process.send_signal(signal.SIGINT)
-    begun = time.monotonic()
-    _, told = process.communicate(timeout=20)
-    assert time.monotonic() - begun < 1 + os.getloadavg()[0] / 2
-    assert (process.returncode, told) == (130, b"struck: interrupted\n")
-    assert not [each for each in family if Path(f"/proc/{each}/cmdline").exists()]
-    for path in (folder / "interrupted").rglob("*.struck"):
-        struck.load(path)
+    for each in family:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(os.getpgid(each), signal.SIGKILL)  # with what it starts meanwhile
+    while any(map(works, family[1:])):
+        time.sleep(0.01)
+    process.communicate()
+    return {path: path.stat().st_mtime_ns for path in (folder / out).rglob("*.struck")}
 
 
-def test_a_job_that_the_system_kills_fails_alone(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for number in range(3):
-        bar(tmp_path / f"in/{number}.vtu", 0.08, 0.01, 0.01 + 0.001 * number)
-    own = os.getpid()
-    victims: list[int] = []
-
-    def watch(_stage: str, _fraction: float) -> None:
-        workers = [each for each in tree(own) if each != own]
-        jobs = [each for each in workers if len(parents(each) & set(workers)) == 1]
-        if jobs and not victims:
-            victims.append(jobs[0])
-            os.kill(jobs[0], signal.SIGKILL)
-
-    report = run(tmp_path, cache=False, progress=watch, processes=1)
-    assert victims
-    (failed,) = report.failed
-    assert failed.failure == "ProcessEnded"
-    assert "signal 9" in failed.message
-    assert run(tmp_path, cache=False).computed == 1
+def ends_as(expected: dict[str, bytes], report: BatchReport, finished: dict[Path, int]) -> None:
+    """Check that a folder is as one left alone, and what was finished there not done again."""
+    assert contents(report.folder) == expected
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished
+    assert not list(report.folder.rglob(".*"))
 
 
 def parents(process: int) -> set[int]:
@@ -330,19 +373,6 @@ def parents(process: int) -> set[int]:
         process = int(status.rpartition(")")[2].split()[1])
         found.add(process)
     return found
-
-
-def test_shell_tells_failures_and_exits_with_3(
-    done: tuple[Path, BatchReport, float], capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, _, _ = done
-    words = [str(folder / "in"), "-o", str(folder / "out"), "--material", "steel", "--json"]
-    words += ["--accuracy", "preview", "--table", str(folder / "in" / TABLE)]
-    assert main(["analyze-many", *words]) == 3
-    told = json.loads(capsys.readouterr().out)
-    assert told["computed"] == 0
-    assert sum(row["status"] == "failed" for row in told["rows"]) == 1
-    assert main(["analyze-many", str(folder / "in/bar.vtu"), "-o", str(folder / "none")]) == 2
 
 
 @pytest.mark.prove
@@ -372,5 +402,7 @@ def test_150_files_each_have_a_line_and_what_is_whole_has_its_model(tmp_path: Pa
 @pytest.mark.prove
 def test_25_kills_leave_whole_files_alone(tmp_path: Path) -> None:
     eight(tmp_path / "in")
-    run(tmp_path)
-    killed_at(tmp_path, np.random.default_rng(25).uniform(0.2, 4.0, 25).tolist())
+    run(tmp_path, **STRUCK)
+    for number, moment in enumerate(np.random.default_rng(25).uniform(0.2, 3.0, 25)):
+        finished = killed(tmp_path, f"out{number}", moment)
+        ends_as(contents(tmp_path / "out"), run(tmp_path, f"out{number}", **STRUCK), finished)

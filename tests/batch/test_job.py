@@ -11,7 +11,9 @@ import pytest
 from struck.batch.job import done, kept
 from struck.batch.job_table import BodyJob, content_of, jobs_of
 from struck.errors import OptionError
+from struck.files import guard
 from tests.batch.bodies import bar
+from tests.files.test_guard import speaking
 
 
 def job_of(file: Path, **options: object) -> BodyJob:
@@ -47,6 +49,27 @@ def test_a_mesh_that_is_refused_is_remembered_until_it_changes(tmp_path: Path) -
     assert kept(job_of(file, repair=False), tmp_path / "out") is None
     file.write_text("v 0 0 0")
     assert kept(job_of(file), tmp_path / "out") is None
+
+
+@pytest.mark.parametrize(
+    ("program", "told"),
+    [
+        ("time.sleep(60)", "longer than 0.01 s"),
+        ("os._exit(77)", "bytes of memory"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "more memory than the system has left"),
+    ],
+)
+def test_time_and_memory_of_this_machine_are_no_verdict_on_a_mesh(
+    program: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, out = tmp_path / "bar.vtu", tmp_path / "out"
+    bar(file, 0.08, 0.01, 0.01)
+    wall = 0.01 if "sleep" in program else 60
+    monkeypatch.setattr(guard, "_GUARD", speaking(program, wall=wall))
+    facts = done(job_of(file), out, nothing)
+    assert facts["failure"] == "MeshError"
+    assert told in facts["message"]
+    assert not list(out.iterdir())
 
 
 def test_damaged_facts_are_none(tmp_path: Path) -> None:

@@ -9,8 +9,10 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +24,7 @@ from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.model.html import document, picture, table
 from struck.model.material import Material
-from struck.model.model import ModalModel
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from struck.model.mesh import Mesh
 
 PAGES = ("report.json", "report.csv", "report.html")
 _SHOWN = 20  # bodies or strikes on the page
@@ -147,7 +146,7 @@ class BatchReport:
             _csv([{**row, "warnings": " ".join(row["warnings"])} for row in rows]),
         )
         if self.labels:
-            write_bytes(folder / labels, _label_table(labels, self.labels))
+            write_bytes(folder / labels, label_table(labels, self.labels))
         seal = _SEAL.format(hashlib.sha256(json.dumps([rows, self.labels]).encode()).hexdigest())
         page = folder / PAGES[2]
         if not _begins(page, seal.encode()):
@@ -160,38 +159,47 @@ class BatchReport:
             (row, label) for row in self.rows if row.model for label in row.labels or (None,)
         ]
         chosen = np.unique(np.linspace(0, len(entries) - 1, min(len(entries), _SHOWN)).astype(int))
-        shown = "".join(self._shown(*entries[each]) for each in chosen)
+        shown = ""
+        for row, some in groupby((entries[each] for each in chosen), key=itemgetter(0)):
+            shown += self._shown(row, [label for _, label in some])
         failed, done = self.failed, [row for row in self.rows if row.model]
         body = f"<p>{len(done)} of {len(self.rows)} bodies have a model.</p>"
         if shown:
             title = f"{len(chosen)} of {len(entries)} sounds"
-            body += f'<section><h2>{title}</h2><div class="sounds">{shown}</div></section>'
+            key = "A dot marks where it was struck, a ring that this is on the far side."
+            body += f"<section><h2>{title}</h2><p>{key if self.labels else ''}</p>"
+            body += f'<div class="sounds">{shown}</div></section>'
         for title, rows in ((f"{len(failed)} failed", failed), (f"{len(done)} models", done)):
             if rows:
                 cells = table(_HEADINGS, [_cells(row) for row in rows])
                 body += f"<section><h2>{title}</h2>{cells}</section>"
         return document("struck: many bodies", body, style=_STYLE)
 
-    def _shown(self, row: BatchRow, label: Mapping[str, Any] | None) -> str:
-        """Return a body's picture and the sound of a strike."""
+    def _shown(self, row: BatchRow, labels: Sequence[Mapping[str, Any] | None]) -> str:
+        """Return a body's picture and the sound of each of some strikes."""
         from struck.scene.render import render
 
-        name = f"{row.file} {row.part}".strip()
+        name, shown = f"{row.file} {row.part}".strip(), ""
         try:
             model = model_file.load(self.folder / row.model)
-            if label is None:
-                sound = render(model, Strike(), seconds=_HEARD)
-                how = f"{row.modes} modes" + (f" from {row.lowest:.0f} Hz" if row.lowest else "")
-            else:
-                sound = struck_as(model, label)
-                impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")
-                how = f"{label['striker'] or 'struck'}, {impulse}"
-            figure = _picture(model, label)
+            drawn = None if model.geometry is None else _Picture(model.geometry)
+            for label in labels:
+                if label is None:
+                    sound = render(model, Strike(), seconds=_HEARD)
+                    how = f"{row.modes} modes" + (
+                        f" from {row.lowest:.0f} Hz" if row.lowest else ""
+                    )
+                else:
+                    sound = struck_as(model, label)
+                    impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")
+                    how = f"{label['striker'] or 'struck'}, {impulse}"
+                image = "" if drawn is None else drawn.of(f"the body of {name}", label)
+                text = html.escape(f"{name}, {row.material}: {how}")
+                heard = f"{image}<br>{sound._repr_html_()}<figcaption>{text}</figcaption>"
+                shown += f"<figure>{heard}</figure>"
         except StruckError as error:  # a file that was changed meanwhile
             return f"<figure><figcaption>{html.escape(str(error))}</figcaption></figure>"
-        drawn = "" if figure is None else picture(f"the body of {name}", figure)
-        text = html.escape(f"{name}, {row.material}: {how}")
-        return f"<figure>{drawn}<br>{sound._repr_html_()}<figcaption>{text}</figcaption></figure>"
+        return shown
 
 
 _STYLE = """\
@@ -220,21 +228,27 @@ def _cells(row: BatchRow) -> tuple[str, ...]:
     )
 
 
-def _picture(model: ModalModel, label: Mapping[str, Any] | None) -> Figure | None:
-    """Draw a body, and where it was struck; None where there is no surface."""
-    from struck.report.charts import ORANGE, chart
-    from struck.report.surface_picture import Painter
+class _Picture:
+    """A body, drawn once, on which one strike after the other is marked."""
 
-    if model.geometry is None:
-        return None
-    figure, painter = chart(2.6, 1.9), Painter.of(model.geometry)
-    axes = figure.subplots()
-    painter.paint(axes)
-    if label is not None:
-        x, y, height = painter.view @ [label[axis] for axis in "xyz"]
-        hidden = height < (painter.surface.points @ painter.view[2]).mean()
-        axes.plot(x, y, "o", color=ORANGE, fillstyle="none" if hidden else "full", markersize=7)
-    return figure
+    def __init__(self, surface: Mesh) -> None:
+        from struck.report.charts import ORANGE, chart
+        from struck.report.surface_picture import Painter
+
+        self._figure, self._painter = chart(2.6, 1.9), Painter.of(surface)
+        axes = self._figure.subplots()
+        self._painter.paint(axes)
+        (self._mark,) = axes.plot([], [], "o", color=ORANGE, markersize=7)
+
+    def of(self, text: str, label: Mapping[str, Any] | None) -> str:
+        """Return the image with a text for those who cannot see it."""
+        if label is not None:
+            x, y, height = self._painter.view @ [label[axis] for axis in "xyz"]
+            hidden = height < (self._painter.surface.points @ self._painter.view[2]).mean()
+            self._mark.set(data=([x], [y]), fillstyle="none" if hidden else "full")
+        image = picture(text, self._figure)
+        self._figure.set_layout_engine("none")  # found once
+        return image
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
@@ -260,7 +274,7 @@ def require_labels(name: str) -> None:
             ) from error
 
 
-def _label_table(name: str, labels: list[Mapping[str, Any]]) -> bytes:
+def label_table(name: str, labels: list[Mapping[str, Any]]) -> bytes:
     """Return labels as CSV, or as Parquet by the ending of their table's name."""
     if name.endswith(".csv"):
         return _csv(labels)

@@ -46,6 +46,7 @@ package.__path__ = [{str(Path(__file__).resolve().parents[1])!r}]
 """
 # Exit code of a reader that the system has ended for its processor time.
 _WORKED_TOO_LONG = -signal.SIGPROF if hasattr(signal, "SIGPROF") else None
+_KILLED = -signal.SIGKILL if hasattr(signal, "SIGKILL") else None  # as where memory is short
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _LONGEST_START = 60.0  # s
@@ -182,19 +183,18 @@ class Guard:
                 process.wait(1)
         code = process.returncode
         self.close()
-        limit = f"longer than {self.limits.wall:g} s" if timed_out else ""
-        if code == _WORKED_TOO_LONG:
+        limit, way = "", "simplify the surface (decimate it), or export it in a binary format"
+        if timed_out:
+            limit = f"longer than {self.limits.wall:g} s"
+        elif code == _WORKED_TOO_LONG:
             limit = f"more than {self.limits.seconds:g} s of the processor"
-        if limit:
-            raise MeshError(
-                f"reading it took {limit}: simplify the surface (decimate it), or export it in a "
-                "binary format"
-            )
-        if code == OUT_OF_MEMORY:
-            raise MeshError(
-                f"reading it takes more than {self.limits.memory} bytes of memory: simplify the "
-                "surface (decimate it), or export it in a binary format"
-            )
+        elif code == OUT_OF_MEMORY:
+            limit = f"more than {self.limits.memory} bytes of memory"
+        elif code == _KILLED:
+            limit = "more memory than the system has left"
+        if limit:  # of this machine and hour, not the file's fault
+            cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED} else TimeoutError()
+            raise MeshError(f"reading it took {limit}: {way}") from cause
         raise MeshError(
             f"its reader crashed on it (exit code {code}): it is damaged, or made to do harm; "
             "export it again"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,9 @@ class Painter:
 
         corners = _corners(surface, np.zeros(surface.faces.shape) if values is None else values)
         places, colours = _seen(corners, self.view, coloured=values is not None)
-        outline = PolyCollection(list(places), facecolors=_OUTLINE, edgecolors=_OUTLINE)
+        outline = PolyCollection(
+            cast("list[Array]", places), facecolors=_OUTLINE, edgecolors=_OUTLINE
+        )
         outline.set(linewidth=1.6, rasterized=True, joinstyle="round")
         axes.add_collection(outline, autolim=False)
         shade(axes, places, colours.reshape(-1, 3))
