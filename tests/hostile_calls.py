@@ -732,6 +732,15 @@ def _models(folder: Path) -> dict[str, Call]:
             given={"sound_map": sound_map(), "cells": True},
             dear=True,
         ),
+        "report.blow_response": Call(
+            made=report.blow_response,
+            given={"model": bar(), "strike": struck.Strike(at=ON), "times": [1e-3, 2e-3]},
+        ),
+        "report.grid_picture": Call(
+            made=report.grid_picture,
+            given={"contacts": [[0.1, 0, 0]], "listeners": [[1.0, 0, 0]], "directions": None},
+            dear=True,
+        ),
         "report.save_report": Call(
             made=report.save_report, given={"fitting": fitting(), "path": folder / "report.html"}
         ),
@@ -812,7 +821,11 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "listeners": [(1.0, 0.0, 0.0)],
             },
         ),
-        "show": Call(made=struck.show, given={"model": bar(), "path": picture}, dear=True),
+        "show": Call(
+            made=struck.show,
+            given={"model": bar(), "path": picture, "strike": None, "modes": None},
+            dear=True,
+        ),
         "compare": Call(
             made=struck.compare,
             given={

@@ -270,11 +270,9 @@ def save(
 
     Raises
     ------
-    FileFormatError
-        When the folder is missing or cannot be written.
-    OptionError
-        On another ending, on contacts or listeners for a ``.struck`` file, or none for a computed
-        model's SOFA file.
+    FileFormatError, OptionError
+        When the folder is missing or cannot be written; on another ending, on contacts or listeners
+        for a ``.struck`` file, or none for a computed model's SOFA file.
 
     Warns
     -----
@@ -324,11 +322,9 @@ def render(
 
     Raises
     ------
-    OptionError
-        On nothing to render, arguments outside their bounds, gains that are not finite, or pushes
-        that never end where no length is said.
-    ContactError
-        On a contact off the body, or a listener inside one.
+    OptionError, ContactError
+        On nothing to render, arguments outside their bounds, gains that are not finite, pushes that
+        never end where no length is said; on a contact off the body, or a listener inside one.
 
     Notes
     -----
@@ -468,26 +464,37 @@ def explore(
 
 
 def show(
-    model: ModalModel, path: str | os.PathLike[str] | None = None, *, field: int | str | None = None
+    model: ModalModel,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    field: int | str | None = None,
+    strike: Strike | None = None,
+    modes: int | None = None,
 ) -> Figure:
-    """Draw a model: its shape, first modes and the spectrum of a strike; or its timbre field.
+    """Draw a model: its shape, first modes and the spectrum of a strike; or one thing of it.
 
     Parameters
     ----------
     model : ModalModel
     path : path, optional
         Where to save the picture too; the ending tells its format.
-    field : int or "brightness", optional
-        Number of a mode, whose directivity is drawn; or how bright a strike is all around.
+    field, strike, modes : int or "brightness", Strike, int, optional
+        Number of a mode for its directivity, or the brightness of a strike all around; a blow, for
+        the surface as it moves after it (2002, figure 4); a number of mode shapes, without more.
+
+    Returns
+    -------
+    matplotlib Figure
 
     Raises
     ------
-    FileFormatError, OptionError
-        When the folder is missing or the ending is no picture's; without a field or such a mode.
+    FileFormatError, OptionError, ContactError
+        When the folder is missing or the ending is no picture's; without a field, such a mode, or
+        mode shapes; where the strike meets no body.
     """
-    from struck.report.field_picture import picture_of
+    from struck.report.model_pictures import picture_of
 
-    return picture_of(model, path, field)
+    return picture_of(model, path, field=field, strike=strike, modes=modes)
 
 
 def compare(
@@ -509,11 +516,9 @@ def compare(
     other : path, Sound, Take, ModalModel or FittedModes
         A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
         or anything with `frequencies`, `decays` and `gains`.
-    strike : Strike, optional
-        Where and with what the model is struck: it tells the levels of its modes. ``Strike()``
-        unless given.
-    against : Strike, optional
-        The same for another model; as `strike` unless given.
+    strike, against : Strike, optional
+        Where and with what the model is struck, from which the levels of its modes follow:
+        ``Strike()`` unless given. And the same for another model; as `strike` unless given.
     listener : array-like (3,), optional
         In the coordinates of each model, m; beside it unless given.
     recording : Sound, optional
@@ -644,10 +649,8 @@ def sonic_distance(
 
     Raises
     ------
-    OptionError
-        On an unknown method, or by those of 1998 for models without a common set of modes.
-    ContactError
-        On a place off the body.
+    OptionError, ContactError
+        On an unknown method, models without a common set of modes by one of 1998; off the body.
     """
     from struck.perception.sonic_distance import sonic_distance as distance
 
@@ -670,10 +673,9 @@ def sound_map(
     threshold_db : float
         How far, by `sonic_distance`, what is stored may be from what sounds at any contact, pushed
         straight into the surface.
-    listener : array-like (3,), optional
-        m; beside the model unless given.
-    level : float, optional
-        Of the loudest contact, dB re 20 micropascal; 85 unless given. Softer needs fewer.
+    listener, level : array-like (3,), float, optional
+        m; beside the model unless given. And the level of the loudest contact, dB re 20
+        micropascal; 85 unless given. Softer needs fewer.
 
     Returns
     -------

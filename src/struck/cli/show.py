@@ -4,21 +4,44 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 import struck
 from struck.cli import Result
+from struck.cli.options import place
+from struck.errors import OptionError
 from struck.files.atomic import writable
+from struck.model.chart import Chart
 from struck.model.provenance import TerminalProgress
+from struck.recordings import read_plan
+from struck.report import grid_picture
+from struck.report.charts import save
 
-EXAMPLES = ("bell.struck -o bell.png", "bell.struck --field brightness")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EXAMPLES = (
+    "bell.struck -o bell.png",
+    "bell.struck --strike rim",
+    "bell.struck --modes 9",
+    "bell.struck --field brightness",
+    "plan.toml --pitch 0.3",
+)
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck show`."""
-    parser.add_argument("model")
+    parser.add_argument("model", help="model; or the .toml plan of a measurement")
     parser.add_argument("-o", "--output", help="picture; MODEL.png unless given")
     parser.add_argument(
         "--field", help="of a timbre field: number of a mode for its directivity, or brightness"
+    )
+    parser.add_argument("--strike", metavar="PLACE", type=place, help="how the surface moves then")
+    parser.add_argument("--modes", type=int, metavar="N", help="shapes of the first N modes alone")
+    parser.add_argument(
+        "--pitch", type=float, help="of a plan, m a unit of its contacts, where names tell no unit"
     )
 
 
@@ -27,6 +50,26 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     output = writable(
         options.output or Path(options.model).with_suffix(".png"), unlike=[options.model]
     )
+    if Path(options.model).suffix == ".toml":
+        save(_planned(options.model, options.pitch), output)
+        return Result(f"wrote {output}", output=str(output))
     field = int(options.field) if (options.field or "").isdigit() else options.field
-    struck.show(struck.load(options.model), output, field=field)
+    strike = None if options.strike is None else struck.Strike(at=options.strike)
+    model = struck.load(options.model)
+    struck.show(model, output, field=field, strike=strike, modes=options.modes)
     return Result(f"wrote {output}", output=str(output))
+
+
+def _planned(path: str, pitch: float | None) -> Figure:
+    """Draw where a plan strikes and listens."""
+    plan = read_plan(path)
+    points = list(plan.every())
+    struck_at = np.array(list(dict.fromkeys(point.contact for point in points)), np.float64)
+    names = plan.coordinates or ("u", "v")[: struck_at.shape[1]]
+    centre = np.array(plan.centre) if plan.symmetry == "axial" else None
+    pitches = None if pitch is None else np.full(struck_at.shape[1], pitch)
+    chart = Chart.of(names, pitch=pitches, geometry=None, round_about=centre)
+    heard = list(dict.fromkeys(place for point in points for place in point.listeners))
+    if not heard:
+        raise OptionError(f"{path} names no listeners: give some, there is nothing to draw")
+    return grid_picture(chart.places(struck_at), np.array(heard))

@@ -4,5 +4,7 @@ from .figurine import bird as bird
 from .fit_page import report as report
 from .fit_page import save_report as save_report
 from .gallery import gallery as gallery
+from .model_pictures import blow_response as blow_response
+from .model_pictures import grid_picture as grid_picture
 from .obrien2002 import scene2002 as scene2002
 from .sound_map_picture import sound_map_picture as sound_map_picture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -53,8 +53,8 @@ class Painter:
         width, height = np.ptp(self._frame(), axis=0)
         return float(width / height)
 
-    def paint(self, axes: Axes, shape: Array | None = None) -> None:
-        """Draw the body at rest, or as a mode of some shape (V, 3) at its vertices displaces it."""
+    def paint(self, axes: Axes, shape: Array | None = None, *, signed: bool = False) -> None:
+        """Draw the body at rest, or displaced by a shape (V, 3) of either sign or as `signed`."""
         if shape is None:
             self._draw(axes, self.surface, None)
             return
@@ -62,7 +62,7 @@ class Painter:
         moves = moves / max(np.linalg.norm(moves, axis=1).max(), np.finfo(float).tiny)
         normals = _corner_normals(self.surface)
         outward = np.einsum("fcd,fcd->fc", moves[self.surface.faces], normals)
-        sign = 1.0 if outward.max() >= -outward.min() else -1.0
+        sign = 1.0 if signed or outward.max() >= -outward.min() else -1.0
         points = self.surface.points + sign * _EXAGGERATION * self.surface.extent * moves
         self._draw(axes, Mesh(points=points, faces=self.surface.faces), sign * outward)
 
@@ -72,15 +72,30 @@ class Painter:
         shapes: Sequence[Array],
         titles: Sequence[str],
         captions: Sequence[str],
-    ) -> None:
-        """Draw modes in a row, a title above and a caption below each, and the scale."""
-        panels = list(figure.subplots(1, len(shapes), squeeze=False)[0])
+        *,
+        columns: int | None = None,
+        signed: bool = False,
+    ) -> list[Axes]:
+        """Draw shapes (V, 3) in rows, a title above and a caption below each, and the scale."""
+        columns = len(shapes) if columns is None else columns
+        grid = figure.subplots(-(-len(shapes) // columns), columns, squeeze=False)
+        panels = list(grid.flat)[: len(shapes)]
+        for empty in grid.flat[len(shapes) :]:
+            empty.set_axis_off()
         for axes, shape, title, caption in zip(panels, shapes, titles, captions, strict=True):
-            self.paint(axes, shape)
+            self.paint(axes, shape, signed=signed)
             axes.set_title(title, fontsize=10)
             place = {"transform": axes.transAxes, "ha": "center", "va": "top"}
             axes.text(0.5, 0.0, caption, fontsize=8, color=_FAINT, **place)
-        _explain_colours(figure, panels, self.remark)
+        _explain_colours(figure, list(grid.flat), self.remark)
+        return panels
+
+    def toward(self, direction: Array) -> Painter:
+        """Look from the other side if a surface that faces along `direction` (3,) is hidden."""
+        if self.view[2] @ direction >= 0:
+            return self
+        half_turn = np.where(np.arange(3) == "xyz".index(self.surface.up), 1.0, -1.0)
+        return replace(self, view=self.view * half_turn)
 
     def _frame(self) -> Array:
         """Return the corners (2, 2) of what must be seen, m."""

@@ -1,27 +1,35 @@
-"""Timbre fields as pictures: the directivity of a mode, and the brightness of a strike around."""
+"""Pictures of a model: its modes, its response to a blow, its timbre field, and recorded places."""
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from struck.errors import OptionError
+from struck.excitation.pulses import SPECTRA
 from struck.excitation.strike import Strike
-from struck.model.arrays import Array, Complex, Mask, checked
+from struck.model.arrays import Array, Complex, Mask, checked, numbers, require_numbers
 from struck.model.gains import Gains, ShapeGains
+from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.radiation.directivity import RadiatingGains
 from struck.radiation.multipoles import CLOSE
-from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, overview, save
+from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, counted, overview, save
+from struck.report.surface_picture import Painter
 from struck.scene.body import centre_of, radius_of
 from struck.scene.render import render
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
 BRIGHTNESS = "brightness"
+MOST_MODES = 64  # mode shapes in one picture
+_INSTANTS = (0.125, 0.25, 0.5, 1.0)  # after a blow, periods of the lowest mode
 _RANGE = 30.0  # levels shown below the loudest direction, dB
 _FAR = 20.0  # radii, from where directions are told
 _UNKNOWN = 0.1  # m: radius of a body of which none is known
@@ -36,10 +44,21 @@ _BODY = "#cfcfcf"
 def picture_of(
     model: ModalModel,
     path: str | os.PathLike[str] | None = None,
+    *,
     field: int | str | None = None,
+    strike: Strike | None = None,
+    modes: int | None = None,
 ) -> Figure:
-    """Draw a model, or its timbre field, as `struck.show` does, and save it where a path says."""
-    if field is None:
+    """Draw a model as `struck.show` does, and save the picture where a path is given."""
+    given = {"field": field, "strike": strike, "modes": modes}
+    asked = [name for name, value in given.items() if value is not None]
+    if len(asked) > 1:
+        raise OptionError(f"{' and '.join(asked)} are two pictures: ask for one at a time")
+    if strike is not None:
+        figure = _response(model, strike)
+    elif modes is not None:
+        figure = _mode_shapes(model, modes)
+    elif field is None:
         figure = overview(model, render(model, Strike()))
     elif not model.gains.directional:
         raise OptionError(
@@ -50,6 +69,149 @@ def picture_of(
         figure = _slices(model) if field == BRIGHTNESS else _directivity(model, field)
     if path is not None:
         save(figure, path)
+    return figure
+
+
+def _surface_gains(model: ModalModel) -> ShapeGains:
+    if not isinstance(model.gains, ShapeGains) or not len(model.frequencies):
+        raise OptionError(
+            "the model has no mode shapes to draw, as those of recordings and of bodies without a "
+            "mode in the band: analyze a body, or draw the model without strike= and modes="
+        )
+    return model.gains
+
+
+# Mode shapes, as figure 4 of 1998, and the response of a surface to a blow, as figure 4 of 2002.
+
+
+def _mode_shapes(model: ModalModel, count: int) -> Figure:
+    gains = _surface_gains(model)
+    if not 0 < count <= min(MOST_MODES, len(model.frequencies)):
+        most = min(MOST_MODES, len(model.frequencies))
+        raise OptionError(f"modes is {count}: give 1 to {most}, as many as there are to draw")
+    columns = math.ceil(math.sqrt(count))
+    painter = Painter.of(gains.surface)
+    rows = -(-count // columns)
+    figure = chart(3.2 * columns, (3.2 / np.clip(painter.aspect, 0.8, 4.0) + 0.5) * rows + 0.8)
+    shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in range(count)]
+    titles = [f"{number}:  {each:.1f} Hz" for number, each in enumerate(model.frequencies[:count])]
+    painter.paint_modes(figure, shapes, titles, [""] * count, columns=columns)
+    return figure
+
+
+@checked
+def blow_response(model: ModalModel, strike: Strike, times: Array) -> tuple[Array, Array]:
+    """Return how a surface moves by its modes after a blow.
+
+    Parameters
+    ----------
+    model : ModalModel
+        With mode shapes.
+    strike : Strike
+    times : array (T,)
+        Since the middle of the blow, s; from its end on.
+
+    Returns
+    -------
+    velocity : array (V, 3)
+        Of the vertices if the blow took no time, m/s: its impulse projected on the modes.
+    displacements : array (T, V, 3)
+        Of the vertices, m, without the motion of the body as a whole.
+
+    Raises
+    ------
+    OptionError, ContactError
+        Without mode shapes, on times that are negative or not finite; where the strike meets no
+        body.
+    """
+    gains = _surface_gains(model)
+    times = numbers("times", times).reshape(-1)
+    require_numbers("times", times, times.shape, least=0.0)
+    contact = model.contact(strike.at, strike.direction)
+    blow = strike.resolved(model, contact)
+    drives = gains.at(contact.point[None], contact.direction[None]).reshape(-1)
+    # A pulse of spectrum S about its middle leaves the motion of an impulse there, times S.
+    lasting = SPECTRA[strike.shape](model.frequencies * blow.duration)
+    rates = 2 * np.pi * model.frequencies
+    swings = np.exp(-np.outer(times, model.decays)) * np.sin(np.outer(times, rates)) / rates
+    shapes = gains.shapes.astype(np.float64)
+    moved = np.einsum("vdm,tm->tvd", shapes, blow.impulse * drives * lasting * swings)
+    return shapes @ (blow.impulse * drives), moved
+
+
+def _response(model: ModalModel, strike: Strike) -> Figure:
+    gains = _surface_gains(model)
+    contact = model.contact(strike.at, strike.direction)
+    blow = strike.resolved(model, contact)
+    times = blow.duration / 2 + np.array(_INSTANTS) / model.frequencies[0]
+    velocity, moved = blow_response(model, strike, times)
+    painter = Painter.of(gains.surface).toward(-contact.direction)
+    titles = [f"impulse on {counted(len(model.frequencies), 'mode')}"]
+    titles += [f"{1e3 * (time - blow.duration / 2):.3g} ms after the blow" for time in times]
+    largest = [np.linalg.norm(each, axis=1).max() for each in moved]
+    captions = [f"up to {np.linalg.norm(velocity, axis=1).max():.2g} m/s"]
+    captions += [f"up to {1e6 * each:.2g} µm" for each in largest]
+    figure = chart(13.0, float(np.clip(2.6 / painter.aspect, 1.4, 4.2)) + 1.6)
+    title = f"response to a blow of {blow.impulse:.2g} N s in {1e3 * blow.duration:.2g} ms"
+    figure.suptitle(title, fontsize=12, color=INK)
+    panels = painter.paint_modes(figure, [velocity, *moved], titles, captions, signed=True)
+    panels[0].plot(*(painter.view[:2] @ contact.point), "o", color=ORANGE, ms=7, mec="white")
+    return figure
+
+
+# Where a field is recorded, as figure 4 of 2007.
+
+
+def _places(name: str, places: Array) -> Array:
+    rows = numbers(name, places, width=3).reshape(-1, 3)
+    require_numbers(name, rows, rows.shape)
+    return rows
+
+
+@checked
+def grid_picture(
+    contacts: Array,
+    listeners: Array,
+    *,
+    directions: Array | None = None,
+    surface: Mesh | None = None,
+) -> Figure:
+    """Draw contacts as arrows and listeners as dots around a body.
+
+    Parameters
+    ----------
+    contacts, listeners : array (P, 3), array (Q, 3)
+        Places in body coordinates, m.
+    directions : array (P, 3), optional
+        Which way each contact is struck; toward the z axis unless given.
+    surface : Mesh, optional
+        The body, m.
+
+    Returns
+    -------
+    matplotlib Figure
+
+    Raises
+    ------
+    OptionError
+        When there is nothing to draw, or places are not finite.
+    """
+    struck, heard = _places("contacts", contacts), _places("listeners", listeners)
+    reach = max(float(np.abs(np.concatenate([struck, heard])).max()), 1e-3)
+    ways = -struck * [1, 1, 0] if directions is None else _places("directions", directions)
+    require_numbers("directions", ways, struck.shape)
+    ways = np.where(np.linalg.norm(ways, axis=1, keepdims=True) > 0, ways, [-1.0, 0, 0])
+    figure = chart(7.0, 6.4)
+    axes = _space(figure.add_subplot(projection="3d"))
+    if surface is not None:
+        axes.plot_trisurf(*surface.points.T, triangles=surface.faces, color=_BODY, alpha=0.6)
+    axes.scatter(*heard.T, s=26, c=FAINT, depthshade=False, label=counted(len(heard), "listener"))
+    ways = 0.25 * reach * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    label = counted(len(struck), "contact")
+    axes.quiver(*(struck - ways).T, *ways.T, color=ORANGE, linewidth=2, label=label)
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    axes.set_aspect("equal")
+    axes.legend(loc="upper left", frameon=False, fontsize=9)
     return figure
 
 
@@ -92,13 +254,18 @@ def _directivity(model: ModalModel, mode: int | str) -> Figure:
     return figure
 
 
-def _draw_balloon(figure: Figure, ways: Array, radii: Array) -> None:
-    from matplotlib import colormaps
+def _space(axes: Axes) -> Axes3D:
     from mpl_toolkits.mplot3d import Axes3D
 
-    axes = figure.add_subplot(1, 2, 1, projection="3d")
     if not isinstance(axes, Axes3D):
         raise TypeError(f"{axes!r} is flat")
+    return axes
+
+
+def _draw_balloon(figure: Figure, ways: Array, radii: Array) -> None:
+    from matplotlib import colormaps
+
+    axes = _space(figure.add_subplot(1, 2, 1, projection="3d"))
     x, y, z = np.moveaxis(ways * radii[..., None], -1, 0)
     colours = colormaps["viridis"](radii / _RANGE)
     axes.plot_surface(x, y, z, facecolors=colours, rstride=1, cstride=1, linewidth=0)
