@@ -145,7 +145,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def add_how(parser: argparse.ArgumentParser, *, one: bool = True) -> None:
     """Declare how a body is analyzed; `one` needs its material."""
     parser.add_argument("--material", required=one, help=MATERIAL)
-    parser.add_argument("--damping", default="own", help="own (default) or heard")
+    parser.add_argument("--damping", default="own", help="own (default), heard or heard_bowl")
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
     parser.add_argument("--wall", type=float, help="thickness of a hollow body's or tube's wall, m")

@@ -113,7 +113,8 @@ class Material:
             A name or alias of ``materials.toml``, in any case.
         damping : str
             "own" for the material's own losses, "heard" for the Rayleigh set that graphics
-            research tuned by ear, mounting and radiation included.
+            research tuned by ear, mounting and radiation included; "heard_bowl" for that of a
+            bowl of aluminium (O'Brien et al. 2002, bowl 1).
 
         Raises
         ------
@@ -206,11 +207,12 @@ def _unknown(name: str) -> str:
 
 
 def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
-    if damping not in {"own", "heard"}:
-        raise MaterialError(f"damping is {damping!r}: give 'own' or 'heard'")
-    if damping == "heard" and "heard" not in entry:
+    if damping not in {"own", "heard", "heard_bowl"}:
+        raise MaterialError(f"damping is {damping!r}: give 'own', 'heard' or 'heard_bowl'")
+    if damping not in {"own", *entry}:
+        kind = damping.replace("heard", "as heard").replace("_", " of a ")
         raise MaterialError(
-            f"{name} has no published set 'as heard': take damping='own', or give a Rayleigh set"
+            f"{name} has no published set {kind!r}: take damping='own', or give a Rayleigh set"
         )
     own = InternalFriction(loss_tangent=entry["loss_tangent"])
     return Material(
@@ -218,6 +220,6 @@ def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
         density=entry["density"],
         youngs_modulus=entry["youngs_modulus"],
         poisson_ratio=entry["poisson_ratio"],
-        damping=Rayleigh(**entry["heard"]) if damping == "heard" else own,
+        damping=own if damping == "own" else Rayleigh(**entry[damping]),
         source=entry["source"],
     )
