@@ -57,3 +57,18 @@ def burst(chance: Generator, seconds: float = 1.0) -> Array:
     """Return noise that fades like a hit."""
     times = np.arange(round(seconds * RATE)) / RATE
     return np.pad(0.2 * chance.standard_normal(len(times)) * np.exp(-5 * times), (RATE // 3, 0))
+
+
+def music(chance: Generator, seconds: float = 8.0) -> Array:
+    """Return sustained chords of five partials a tone, with a new one every half second."""
+    length = round(seconds * RATE)
+    times, played = np.arange(length) / RATE, np.zeros(length)
+    begins = np.arange(0, seconds, 0.5)
+    for begin in begins:
+        rise = np.clip((times - begin) / 0.02, 0, 1) * np.clip((begin + 0.55 - times) / 0.05, 0, 1)
+        here = slice(*np.flatnonzero(rise)[[0, -1]])
+        for tone in 220 * 2 ** (chance.choice(24, 3, replace=False) / 12):
+            for partial in range(1, 6):
+                turn = 2 * np.pi * (partial * tone * times[here] + chance.random())
+                played[here] += rise[here] * np.sin(turn) / partial
+    return 0.1 * played

@@ -12,7 +12,7 @@
 /* As in normal_equations.py. */
 #define SLOWEST 0.02   /* least decay rate, 1/s */
 #define FASTEST 1500.0 /* largest decay rate, 1/s */
-#define LEAST_Q 2.0    /* least pi f / d */
+#define LEAST_Q 0.25   /* least pi f / d */
 #define SETTLED 1e-3   /* least gain of a step in units of the noise's cost */
 #define TRIES 4        /* steps without success */
 

@@ -74,6 +74,7 @@ _REFERENCES = {
 }
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
+_FEW = 6  # takes that are also judged one by one
 _WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
 
 
@@ -122,7 +123,7 @@ def fit_recordings(
     seconds = None if room is None else reverberation(room)
     told = {"method": method, "budget": modes, "onsets": onsets}
     fitted = _fitted(recorded.takes, told, cache, progress)
-    _require_modes(fitted, recorded, force=force)
+    _require_modes(fitted, recorded, told, force=force)
     fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
     made = _made(fitted, recorded, seconds, way, radius, method, residual=residual)
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
@@ -233,7 +234,9 @@ def _require_use(recorded: Recorded, way: str, radius: float) -> None:
         )
 
 
-def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
+def _require_modes(
+    fitted: Fitted, recorded: Recorded, told: dict[str, Any], *, force: bool
+) -> None:
     if len(fitted.frequencies) and (fitted.verdict.modal or force):
         return
     names = recorded.takes[0].name
@@ -245,7 +248,18 @@ def _require_modes(fitted: Fitted, recorded: Recorded, *, force: bool) -> None:
             "energy: record louder or nearer, or fit for playing, with modes=64"
         )
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
-    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{advice}")
+    each = _each_alone(recorded.takes, told) if 1 < len(recorded.takes) <= _FEW else ""
+    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{each}{advice}")
+
+
+def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
+    """Return what is to be said of takes that are refused together: which are modal alone."""
+    alone = {"method": told["method"], "budget": told["budget"]}
+    verdicts = [fit_poles(take, **alone).verdict for take in takes]
+    modal = [Path(take.name).name for take, each in zip(takes, verdicts, strict=True) if each.modal]
+    if len(modal) == len(takes):
+        return " Each alone is modal: they are not of one object, or it changed; fit them apart."
+    return f" Alone {', '.join(modal) or 'none'} of them would be modal."
 
 
 def _by_natural_frequency(fitted: Fitted) -> Fitted:

@@ -28,7 +28,7 @@ _APART, _REACH, _BLOCK = 0.06, 0.015, 0.001
 _STEEP = 2.0  # least power ratio of the steepest rise
 _ORDER, _PAST = 32, 50  # of linear prediction, and its training, ms
 _CLOSE = 0.01  # from a hit to its loudest moment, s
-_ARRIVED = 3e-4  # share of a hit's energy before its arrival
+_ARRIVED = 1e-4  # share of a hit's energy before its arrival
 # s; a fainter hit that sounds at once is the rest of one before
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
 
@@ -66,8 +66,8 @@ def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
     """Return the sample until which a negligible share of the hit has sounded."""
     tail = float(energy[max(0, onset - 4 * size) : onset].mean()) if onset else 0.0
     heard = np.cumsum(energy[onset:end] - tail)
-    # Within a millisecond the tail of the last hit may fluctuate by as much as it holds.
-    least = max(_ARRIVED * float(heard.max(initial=0.0)), size * tail)
+    # Within a millisecond the last hit's tail and the noise may fluctuate by several times that.
+    least = max(_ARRIVED * float(heard.max(initial=0.0)), 4 * size * tail)
     return onset + int(np.argmax(heard > least)) if len(heard) else onset
 
 

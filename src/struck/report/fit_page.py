@@ -19,7 +19,8 @@ from struck.model.arrays import Array, Mask, checked
 from struck.model.html import document, note, picture, table
 from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
-from struck.recordings.poles.search import MODAL_MARGIN, Fitted, ModalVerdict
+from struck.recordings.poles.search import Fitted
+from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict
 from struck.recordings.residual_sound import loudest
 from struck.recordings.takes import Recorded
 from struck.report import fit_pictures

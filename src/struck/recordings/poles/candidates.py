@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.linalg import toeplitz
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import fftconvolve
 
 from struck.model.arrays import AnyComplex, Array, Index
+from struck.perception.auditory_scale import erb_number
 from struck.recordings.noise import Noise, blackman_harris, frames
 from struck.recordings.segments import Segment
 
@@ -70,9 +72,15 @@ class Candidates:
 
 
 def candidates(
-    segments: Sequence[Segment], left: Sequence[Array], resolution: Resolution
+    segments: Sequence[Segment],
+    left: Sequence[Array],
+    resolution: Resolution,
+    per_band: int | None = None,
 ) -> Candidates:
-    """Search the residuals (C, n) of all segments by ESPRIT; none if too short for the window."""
+    """Search the residuals (C, n) of all segments by ESPRIT; none if too short for the window.
+
+    `per_band` is how many bins are searched in each auditory band (ERB) at most, the loudest.
+    """
     search = _Search(
         window=blackman_harris(resolution.window),
         step=resolution.window // _OVERLAP,
@@ -84,24 +92,36 @@ def candidates(
         return Candidates.joined([])
     powers = np.max([each.real**2 + each.imag**2 for each in white], axis=0)
     found = []
-    for count, bins in _counted(powers, search.spacing, search.sample_rate):
+    for count, bins in _counted(powers, search.spacing, search.sample_rate, per_band):
         for part in np.array_split(bins, -(-len(bins) // _BATCH)):
             found += search.bins(white[:, :count, part].transpose(2, 0, 1), part)
     return Candidates.joined(found).distinct(0.02 * search.spacing, share=0.1)
 
 
-def _counted(powers: Array, spacing: float, sample_rate: float) -> Iterator[tuple[int, Index]]:
+def _counted(
+    powers: Array, spacing: float, sample_rate: float, per_band: int | None
+) -> Iterator[tuple[int, Index]]:
     """Yield numbers of frames and the bins that stay over the noise for about that long."""
     total = len(powers)
     centres = np.arange(powers.shape[1]) * spacing
     heard = (powers[:_FIRST].max(axis=0) > _RISE) & (centres > 30) & (centres < 0.47 * sample_rate)
     bins = np.flatnonzero(heard)
+    if per_band is not None:
+        bins = bins[loudest_per_band(powers[:, bins].sum(axis=0), centres[bins], per_band)]
     alive = uniform_filter1d(powers[:, bins], 5, axis=0, mode="constant") > _GONE
     last = np.where(alive.any(axis=0), total - np.argmax(alive[::-1], axis=0), 0)
     counts = np.append(_COUNTS[total > _COUNTS], total)
     wanted = counts[np.searchsorted(counts, np.minimum(last, total))]
     for count in np.unique(wanted):
         yield int(count), bins[wanted == count]
+
+
+def loudest_per_band(energies: Array, frequencies: Array, most: int) -> Index:
+    """Return which places (K,), ascending, have the most energy of their auditory band (ERB)."""
+    bands = erb_number(frequencies).astype(int)
+    order = np.lexsort((-energies, bands))
+    firsts = np.searchsorted(bands[order], bands[order])
+    return np.sort(order[np.arange(len(order)) - firsts < most])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -203,6 +223,42 @@ def _least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
     normal = adjoint @ matrices
     size = np.trace(normal, axis1=1, axis2=2).real[:, None, None]
     return np.linalg.solve(normal + 1e-10 * size * np.eye(normal.shape[1]), adjoint @ sides)
+
+
+_LOW, _LONG = 1000.0, 0.3  # Hz and s that the search for broad modes covers
+_TAPS, _ORDER, _WEAKEST = 4, 24, 1e-7  # of its filter, over the decimation; poles; of the energy
+
+
+def broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
+    """Search the low end of the residuals (C, n) of all segments for broad modes, as drums have.
+
+    In a window of a transform there is too little of them: here ESPRIT takes the beginning of the
+    sound as a whole, decimated by a filter that looks forward, which leaves exponentials what they
+    are.
+    """
+    rate = segments[0].sample_rate
+    factor = max(1, int(rate / (4 * _LOW)))
+    length = min(*(each.shape[1] for each in left), round(_LONG * rate))
+    taps = np.hanning(_TAPS * factor + 2)[1:-1]
+    densities = np.concatenate([each.noise.at([_LOW / 2]) for each in segments])
+    whole = np.concatenate([each[:, :length] for each in left]) / np.sqrt(densities)
+    low = fftconvolve(whole, taps[None, ::-1] / taps.sum(), "valid", axes=1)[:, ::factor]
+    size = low.shape[1] // 2
+    if size < _FEWEST:
+        return Candidates.joined([])
+    rows = np.lib.stride_tricks.sliding_window_view(low, size, axis=1).reshape(-1, size)
+    powers, vectors = np.linalg.eigh(rows.T @ rows)
+    order = min(_ORDER, np.count_nonzero(powers > _WEAKEST * powers[-1]))
+    ratios = _ratios(vectors[None, :, -order:].astype(complex))[0]
+    poles = np.log(ratios) * rate / factor
+    waves = np.exp(np.outer(np.arange(low.shape[1]) * factor / rate, poles))
+    amplitudes = _least_squares(waves[None], low.T[None].astype(complex))[0]
+    passed = taps @ np.exp(np.outer(np.arange(len(taps)) / rate, poles)) / taps.sum()
+    energies = (np.abs(amplitudes) ** 2).sum(axis=1) / np.abs(passed) ** 2
+    energies *= rate / np.maximum(-poles.real, 1e-3)
+    good = (poles.imag > 2 * np.pi * _LOWEST / 2) & (poles.imag < 2 * np.pi * _LOW)
+    good &= poles.real < 0
+    return Candidates(poles=poles[good], energies=energies[good])
 
 
 # 1/s; between two of them a twelfth of the energy is lost at most

@@ -26,7 +26,7 @@ from struck.recordings.poles.projection import (
 # As in poles.c.
 SLOWEST = 0.02  # least decay rate, 1/s
 FASTEST = 1500.0  # largest decay rate, 1/s
-LEAST_Q = 2.0  # least pi f / d
+LEAST_Q = 0.25  # least pi f / d
 _SETTLED = 1e-3  # least gain of a step in units of the noise's cost
 _TRIES = 4  # steps without success
 

@@ -17,7 +17,7 @@ from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
-from struck.recordings.poles.candidates import Candidates, Resolution, candidates, matched
+from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.selection import (
     ambient,
@@ -29,84 +29,9 @@ from struck.recordings.poles.selection import (
     weed,
 )
 from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict, doubtful, judge, proven
 from struck.recordings.segments import Row, Segment, cut, joined
 from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
-
-MODAL_MARGIN = 8.0  # least signal over the misfit of `_MODAL_MODES` modes of a modal sound, dB
-_MODAL_MODES = 128
-_STEADY = 0.5  # share of the energy
-_SLOW = 0.05  # 1/s: it would ring for more than two minutes
-_LATE, _EARLY = 0.1, 0.05  # s
-_SWELLS = 6.0  # dB
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModalVerdict:
-    """Whether a sound is modal, that of a struck object, and if not, why not."""
-
-    modal: bool  # decaying modes explain it
-    reason: str  # why not, in one sentence; empty where it is
-    signal_to_residual: float  # energy of the segments over their residual, dB
-    # the same without the noise's own share of the residual, dB; may be infinite
-    signal_to_misfit: float
-
-
-def judge(segments: Sequence[Segment], ringing: Exponentials) -> ModalVerdict:
-    """Return whether fitted modes make these segments modal."""
-    signal = sum(float((each.samples**2).sum()) for each in segments)
-    left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
-    noise = sum(float(each.noise.energy(each.samples.shape[1]).sum()) for each in segments)
-    misfit = _decibels(signal, left - noise)
-    reason = _reason(segments, ringing, misfit)
-    return ModalVerdict(
-        modal=not reason,
-        reason=reason,
-        signal_to_residual=_decibels(signal, left),
-        signal_to_misfit=misfit,
-    )
-
-
-def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -> str:
-    if not ringing.count:
-        return "nothing rings that stands out of the noise"
-    if _steady(segments, ringing) > _STEADY:
-        return "most of it is a steady tone that does not decay: nothing was struck"
-    if misfit < MODAL_MARGIN:
-        return (
-            f"what {ringing.count} decaying modes leave is only {misfit:.1f} dB below the sound, "
-            f"and {MODAL_MARGIN:g} dB are needed: it is noise-like, as of a cymbal, or moves in "
-            "pitch, as speech does"
-        )
-    if _swelling(segments) > _SWELLS:
-        return "it grows louder after its beginning: nothing was struck there"
-    return ""
-
-
-def _steady(segments: Sequence[Segment], ringing: Exponentials) -> float:
-    """Return the share of energy in modes that are sure to decay too slowly."""
-    errors = standard_errors(segments, ringing).decays
-    steady = ringing.of(ringing.decays + errors < _SLOW)
-    if not steady.count:
-        return 0.0
-    whole = sum(float((each.samples**2).sum()) for each in segments)
-    return sum(float((each.model(steady) ** 2).sum()) for each in segments) / whole
-
-
-def _swelling(segments: Sequence[Segment]) -> float:
-    """Return how far the level of the loudest segment rises after its beginning, dB."""
-    segment = max(segments, key=lambda each: float((each.samples**2).sum()))
-    size = max(1, round(_EARLY * segment.sample_rate))
-    count = segment.samples.shape[1] // size
-    if count < 2 * _LATE / _EARLY:
-        return 0.0
-    blocks = (segment.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
-    late = round(_LATE / _EARLY)
-    return _decibels(float(blocks[late:].max()), float(blocks[:late].max()))
-
-
-def _decibels(above: float, below: float) -> float:
-    return float(10 * np.log10(above / below)) if below > 0 else np.inf
-
 
 _CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
 CLEAR = 10 * np.log10(2 * _CLEAR)  # the same over the noise's energy in a sample, dB
@@ -267,6 +192,16 @@ def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[s
         yield f"{notes[0]}; so {more} more take{'s' if more > 1 else ''}" if more else notes[0]
 
 
+def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
+    """Yield which takes the modes of all do not explain, although they do as a whole."""
+    for take, ratio in zip(takes, verdict.takes, strict=True):
+        if verdict.modal and ratio < MODAL_MARGIN:
+            yield (
+                f"{Path(take.name).name} is explained to {ratio:.1f} dB only: is it of another "
+                "object, or was it held otherwise? Leave it out, or fit it alone"
+            )
+
+
 Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
 Look = Callable[[Sequence[Segment], Sequence[Array]], Candidates]
 
@@ -279,8 +214,9 @@ _WINDOWS = (
     (0.012, 900.0, 150, 8),
 )
 _ROUNDS = 4
+_BINS = 10  # that are searched in an auditory band under a budget
 _LIKELY = 1e-6  # chance that noise makes a candidate
-_SPARE = 1.25  # of the budget until modes are refined
+_SPARE = 1.6  # of the budget until modes are refined
 _STEP = 0.85  # of the modes stay in a round of pruning
 _FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0  # of the amplitude within so many Hz
 _BEATING = 15.0  # 1/s
@@ -305,12 +241,12 @@ def search(
     result.
     """
     ringing = Exponentials.silence(sum(len(segment.samples) for segment in segments))
-    looks = list(_looks(segments, 1 if budget else _ROUNDS))
+    looks = list(_looks(segments, budget))
     for number, look in enumerate(looks):
         progress("looking for modes", number / len(looks))
         before = ringing
         ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
-        if number >= len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
+        if number > len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
     progress("refining", 0.0)
     ringing = kept("pairs", lambda: _paired(segments, refine(segments, ringing, sweeps=2), budget))
@@ -318,7 +254,22 @@ def search(
     few = partial(_within, segments, ringing, budget)
     ringing = kept("budget", lambda: refine(segments, few(), sweeps=4, steps=4))
     progress("refining", 0.8)
-    return _proven(segments, ringing, budget)
+    ringing = _proven(segments, ringing, budget)
+    return _once_more(segments, ringing, budget) if budget else ringing
+
+
+def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) -> Exponentials:
+    """Search once more what a fit leaves: where modes were dropped, better ones may be found."""
+    least = significance(len(ringing.gains), _LIKELY)
+    more = _within(
+        segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
+    )
+    again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
+    left = [
+        sum(float((segment.residual(each) ** 2).sum()) for segment in segments)
+        for each in (ringing, again)
+    ]
+    return again if left[1] < left[0] else ringing
 
 
 def _looked(
@@ -344,15 +295,16 @@ def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
     return with_best_gains(segments, proven).by_frequency()
 
 
-def _looks(segments: Sequence[Segment], rounds: int) -> Iterator[Look]:
+def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
     """Yield the passes, one after the other."""
     longest = max(segment.samples.shape[1] for segment in segments)
     for window, fastest, frames, orders in _WINDOWS:
         size = 2 ** round(np.log2(min(window * segments[0].sample_rate, longest / 4)))
         resolution = Resolution(window=size, fastest=fastest, frames=frames, orders=orders)
-        yield partial(candidates, resolution=resolution)
+        yield partial(candidates, resolution=resolution, per_band=_BINS if budget else None)
+    yield broad
     channels = sum(len(segment.samples) for segment in segments)
-    for _ in range(rounds):
+    for _ in range(1 if budget else _ROUNDS):
         yield partial(matched, least=significance(channels, _LIKELY))
 
 
@@ -461,19 +413,86 @@ def fit_poles(
     require_one_rate(takes)
     microphones = [without_force(take) for take in takes]
     hits = _hits(microphones, onsets)
+    doubts = [
+        doubtful(*each) if onsets is None else [] for each in zip(microphones, hits, strict=True)
+    ]
     whole = budget is not None if attack is None else attack
-    segments, rows = joined(cut(microphones, hits, attack=whole))
-    if method == "shared":
-        ringing = search(segments, budget=budget, progress=progress, kept=kept)
-        verdict = _verdict(segments, ringing, budget)
-    else:
-        ringing = kept(method, lambda: by_corbett2007(segments, budget))
-        verdict = judge(segments, ringing)
-    notes = list(notes_on(takes, hits))
-    measured = method == "shared" and budget is None
-    rows = _numbered(rows, takes)
-    fitted = fitted_of(segments, rows, ringing, verdict, notes, measured=measured)
+
+    def fit(hits: list[list[Hit]], stage: str = "") -> Fitted:
+        segments, rows = joined(cut(microphones, hits, attack=whole))
+        each = partial(_kept_as, kept, stage)
+        if method == "shared":
+            ringing = search(segments, budget=budget, progress=progress, kept=each)
+        else:
+            ringing = each(method, lambda: by_corbett2007(segments, budget))
+        verdict = judge(segments, rows, ringing)
+        notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
+        measured = method == "shared" and budget is None
+        return fitted_of(segments, rows, ringing, verdict, notes, measured=measured)
+
+    fitted = _by_evidence(fit, microphones, hits, doubts) if any(doubts) else fit(hits)
+    fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
     return fitted if method == "shared" else _without_errors(fitted)
+
+
+def _kept_as(
+    kept: Kept, stage: str, name: str, compute: Callable[[], Exponentials]
+) -> Exponentials:
+    return kept(f"{name}{stage}", compute)
+
+
+def _by_evidence(
+    fit: Callable[[list[list[Hit]], str], Fitted],
+    takes: list[Take],
+    hits: list[list[Hit]],
+    doubts: list[list[Hit]],
+) -> Fitted:
+    """Fit with those of the doubtful hits that explain more than their gains cost."""
+    every = fit(hits, "")
+    if not every.verdict.modal:  # with fewer hits it explains no more
+        return every
+    sure = [
+        _ended([hit for hit in own if hit not in unsure], take)
+        for take, own, unsure in zip(takes, hits, doubts, strict=True)
+    ]
+    without = fit(sure, ", sure hits")
+    kept = [
+        [hit for hit in own if hit not in unsure or _is_proven(every, without, number, hit)]
+        for number, (own, unsure) in enumerate(zip(hits, doubts, strict=True))
+    ]
+    if kept == hits:
+        return every
+    kept = [_ended(own, take) for own, take in zip(kept, takes, strict=True)]
+    return without if kept == sure else fit(kept, ", proven hits")
+
+
+def _ended(hits: list[Hit], take: Take) -> list[Hit]:
+    """Return hits that last until the next of them."""
+    ends = [*(hit.onset for hit in hits[1:]), take.samples.shape[1]]
+    return [replace(hit, end=end) for hit, end in zip(hits, ends, strict=True)]
+
+
+def _is_proven(every: Fitted, without: Fitted, take: int, hit: Hit) -> bool:
+    """Return whether a hit of a take is needed beside the sure ones."""
+    rate = every.segments[0].sample_rate
+    rows = [
+        row
+        for row, each in enumerate(every.rows)
+        if each.take == take and hit.onset <= each.time * rate <= hit.end
+    ]
+    left, other = [], []
+    for row in rows:
+        sound, model = every.heard_in(row)
+        what = every.rows[row]
+        before = [
+            number
+            for number, each in enumerate(without.rows)
+            if (each.take, each.channel) == (take, what.channel) and each.time <= what.time
+        ]
+        if before:
+            left.append(sound - model)
+            other.append(sound - without.ringing(before[-1], what.time, len(sound)))
+    return bool(left) and proven(left, other, len(every.heard.poles))
 
 
 def _without_errors(fitted: Fitted) -> Fitted:
@@ -482,10 +501,10 @@ def _without_errors(fitted: Fitted) -> Fitted:
     return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
 
 
-def _numbered(rows: list[Row], takes: list[Take]) -> list[Row]:
+def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
     """Count the rows' channels as in the takes, where force sensors count, too."""
     channels = [np.flatnonzero(~force_channels(take)) for take in takes]
-    return [replace(row, channel=int(channels[row.take][row.channel])) for row in rows]
+    return tuple(replace(row, channel=int(channels[row.take][row.channel])) for row in rows)
 
 
 def _hits(takes: list[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
@@ -509,12 +528,3 @@ def _given(take: Take, times: list[float]) -> Iterator[Hit]:
         raise OptionError(f"onsets {times} of {take.name} name one moment twice: name each once")
     for first, last in zip(samples, [*samples, take.samples.shape[1]][1:], strict=True):
         yield hit_at(take, first, last)
-
-
-def _verdict(segments: list[Segment], ringing: Exponentials, budget: int | None) -> ModalVerdict:
-    """Judge a fit; a poor one of few modes only after another try with more."""
-    verdict = judge(segments, ringing)
-    if budget is not None and budget < _MODAL_MODES and verdict.signal_to_misfit < MODAL_MARGIN:
-        richer = judge(segments, search(segments, budget=_MODAL_MODES))
-        return verdict if richer.modal else richer
-    return verdict

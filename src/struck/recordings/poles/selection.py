@@ -11,8 +11,7 @@ from scipy.stats import gamma
 
 from struck.model.arrays import Array, Index, Mask
 from struck.model.exponentials import Exponentials, correlations
-from struck.perception.auditory_scale import erb_number
-from struck.recordings.poles.candidates import Candidates
+from struck.recordings.poles.candidates import Candidates, loudest_per_band
 from struck.recordings.poles.normal_equations import SLOWEST, add_unique, damped
 from struck.recordings.poles.refinement import (
     Attempt,
@@ -92,14 +91,10 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
 def strongest_per_band(segments: Sequence[Segment], found: Candidates, most: int) -> Candidates:
     """Return the candidates of most energy, a few in each auditory band (ERB) at most."""
     frequencies = np.asarray(found.poles.imag / (2 * np.pi), float)
-    order = np.argsort(-found.energies * _colour(segments, frequencies))
-    bands = erb_number(frequencies[order]).astype(int)
-    kept = [
-        mode
-        for place, mode in enumerate(order)
-        if np.count_nonzero(bands[:place] == bands[place]) < _PER_BAND
-    ]
-    return Candidates(poles=found.poles[kept[:most]], energies=found.energies[kept[:most]])
+    loudness = found.energies * _colour(segments, frequencies)
+    kept = loudest_per_band(loudness, frequencies, _PER_BAND)
+    kept = kept[np.argsort(-loudness[kept])][:most]
+    return Candidates(poles=found.poles[kept], energies=found.energies[kept])
 
 
 def _colour(segments: Sequence[Segment], frequencies: Array) -> Array:

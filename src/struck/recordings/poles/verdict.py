@@ -1,0 +1,137 @@
+"""Verdict on a fit: whether it is the sound of a struck object, and which of its hits are real."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from struck.model.arrays import Array
+from struck.model.exponentials import Exponentials
+from struck.recordings.onsets import Hit
+from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.segments import Row, Segment
+from struck.recordings.takes import Take
+
+MODAL_MARGIN = 8.0  # least signal over the misfit of a modal sound, dB
+_STEADY = 0.5  # share of the energy
+_SLOW = 0.05  # 1/s: it would ring for more than two minutes
+_LATE, _EARLY = 0.1, 0.05  # s
+_SWELLS = 6.0  # dB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModalVerdict:
+    """Whether a sound is modal, that of a struck object, and if not, why not."""
+
+    modal: bool  # decaying modes explain it
+    reason: str  # why not, in one sentence; empty where it is
+    signal_to_residual: float  # energy of the segments over their residual, dB
+    # the same without the share of the residual that is noise heard in a lead-in; may be infinite
+    signal_to_misfit: float
+    takes: tuple[float, ...] = ()  # signal to misfit of each take, dB
+
+
+def judge(segments: Sequence[Segment], rows: Sequence[Row], ringing: Exponentials) -> ModalVerdict:
+    """Return whether fitted modes make these segments modal.
+
+    Only noise that a lead-in has shown is forgiven: what was guessed from a quiet moment may be
+    what the modes fail to explain.
+    """
+    signal = np.concatenate([(each.samples**2).sum(axis=1) for each in segments])
+    left = np.concatenate([(each.residual(ringing) ** 2).sum(axis=1) for each in segments])
+    noise = np.concatenate([_heard_noise(each) for each in segments])
+    owners = np.array([row.take for row in rows])
+    misfits = tuple(
+        _decibels(signal[own].sum(), (left - noise)[own].sum())
+        for own in (owners == take for take in np.unique(owners))
+    )
+    misfit = _decibels(signal.sum(), (left - noise).sum())
+    reason = _reason(segments, ringing, misfit)
+    return ModalVerdict(
+        modal=not reason,
+        reason=reason,
+        signal_to_residual=_decibels(signal.sum(), left.sum()),
+        signal_to_misfit=misfit,
+        takes=misfits,
+    )
+
+
+def _heard_noise(segment: Segment) -> Array:
+    """Return the energy of the noise (C,) as far as a lead-in has shown it."""
+    energy = segment.noise.energy(segment.samples.shape[1])
+    return energy if segment.before.shape[1] else np.zeros_like(energy)
+
+
+def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -> str:
+    if not ringing.count:
+        return "nothing rings that stands out of the noise"
+    if _steady(segments, ringing) > _STEADY:
+        return "most of it is a steady tone that does not decay: nothing was struck"
+    if misfit < MODAL_MARGIN:
+        return (
+            f"what {ringing.count} decaying modes leave is only {misfit:.1f} dB below the sound, "
+            f"and {MODAL_MARGIN:g} dB are needed: it is noise-like, as of a cymbal, or moves in "
+            "pitch, as speech does, or wants more modes"
+        )
+    if _swelling(segments) > _SWELLS:
+        return "it grows louder after its beginning: nothing was struck there"
+    return ""
+
+
+def _steady(segments: Sequence[Segment], ringing: Exponentials) -> float:
+    """Return the share of energy in modes that are sure to decay too slowly."""
+    errors = standard_errors(segments, ringing).decays
+    steady = ringing.of(ringing.decays + errors < _SLOW)
+    if not steady.count:
+        return 0.0
+    whole = sum(float((each.samples**2).sum()) for each in segments)
+    return sum(float((each.model(steady) ** 2).sum()) for each in segments) / whole
+
+
+def _swelling(segments: Sequence[Segment]) -> float:
+    """Return how far the level of the loudest segment rises after its beginning, dB."""
+    segment = max(segments, key=lambda each: float((each.samples**2).sum()))
+    size = max(1, round(_EARLY * segment.sample_rate))
+    count = segment.samples.shape[1] // size
+    if count < 2 * _LATE / _EARLY:
+        return 0.0
+    blocks = (segment.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
+    late = round(_LATE / _EARLY)
+    return _decibels(float(blocks[late:].max()), float(blocks[:late].max()))
+
+
+def _decibels(above: float, below: float) -> float:
+    return float(10 * np.log10(above / below)) if below > 0 else np.inf
+
+
+# Further hits of a take. A splice, a gust of noise or the end of a note rises in many bands, too. A
+# hit brings energy of its own; one that brings little has to prove itself: with gains of its own
+# the fit must leave less than these cost (Schwarz 1978).
+
+_NEAR = 0.02  # s before and after a hit
+_ADDED = 2.0  # least power ratio of a hit that needs no proof
+
+
+def doubtful(take: Take, hits: Sequence[Hit]) -> list[Hit]:
+    """Return the hits after the first that do not double the power."""
+    size = round(_NEAR * take.sample_rate)
+    energy = (take.samples**2).sum(axis=0)
+    return [
+        hit
+        for hit in hits[1:]
+        if energy[hit.start : hit.start + size].sum()
+        < _ADDED * energy[max(hit.onset - size, 0) : hit.onset].sum()
+    ]
+
+
+def proven(with_it: Sequence[Array], without: Sequence[Array], modes: int) -> bool:
+    """Return whether residuals (C, n) with a hit are less than without by more than its gains cost.
+
+    By the Bayesian information criterion, of two real gains for each mode and channel.
+    """
+    before, after = (sum(float((each**2).sum()) for each in left) for left in (without, with_it))
+    values = sum(each.size for each in with_it)
+    cost = 2 * modes * len(with_it) * np.log(values)
+    return values * np.log(max(before, 1e-300) / max(after, 1e-300)) > cost
