@@ -188,6 +188,22 @@ def _fan(length: int, chance: Generator) -> Array:
     return noise / noise.std()
 
 
+def hummed(take: Scene, level: float, chance: Generator) -> Scene:
+    """Return a scene in mains hum of eight harmonics, so many dB under its first 100 ms.
+
+    The mains are 0.02 Hz off, and the hum swells and fades by a tenth.
+    """
+    times = np.arange(take.samples.shape[1]) / RATE
+    hum = np.zeros(len(times))
+    for harmonic in range(1, 9):
+        turns = 50.02 * harmonic * times + chance.random()
+        hum += 10 ** ((1 - harmonic) / 10) * np.sin(2 * np.pi * turns)
+    hum *= 1 + 0.1 * np.sin(0.6 * np.pi * times)
+    loud = np.std(take.samples[:, LEAD : LEAD + RATE // 10])
+    whole = take.samples + loud * 10 ** (level / 20) * hum / hum.std()
+    return Scene(samples=whole / np.abs(whole).max(), truth=take.truth)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
     """How a fit compares with the truth; errors are medians over the modes found.

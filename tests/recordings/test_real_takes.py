@@ -50,6 +50,8 @@ TAPPED = [f"{BOWL.name}/{path.stem}" for path in sorted(BOWL.glob("*.wav"))]
 BUDGET = 64
 WINDOW = 2048
 """The least lead-in that the method of 2007 can use, samples."""
+LEAST = 0.15
+"""The shortest hit that it can use, s; its gains are solved for shorter ones, too."""
 NEAR = 5.0
 """Hz."""
 
@@ -98,7 +100,8 @@ def by_corbett2007(take: Take, fit: Fitted) -> tuple[int, float]:
     """Return how many modes the method of 2007 finds, and its score with gains solved anew."""
     sounds = [sound for sound, _ in hits(take, fit)]
     before = lead_in(take, fit)
-    found = fit_corbett2007(sounds, take.sample_rate, lead_ins=[before] * len(sounds))
+    long = [each for each in sounds if each.shape[1] >= LEAST * take.sample_rate]
+    found = fit_corbett2007(long, take.sample_rate, lead_ins=[before] * len(long))
     poles = -found.decays + 2j * np.pi * found.frequencies
     left = []
     for sound in sounds:

@@ -27,6 +27,7 @@ from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.gain_table import Gathered
+from struck.recordings.hum import without_hum
 from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
@@ -295,9 +296,10 @@ def _made(
     *,
     residual: bool,
 ) -> Fitting:
-    gathered = Gathered.of(fitted, recorded)
+    calm = replace(recorded, takes=tuple(without_hum(take)[0] for take in recorded.takes))
+    gathered = Gathered.of(fitted, calm)
     survey, gains = _gains(gathered, recorded, way, radius)
-    rest = remainder(fitted, recorded, gathered)
+    rest = remainder(fitted, calm, gathered)
     places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
     model = ModalModel(
         frequencies=fitted.frequencies,

@@ -31,6 +31,8 @@ _CLOSE = 0.01  # from a hit to its loudest moment, s
 _ARRIVED = 1e-4  # share of a hit's energy before its arrival
 # s; a fainter hit that sounds at once is the rest of one before
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
+# s from which bands have to fall after a hit that the take begins with, and by how much in power
+_LASTING, _FALLS = 0.3, 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +50,23 @@ def find_hits(take: Take) -> list[Hit]:
     onsets = list(_steepest(take, _rises(take)))
     ends = [*onsets, take.samples.shape[1]][1:]
     hits = [hit_at(take, onset, end) for onset, end in zip(onsets, ends, strict=True)]
+    if not hits or hits[0].onset >= _EDGE * take.sample_rate:
+        return hits
     loudness = [_energy(take, hit.start, _USUAL / 10) for hit in hits]
-    cut_off = hits and hits[0].onset < _EDGE * take.sample_rate
-    return hits[1:] if cut_off and loudness[0] < _FAINT * max(loudness) else hits
+    begun = loudness[0] >= _FAINT * max(loudness) and _decays(take, hits[0])
+    return hits if begun else hits[1:]
+
+
+def _decays(take: Take, hit: Hit) -> bool:
+    """Return whether the bands of most energy fall until the next hit; yes if that is soon."""
+    size, step = _window_and_step(take)
+    if hit.end - hit.start < max(_LASTING * take.sample_rate, 10 * size):
+        return True
+    sound = take.samples[:, hit.start : hit.end]
+    powers = sum(_band_powers(channel, size, step, take) for channel in sound)
+    tenth = len(powers) // 10
+    early, late = powers[:tenth].mean(axis=0), powers[-tenth:].mean(axis=0)
+    return bool(early[early > _FALLS * late].sum() > early.sum() / 2)
 
 
 def hit_at(take: Take, onset: int, end: int) -> Hit:
@@ -87,8 +103,7 @@ def _energy(take: Take, start: int, seconds: float) -> float:
 
 def _rises(take: Take) -> Index:
     """Return samples around which many auditory bands rise together."""
-    size = 2 ** round(np.log2(_WINDOW * take.sample_rate))
-    step = max(1, round(_STEP * take.sample_rate))
+    size, step = _window_and_step(take)
     powers = sum(_band_powers(np.pad(channel, size), size, step, take) for channel in take.samples)
     # Four times the quietest moments: so noise that sets in with the take is no rise.
     quiet = 4 * np.quantile(powers, 0.1, axis=0)
@@ -98,6 +113,12 @@ def _rises(take: Take) -> Index:
     peaks = flux == maximum_filter1d(flux, 2 * round(_APART / _STEP) + 1)
     usual = median_filter(flux, round(_USUAL / _STEP) // 2 * 2 + 1)
     return (np.flatnonzero(peaks & (flux > usual + _RISE)) + _LAG) * step - size // 2
+
+
+def _window_and_step(take: Take) -> tuple[int, int]:
+    """Return the length of a window and the step to the next, samples."""
+    size = 2 ** round(np.log2(_WINDOW * take.sample_rate))
+    return size, max(1, round(_STEP * take.sample_rate))
 
 
 def _band_powers(channel: Array, size: int, step: int, take: Take) -> Array:
@@ -161,6 +182,8 @@ def _unpredicted(past: Array, now: Array) -> Array:
 
 LEAD_IN = 0.1  # least ambient sound before the first hit that shows the noise, s
 MARGIN = 0.005  # between ambient sound and hit, s
+# dB under the loudest block that a lead-in lies at least, and one that swells by more than so much
+_BELOW, _FAR_BELOW, _SWELLS = 5.0, 30.0, 10.0
 _FLAT, _TOPS = 4, 3  # samples of a flat top, and how many tops show clipping
 _FULL_SCALE = 0.98
 _QUIET = -50.0  # peak, dB of full scale
@@ -185,10 +208,19 @@ def clipped(take: Take) -> Mask:
 
 
 def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
-    """Return the samples before the first hit, (channels, n); none where it is not quiet there."""
+    """Return the samples before the first hit, (channels, n); none where it is not quiet there.
+
+    Ambient sound is softer than a hit, and stays as loud as it is: else it was played or said.
+    """
     first = hits[0].onset - round(MARGIN * take.sample_rate)
     before = take.samples[:, : max(first, 0)]
-    return before if before.shape[1] >= LEAD_IN * take.sample_rate else before[:, :0]
+    if before.shape[1] < LEAD_IN * take.sample_rate:
+        return before[:, :0]
+    levels = _levels(before, take.sample_rate)
+    loudest = float(_levels(take.samples, take.sample_rate).max())
+    swells = float(levels.max() - np.median(levels)) > _SWELLS
+    loud = float(levels.max()) > loudest - (_FAR_BELOW if swells else _BELOW)
+    return before[:, :0] if loud else before
 
 
 def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
@@ -210,7 +242,8 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
 def _ending(take: Take, before: Array) -> Iterator[str]:
     """Yield what the end of a take beside its lead-in tells: cut short, or gain control."""
     softest = _softest(take)
-    levels, quiet = np.maximum(_levels(take), softest), _level(before)
+    levels = np.maximum(_levels(take.samples, take.sample_rate), softest)
+    quiet = _level(before)
     end = float(levels[-3:].mean())
     if quiet <= softest:  # digital silence: it tells nothing of the noise
         fallen = float(levels.max()) - end
@@ -248,10 +281,11 @@ def _clipping(take: Take) -> Iterator[str]:
         )
 
 
-def _levels(take: Take) -> Array:
-    size = max(1, round(_LEVEL_BLOCK * take.sample_rate))
-    count = take.samples.shape[1] // size
-    blocks = take.samples[:, : count * size].reshape(take.channels, count, size)
+def _levels(samples: Array, sample_rate: int) -> Array:
+    """Return the levels of blocks, dB."""
+    size = max(1, round(_LEVEL_BLOCK * sample_rate))
+    count = samples.shape[1] // size
+    blocks = samples[:, : count * size].reshape(len(samples), count, size)
     return 10 * np.log10((blocks**2).mean(axis=(0, 2)) + 1e-30)
 
 

@@ -43,8 +43,8 @@ def is_modal(samples: Array, every: int) -> bool:
 
 
 def test_only_noise_that_a_lead_in_has_shown_is_forgiven() -> None:
-    """Of a hit as loud as its noise; with the same noise from the hit on it is not modal."""
-    heard = scene(12, 0, np.random.default_rng(2), seconds=1.0).samples
+    """Of a hit 6 dB over its noise; with the same noise from the hit on it is not modal."""
+    heard = scene(12, 6, np.random.default_rng(2), seconds=1.0).samples
     after = fit(heard).verdict
     without = fit_poles(Take(samples=heard[:, LEAD - 100 :], sample_rate=RATE), onsets=[[0.0023]])
     assert after.modal

@@ -16,6 +16,7 @@ from struck.model.arrays import AnyComplex, Array, Index, Mask, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
+from struck.recordings.hum import of_hum, without_hum
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains
@@ -29,11 +30,19 @@ from struck.recordings.poles.selection import (
     weed,
 )
 from struck.recordings.poles.uncertainty import standard_errors
-from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict, doubtful, judge, proven
+from struck.recordings.poles.verdict import (
+    MODAL_MARGIN,
+    ModalVerdict,
+    doubtful,
+    judge,
+    proven,
+    unexplained,
+)
 from struck.recordings.segments import Row, Segment, cut, joined
 from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
 
 _CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
+_NAMED = 16  # tones
 CLEAR = 10 * np.log10(2 * _CLEAR)  # the same over the noise's energy in a sample, dB
 
 
@@ -114,17 +123,19 @@ def fitted_of(
     verdict: ModalVerdict,
     notes: list[str],
     *,
+    hum: Array,
     measured: bool = False,
 ) -> Fitted:
     """Return a fit with its errors, without tones of the surroundings and earlier hits.
 
     Where modes are to be `measured`, weak ones are left out, too.
     """
-    surrounding = ambient(segments, heard)
+    surrounding = ambient(segments, heard) | of_hum(hum, heard)
     errors = standard_errors(segments, heard)
     weak = _weak(segments, heard) & ~surrounding if measured else np.zeros_like(surrounding)
-    if surrounding.any():
-        tones = ", ".join(f"{each:.1f}" for each in heard.frequencies[surrounding])
+    lines = np.unique(np.concatenate((heard.frequencies[surrounding], hum[:, 0])).round(1))
+    if lines.size:
+        tones = ", ".join(f"{each:.1f}" for each in lines[:_NAMED])
         notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
     if weak.any():
         lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
@@ -411,24 +422,26 @@ def fit_poles(
     if not takes or (budget is not None and budget < 1):
         raise OptionError(f"{len(takes)} takes, budget {budget}: give at least 1 of each")
     require_one_rate(takes)
-    microphones = [without_force(take) for take in takes]
+    microphones, tones = zip(*(without_hum(without_force(take)) for take in takes), strict=True)
+    hum = np.concatenate(tones)
     hits = _hits(microphones, onsets)
     doubts = [
         doubtful(*each) if onsets is None else [] for each in zip(microphones, hits, strict=True)
     ]
     whole = budget is not None if attack is None else attack
 
-    def fit(hits: list[list[Hit]], stage: str = "") -> Fitted:
+    def fit(hits: Sequence[Sequence[Hit]], stage: str = "") -> Fitted:
         segments, rows = joined(cut(microphones, hits, attack=whole))
         each = partial(_kept_as, kept, stage)
         if method == "shared":
             ringing = search(segments, budget=budget, progress=progress, kept=each)
         else:
             ringing = each(method, lambda: by_corbett2007(segments, budget))
-        verdict = judge(segments, rows, ringing)
+        outside = [] if onsets is not None else list(map(unexplained, microphones, hits))
+        verdict = judge(segments, rows, ringing, outside)
         notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
         measured = method == "shared" and budget is None
-        return fitted_of(segments, rows, ringing, verdict, notes, measured=measured)
+        return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)
 
     fitted = _by_evidence(fit, microphones, hits, doubts) if any(doubts) else fit(hits)
     fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
@@ -442,8 +455,8 @@ def _kept_as(
 
 
 def _by_evidence(
-    fit: Callable[[list[list[Hit]], str], Fitted],
-    takes: list[Take],
+    fit: Callable[[Sequence[Sequence[Hit]], str], Fitted],
+    takes: Sequence[Take],
     hits: list[list[Hit]],
     doubts: list[list[Hit]],
 ) -> Fitted:
@@ -507,7 +520,7 @@ def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
     return tuple(replace(row, channel=int(channels[row.take][row.channel])) for row in rows)
 
 
-def _hits(takes: list[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
+def _hits(takes: Sequence[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
     if onsets is None:
         return [find_hits(take) for take in takes]
     if np.ndim(onsets) == 0 or any(np.ndim(own) == 0 for own in onsets):

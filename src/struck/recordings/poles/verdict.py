@@ -9,7 +9,7 @@ import numpy as np
 
 from struck.model.arrays import Array
 from struck.model.exponentials import Exponentials
-from struck.recordings.onsets import Hit
+from struck.recordings.onsets import Hit, lead_in
 from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.segments import Row, Segment
 from struck.recordings.takes import Take
@@ -33,16 +33,25 @@ class ModalVerdict:
     takes: tuple[float, ...] = ()  # signal to misfit of each take, dB
 
 
-def judge(segments: Sequence[Segment], rows: Sequence[Row], ringing: Exponentials) -> ModalVerdict:
+def judge(
+    segments: Sequence[Segment],
+    rows: Sequence[Row],
+    ringing: Exponentials,
+    outside: Sequence[float] = (),
+) -> ModalVerdict:
     """Return whether fitted modes make these segments modal.
 
     Only noise that a lead-in has shown is forgiven: what was guessed from a quiet moment may be
-    what the modes fail to explain.
+    what the modes fail to explain, as is the energy of each take `outside` of all segments.
     """
     signal = np.concatenate([(each.samples**2).sum(axis=1) for each in segments])
     left = np.concatenate([(each.residual(ringing) ** 2).sum(axis=1) for each in segments])
     noise = np.concatenate([_heard_noise(each) for each in segments])
     owners = np.array([row.take for row in rows])
+    for take, energy in enumerate(outside):
+        first = np.argmax(owners == take)
+        signal[first] += energy
+        left[first] += energy
     misfits = tuple(
         _decibels(signal[own].sum(), (left - noise)[own].sum())
         for own in (owners == take for take in np.unique(owners))
@@ -104,6 +113,13 @@ def _swelling(segments: Sequence[Segment]) -> float:
 
 def _decibels(above: float, below: float) -> float:
     return float(10 * np.log10(above / below)) if below > 0 else np.inf
+
+
+def unexplained(take: Take, hits: Sequence[Hit]) -> float:
+    """Return the energy of a take before its first hit, unless that is the quiet of a lead-in."""
+    if not hits or lead_in(take, hits).shape[1]:
+        return 0.0
+    return float((take.samples[:, : hits[0].onset] ** 2).sum())
 
 
 # Further hits of a take. A splice, a gust of noise or the end of a note rises in many bands, too. A
