@@ -71,9 +71,9 @@ def test_the_second_hit_of_a_flam_stays() -> None:
 
 
 def test_a_hit_is_proven_by_more_than_its_gains_cost() -> None:
-    """20 complex gains cost 2 x 20 ln 1000 = 276, and 1000 x 2 ln 1.148 is as much."""
-    left = [np.ones((1, 1000))]
-    worse, much_worse = ([factor * each for each in left] for factor in (1.13, 1.16))
+    """20 complex gains cost 2 x 20 ln 10000 = 368, and 10000 x 2 ln 1.0186 is as much."""
+    left = [np.random.default_rng(1).standard_normal((1, 10_000))]
+    worse, much_worse = ([factor * each for each in left] for factor in (1.017, 1.020))
     assert not proven(left, worse, 20)
     assert proven(left, much_worse, 20)
 

@@ -225,7 +225,7 @@ _WINDOWS = (
     (0.012, 900.0, 150, 8),
 )
 _ROUNDS = 4
-_BINS = 10  # that are searched in an auditory band under a budget
+_BINS = 12  # that are searched in an auditory band under a budget
 _LIKELY = 1e-6  # chance that noise makes a candidate
 _SPARE = 1.6  # of the budget until modes are refined
 _STEP = 0.85  # of the modes stay in a round of pruning

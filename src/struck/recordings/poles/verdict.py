@@ -145,9 +145,17 @@ def doubtful(take: Take, hits: Sequence[Hit]) -> list[Hit]:
 def proven(with_it: Sequence[Array], without: Sequence[Array], modes: int) -> bool:
     """Return whether residuals (C, n) with a hit are less than without by more than its gains cost.
 
-    By the Bayesian information criterion, of two real gains for each mode and channel.
+    By the Bayesian information criterion, of two real gains for each mode and channel, and as many
+    values as a residual of its bandwidth has that are independent.
     """
     before, after = (sum(float((each**2).sum()) for each in left) for left in (without, with_it))
-    values = sum(each.size for each in with_it)
-    cost = 2 * modes * len(with_it) * np.log(values)
+    values = sum(map(_independent, without))
+    cost = 2 * modes * len(with_it) * np.log(max(values, 2.0))
     return values * np.log(max(before, 1e-300) / max(after, 1e-300)) > cost
+
+
+def _independent(left: Array) -> float:
+    """Return the number of independent values: twice the bandwidth times the duration."""
+    powers = (np.abs(np.fft.rfft(left)) ** 2).sum(axis=0)
+    # Of white noise the squares of powers have twice the squared mean.
+    return float(left.size * 2 * powers.mean() ** 2 / max((powers**2).mean(), 1e-300))
