@@ -62,7 +62,9 @@ def described(
     """Return what a model holds, for people and machines, with a `last` line and more `facts`."""
     from struck.report.model_page import summary
 
-    rows = modes_rows(model.frequencies, model.t60, model.decays, model.errors)
+    own = model.of_object
+    errors = None if model.errors is None else model.errors[own]
+    rows = modes_rows(model.frequencies[own], model.t60[own], model.decays[own], errors)
     more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
     lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
     return Result(

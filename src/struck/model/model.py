@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError, OptionError
-from struck.model.arrays import Array, Index, checked, require_number, require_numbers
+from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Damping, Each, natural_at, ringing
 from struck.model.gains import (
@@ -163,6 +163,12 @@ class ModalModel:
     def recorded(self) -> bool:
         """Whether its contacts are coordinates of recordings, not points of a surface."""
         return self.geometry is None or not isinstance(self.gains, ShapeGains)
+
+    @property
+    def of_object(self) -> Mask:
+        """Which modes (M,) are the object's, not those that a fit spent on the blow."""
+        blow = self.provenance.details.get("blow", ())
+        return ~np.isin(np.arange(len(self.frequencies)), np.asarray(blow, int))
 
     @property
     def t60(self) -> Array:
@@ -389,7 +395,9 @@ class ModalModel:
     def _repr_html_(self) -> str:
         from struck.model.html import modes_table  # for notebooks alone
 
-        return modes_table(self.frequencies, self.t60, self.decays, self.errors)
+        own = self.of_object
+        errors = None if self.errors is None else self.errors[own]
+        return modes_table(self.frequencies[own], self.t60[own], self.decays[own], errors)
 
     def _stiffness(self, size: float = 1) -> Stiffness:
         return Stiffness(

@@ -16,7 +16,7 @@ from struck.errors import OptionError, RecordingError
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
-from struck.model.arrays import Array, Complex, checked
+from struck.model.arrays import Array, Complex, Mask, checked
 from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
 from struck.model.mesh import Mesh
@@ -265,7 +265,7 @@ def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
 
 def _by_natural_frequency(fitted: Fitted) -> Fitted:
     order = np.argsort(np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)), kind="stable")
-    names = ("frequencies", "decays", "frequency_errors", "decay_errors")
+    names = ("frequencies", "decays", "frequency_errors", "decay_errors", "blow", "vague")
     return replace(
         fitted,
         **{name: getattr(fitted, name)[order] for name in names},
@@ -353,7 +353,9 @@ def _provenance(
         "hits": hits,
         "channels": int(np.bincount(gathered.hits).max()),
         "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
-        "rank_error": _middle(getattr(gains, "rank_errors", None)),
+        "rank_error": _middle(getattr(gains, "rank_errors", None), ~fitted.blow),
+        "blow": np.flatnonzero(fitted.blow).tolist() or None,
+        "vague": np.flatnonzero(fitted.vague).tolist() or None,
     }
     references = _REFERENCES[method]
     if isinstance(gains, TimbreField):
@@ -366,9 +368,9 @@ def _provenance(
     )
 
 
-def _middle(errors: Array | None) -> float | None:
-    """Return the median of the finite errors."""
-    known = np.zeros(0) if errors is None else errors[np.isfinite(errors)]
+def _middle(errors: Array | None, own: Mask) -> float | None:
+    """Return the median of the finite errors of the object's own modes."""
+    known = np.zeros(0) if errors is None else errors[np.isfinite(errors) & own]
     return float(np.round(np.median(known), 5)) if known.size else None
 
 

@@ -184,6 +184,7 @@ LEAD_IN = 0.1  # least ambient sound before the first hit that shows the noise, 
 MARGIN = 0.005  # between ambient sound and hit, s
 # dB under the loudest block that a lead-in lies at least, and one that swells by more than so much
 _BELOW, _FAR_BELOW, _SWELLS = 5.0, 30.0, 10.0
+_BROAD = 0.03  # least share of the band that noise of such a level fills; of tones it is less
 _FLAT, _TOPS = 4, 3  # samples of a flat top, and how many tops show clipping
 _FULL_SCALE = 0.98
 _QUIET = -50.0  # peak, dB of full scale
@@ -210,7 +211,7 @@ def clipped(take: Take) -> Mask:
 def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
     """Return the samples before the first hit, (channels, n); none where it is not quiet there.
 
-    Ambient sound is softer than a hit, and stays as loud as it is: else it was played or said.
+    Ambient sound is noise or softer than a hit, and stays as loud as it is: else it was played.
     """
     first = hits[0].onset - round(MARGIN * take.sample_rate)
     before = take.samples[:, : max(first, 0)]
@@ -220,7 +221,9 @@ def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
     loudest = float(_levels(take.samples, take.sample_rate).max())
     swells = float(levels.max() - np.median(levels)) > _SWELLS
     loud = float(levels.max()) > loudest - (_FAR_BELOW if swells else _BELOW)
-    return before[:, :0] if loud else before
+    powers = (np.abs(np.fft.rfft(before)) ** 2).sum(axis=0)
+    broad = powers.mean() ** 2 > _BROAD * (powers**2).mean()
+    return before[:, :0] if loud and (swells or not broad) else before
 
 
 def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 # Headings of the table of modes
 MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (dB)")
+KIND = ("kind",)  # One more: whether a mode is of the blow, or vague
 PLACES = ("rank error (%)", "measured")  # Further ones, of gains over contacts and listeners
 ROOM = ("of the room",)  # One more, where the room's reverberation was told
 # Headings of the table of takes
@@ -116,9 +117,11 @@ def _with_rest(fitting: Fitting, hit: RenderedHit) -> RenderedHit:
 
 def _summary(fitting: Fitting) -> str:
     fitted, model = fitting.fitted, fitting.model
-    count = len(model.frequencies)
-    verdict, *meaning = verdict_lines(fitted.verdict, count)
-    lines = [*meaning, modes_line(model.frequencies, model.decays), _made_of(fitting)]
+    own = ~fitted.blow
+    verdict, *meaning = verdict_lines(fitted.verdict, len(own))
+    lines = [*meaning, modes_line(model.frequencies[own], model.decays[own]), _made_of(fitting)]
+    if not own.all():
+        lines.insert(2, f"{counted(np.count_nonzero(~own), 'further mode')} stand for the blow.")
     kind = "modal" if fitted.verdict.modal else "caution"
     told = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
     notes = list(dict.fromkeys((*fitted.notes, *model.provenance.dropped)))
@@ -219,6 +222,10 @@ def _modes(fitting: Fitting, first: RenderedHit) -> str:
     )
     seen += _drawing("How long each mode rings, over its frequency", rings)
     headings, rows = MODES, mode_table(fitted, known)
+    if (fitted.blow | fitted.vague).any():
+        headings += KIND
+        kinds = np.where(fitted.blow, "of the blow", np.where(fitted.vague, "vague", ""))
+        rows = [[*row, str(kind)] for row, kind in zip(rows, kinds, strict=True)]
     if fitting.survey is not None:
         headings += PLACES
         more = place_columns(*_ranks(fitting.model))

@@ -41,12 +41,15 @@ class Exhibit:
 def summary(model: ModalModel) -> list[str]:
     """Return what a model holds, a line each."""
     material = model.material
-    lines = [f"{len(model.frequencies)} modes, {_completeness(model)}"]
+    own = model.of_object
+    lines = [f"{np.count_nonzero(own)} modes, {_completeness(model)}"]
+    if not own.all():
+        lines.append(f"blow      {counted(np.count_nonzero(~own), 'further mode')} stand for it")
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
-    if model.errors is not None and np.isfinite(model.errors).any():
-        middle, worst = np.nanmedian(model.errors), np.nanmax(model.errors)
+    if model.errors is not None and np.isfinite(model.errors[own]).any():
+        middle, worst = np.nanmedian(model.errors[own]), np.nanmax(model.errors[own])
         lines.append(
             f"errors    half of the frequencies within {100 * middle:.2g} %, "
             f"all within {100 * worst:.2g} %"
@@ -67,7 +70,12 @@ def summary(model: ModalModel) -> list[str]:
         lines += _recorded(model)
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines.append(f"method    {model.provenance.method}")
-    lines += [f"          {name}: {value}" for name, value in model.provenance.details.items()]
+    details = model.provenance.details.items()
+    lines += [
+        f"          {name}: {len(value) if isinstance(value, list) else value}"
+        for name, value in details
+        if name != "blow"
+    ]
     return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
 
 

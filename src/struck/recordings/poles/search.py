@@ -21,6 +21,7 @@ from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.selection import (
+    LOWEST,
     ambient,
     energies,
     prune,
@@ -35,8 +36,10 @@ from struck.recordings.poles.verdict import (
     ModalVerdict,
     doubtful,
     judge,
+    of_blow,
     proven,
     unexplained,
+    vague,
 )
 from struck.recordings.segments import Row, Segment, cut, joined
 from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
@@ -73,6 +76,8 @@ class Fitted:
         Which row of `heard` each row is.
     verdict : Verdict
         Whether it is the sound of a struck object.
+    blow, vague : array (M,), bool
+        Which modes stand for the blow instead of the object, and which are known to 30 % at best.
     notes : tuple of str
         What a person should know: what is wrong with the takes, and what was left out.
     """
@@ -88,6 +93,8 @@ class Fitted:
     heard: Exponentials
     order: Index
     verdict: ModalVerdict
+    blow: Mask
+    vague: Mask
     notes: tuple[str, ...] = ()
 
     def heard_in(self, row: int) -> tuple[Array, Array]:
@@ -140,8 +147,10 @@ def fitted_of(
     if weak.any():
         lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
         notes = [*notes, f"too weak to be measured, left out of the model: {lost} Hz"]
-    kept = ~(surrounding | weak)
-    endless = np.count_nonzero((errors.decays > heard.decays) & kept)
+    blow = of_blow(segments, heard)
+    # What was to be measured is the object alone.
+    kept = ~(surrounding | weak | (blow & measured))
+    endless = np.count_nonzero((errors.decays > heard.decays) & kept & ~blow)
     if endless:
         notes = [*notes, f"{endless} modes ring for longer than the takes can tell: record longer"]
     own = heard.of(kept)
@@ -159,6 +168,8 @@ def fitted_of(
         heard=heard,
         order=order,
         verdict=verdict,
+        blow=blow[kept],
+        vague=vague(segments, own.decays, errors.decays[kept]),
         notes=tuple(notes),
     )
 
@@ -303,7 +314,7 @@ def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
     proven = weed(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
         proven = weed(noisy, refine(segments, proven, sweeps=2, steps=4))
-    return with_best_gains(segments, proven).by_frequency()
+    return with_best_gains(segments, proven.of(proven.frequencies > LOWEST)).by_frequency()
 
 
 def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:

@@ -60,7 +60,7 @@ def _energies(segment: Segment, ringing: Exponentials) -> tuple[Array, Array]:
 
 CHANCE = 2e-9  # that noise alone explains a mode: 16 dB of energy in one channel
 _COLLINEAR = 1e-3  # least share
-_LOWEST, _HIGHEST = 15.0, 0.49  # frequencies, Hz and of the sample rate
+LOWEST, _HIGHEST = 15.0, 0.49  # frequencies, Hz and of the sample rate
 _TOUCHING = 0.05  # squared correlation
 _SHARE = 2  # at most one in this many goes at once for the budget
 _PER_BAND = 4  # candidates
@@ -128,7 +128,7 @@ def prune(
 
 def _impossible(ringing: Exponentials, segments: Sequence[Segment], touching: Mask) -> Mask:
     highest = _HIGHEST * max(segment.sample_rate for segment in segments)
-    outside = (ringing.frequencies < _LOWEST) | (ringing.frequencies > highest)
+    outside = (ringing.frequencies < LOWEST) | (ringing.frequencies > highest)
     # A tone that never decays may be of the surroundings; one beside others makes up for a body
     # that changed from hit to hit.
     steady = ringing.decays < 1.01 * SLOWEST

@@ -1,4 +1,4 @@
-"""Verdict on a fit: whether it is the sound of a struck object, and which of its hits are real."""
+"""Verdict on a fit: whether something was struck, which hits are real, which modes the blow's."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from struck.model.arrays import Array
-from struck.model.exponentials import Exponentials
+from struck.model.arrays import Array, Mask
+from struck.model.exponentials import Exponentials, best_gains
 from struck.recordings.onsets import Hit, lead_in
 from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.segments import Row, Segment
@@ -113,6 +114,43 @@ def _swelling(segments: Sequence[Segment]) -> float:
 
 def _decibels(above: float, below: float) -> float:
     return float(10 * np.log10(above / below)) if below > 0 else np.inf
+
+
+# The blow itself is no sum of decaying tones, yet a budget of modes stands for the whole sound.
+# Those that stand for the blow add up to what is heard until the object is let go, and to nothing
+# afterwards: gains that are fitted anew from then on are not what they would have decayed to.
+
+_PUSHED, _SHORTEST_PUSH = 0.01, 5e-4  # s: longest time to the loudest moment, and least push
+_SMOOTHED = 5e-4  # s
+_CHANGED = 0.5  # of what a gain has decayed to
+_UNKNOWN = 0.3  # of its decay, or of what a take of that length can show
+
+
+def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+    """Return which modes (M,) stand for the blow of the hits, not for the object.
+
+    The push is over after twice the time to the loudest moment, as that of a half-sine is. What
+    has gone by 40 dB in twice the push is of the blow, too.
+    """
+    longest = _SHORTEST_PUSH
+    change, whole = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
+    for segment in segments:
+        rate = segment.sample_rate
+        energy = (segment.samples[:, : round(_PUSHED * rate)] ** 2).sum(axis=0)
+        loudest = int(uniform_filter1d(energy, max(1, round(_SMOOTHED * rate))).argmax())
+        later = max(2 * loudest, round(_SHORTEST_PUSH * rate))
+        longest = max(longest, later / rate)
+        decayed = ringing.gains[segment.rows] * np.exp(ringing.poles * later / rate)
+        found = best_gains(ringing.poles, segment.samples[:, later:], rate)
+        change += (np.abs(found - decayed) ** 2).sum(axis=0)
+        whole += (np.abs(decayed) ** 2).sum(axis=0)
+    return (change > _CHANGED**2 * whole) | (ringing.decays * 2 * longest > np.log(100))
+
+
+def vague(segments: Sequence[Segment], decays: Array, errors: Array) -> Mask:
+    """Return which modes have decays (M,), 1/s, that these standard errors hardly tell."""
+    duration = max(segment.duration for segment in segments)
+    return errors > _UNKNOWN * np.maximum(decays, 1 / duration)
 
 
 def unexplained(take: Take, hits: Sequence[Hit]) -> float:
