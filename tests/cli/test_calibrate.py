@@ -70,6 +70,7 @@ def test_what_is_found_is_said_as_a_material(pot: Path, capsys: pytest.CaptureFi
     assert main([*words, "--corrected", str(corrected)]) == 0
     text = capsys.readouterr().out
     assert "E/density" in text
+    assert "if the density is 7850 kg/m3" in text
     assert f"wrote {corrected}" in text
     given = text.split("--material ")[1].splitlines()[0]
     numbers = dict(part.split("=") for part in given.split(","))
@@ -83,7 +84,9 @@ def test_another_body_is_told(pot: Path, capsys: pytest.CaptureFixture[str]) -> 
     other = struck.analyze(shape, "glass", band=(20, 6000))
     struck.save(other, pot / "other.struck")
     assert main(["calibrate", str(pot / "other.struck"), str(pot / "tap0.wav")]) == 2
-    assert "check the shape and its size" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "check" in told
+    assert "shape" in told
 
 
 def never_fitted(*_: object, **__: object) -> None:

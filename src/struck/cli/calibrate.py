@@ -11,6 +11,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.files.model_file import is_model, model_path
+from struck.model.damping import Rayleigh
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
@@ -40,11 +41,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         output = model_path(options.corrected, unlike=[options.model, *options.recordings])
     model = struck.load(options.model)
     known = inferable(model, options.size_error)
-    if options.density is not None:
-        replace(known, density=options.density)  # refuses what no solid has
+    density = known.density if options.density is None else options.density
+    replace(known, density=density)  # refuses what no solid has
     fitted = _fitted(options.recordings, progress)
-    found = calibrated(fitted, model, size_error=options.size_error)
-    lines = [*found.summary(), f"--material {_as_argument(found, options.density)}"]
+    found = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
+    lines = [*found.summary(), f"--material {_as_argument(found)}"]
     written = {}
     if output is not None:
         struck.save(corrected(model, fitted), output)
@@ -70,12 +71,19 @@ def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalMo
     return struck.fit(recordings, modes=None, progress=progress)
 
 
-def _as_argument(found: Calibration, density: float | None) -> str:
-    """Return the material as the shell's other commands take it, its damping as a loss tangent."""
-    material = found.material(density)
+def _as_argument(found: Calibration) -> str:
+    """Return the material as the shell's other commands take it.
+
+    A law of Rayleigh's stays what it is; another one is told by its median loss tangent.
+    """
+    material = found.material()
     frequencies = found.model.natural_frequencies[found.pairing.computed]
     tangent = np.median(found.losses.law.decays(frequencies) / (np.pi * frequencies))
+    law = material.damping
+    losses = f"loss_tangent={tangent:.4g}"
+    if isinstance(law, Rayleigh):
+        losses = f"rayleigh_mass={law.mass:.6g},rayleigh_stiffness={law.stiffness:.6g}"
     return (
         f"density={material.density:g},youngs_modulus={material.youngs_modulus:.6g},"
-        f"poisson_ratio={material.poisson_ratio:.4f},loss_tangent={tangent:.4g}"
+        f"poisson_ratio={material.poisson_ratio:.4f},{losses}"
     )

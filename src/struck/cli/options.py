@@ -16,7 +16,7 @@ from struck.ears.room import Room
 from struck.errors import FileFormatError, MaterialError, OptionError
 from struck.files.atomic import read_bytes
 from struck.model.arrays import Array
-from struck.model.damping import InternalFriction
+from struck.model.damping import InternalFriction, Rayleigh
 from struck.model.material import Material
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def body_named(text: str) -> str | Solid:
 def material_named(text: str, damping: str = "own") -> Material:
     """Return a material by name, or by "density=...,youngs_modulus=...,poisson_ratio=...".
 
-    A `loss_tangent` may stand with them.
+    A `loss_tangent` may stand with them, or `rayleigh_mass` (1/s) and `rayleigh_stiffness` (s).
 
     Raises
     ------
@@ -90,7 +90,8 @@ def material_named(text: str, damping: str = "own") -> Material:
         return Material.named(text, damping)
     given = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
     wanted = ("density", "youngs_modulus", "poisson_ratio")
-    if not set(wanted) <= set(given) <= {*wanted, "loss_tangent"}:
+    law = ("rayleigh_mass", "rayleigh_stiffness")
+    if set(given) - {*wanted, "loss_tangent"} not in (set(), set(law)) or set(wanted) - set(given):
         raise MaterialError(
             f"{text!r} is no material: give {'=...,'.join(wanted)}=... and, if known, loss_tangent="
         )
@@ -98,11 +99,12 @@ def material_named(text: str, damping: str = "own") -> Material:
         values = {name: float(value) for name, value in given.items()}
     except ValueError:
         raise MaterialError(f"{text!r} holds no numbers: give SI units, as 7.2e10") from None
+    rayleigh = Rayleigh(mass=values[law[0]], stiffness=values[law[1]]) if law[0] in values else None
     return Material(
         density=values["density"],
         youngs_modulus=values["youngs_modulus"],
         poisson_ratio=values["poisson_ratio"],
-        damping=InternalFriction(loss_tangent=values.get("loss_tangent", 0.0)),
+        damping=rayleigh or InternalFriction(loss_tangent=values.get("loss_tangent", 0.0)),
     )
 
 

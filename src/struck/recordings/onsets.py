@@ -63,7 +63,7 @@ def _decays(take: Take, hit: Hit) -> bool:
     if hit.end - hit.start < max(_LASTING * take.sample_rate, 10 * size):
         return True
     sound = take.samples[:, hit.start : hit.end]
-    powers = sum(_band_powers(channel, size, step, take) for channel in sound)
+    powers = np.sum([_band_powers(channel, size, step, take) for channel in sound], axis=0)
     tenth = len(powers) // 10
     early, late = powers[:tenth].mean(axis=0), powers[-tenth:].mean(axis=0)
     return bool(early[early > _FALLS * late].sum() > early.sum() / 2)

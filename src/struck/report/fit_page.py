@@ -121,7 +121,9 @@ def _summary(fitting: Fitting) -> str:
     verdict, *meaning = verdict_lines(fitted.verdict, len(own))
     lines = [*meaning, modes_line(model.frequencies[own], model.decays[own]), _made_of(fitting)]
     if not own.all():
-        lines.insert(2, f"{counted(np.count_nonzero(~own), 'further mode')} stand for the blow.")
+        lines.insert(
+            2, f"{counted(int(np.count_nonzero(~own)), 'further mode')} stand for the blow."
+        )
     kind = "modal" if fitted.verdict.modal else "caution"
     told = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
     notes = list(dict.fromkeys((*fitted.notes, *model.provenance.dropped)))

@@ -44,7 +44,9 @@ def summary(model: ModalModel) -> list[str]:
     own = model.of_object
     lines = [f"{np.count_nonzero(own)} modes, {_completeness(model)}"]
     if not own.all():
-        lines.append(f"blow      {counted(np.count_nonzero(~own), 'further mode')} stand for it")
+        lines.append(
+            f"blow      {counted(int(np.count_nonzero(~own)), 'further mode')} stand for it"
+        )
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
