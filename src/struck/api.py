@@ -158,7 +158,7 @@ def fit(
     pitch: ArrayLike | None = None,
     geometry: Mesh | str | os.PathLike[str] | None = None,
     blow: Strike | None = None,
-    residual: bool = False,
+    residual: bool | None = None,
     force: bool = False,
     report: str | os.PathLike[str] | None = None,
     cache: bool | str | os.PathLike[str] = True,
@@ -203,8 +203,9 @@ def fit(
     blow : Strike, optional
         With which it was struck, by impulse and duration or by striker and speed. It is divided
         out, so that forces in N drive the model; without it gains hold the blow.
-    residual : bool
-        Keep the loudest hit's attack and noise, less its modes: `render` adds it to each strike.
+    residual : bool or None
+        Keep the loudest hit's attack and noise, less its modes: they sound with each strike. None:
+        where a band of the ear within 50 dB of the loudest would be over 6 dB short without them.
     force : bool
         Make a model even of what is not the ringing of a struck object.
     report : path, optional

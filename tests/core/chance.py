@@ -303,7 +303,8 @@ def _ears_memory(random: Random, lines: int, block: int, keep: Keep) -> tuple[An
 
 
 def _write(random: Random, record: ring.Record, bodies: int, block: int, *, first: bool) -> None:
-    for each in (record.loads, record.forces, record.drives, record.outputs, record.responses):
+    loads, sounds = (record.loads, record.forces), (record.beside, record.responses)
+    for each in (*loads, *sounds, record.drives, record.outputs):
         each[...] = random.standard_normal(each.shape)
     record.volume[0] = random.uniform(0, 1)
     record.poles[0], record.poles[1] = -1e-4, random.uniform(0, 3, record.poles.shape[1])

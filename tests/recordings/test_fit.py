@@ -227,7 +227,7 @@ def hissing() -> tuple[Take, Fitting, Fitting]:
     times = np.maximum(np.arange(len(clean)) / RATE - ONSET, 0)
     hiss = np.where(times > 0, np.exp(-40 * times), 0) * noise(len(clean), 6, 2)
     recorded = take(clean + hiss + noise(len(clean), 60, 3))
-    return recorded, fitting(recorded, residual=True), fitting(recorded)
+    return recorded, fitting(recorded, residual=True), fitting(recorded, residual=False)
 
 
 def test_what_modes_leave_is_played_with_a_strike(hissing: tuple[Take, Fitting, Fitting]) -> None:

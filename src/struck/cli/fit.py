@@ -54,7 +54,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--modes", default="64", help="not more than these, or all (default 64)")
     parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
     parser.add_argument(
-        "--residual", action="store_true", help="keep attack and noise beside the modes"
+        "--residual",
+        action=argparse.BooleanOptionalAction,
+        help="keep attack and noise beside the modes; unless said, where the ear would miss them",
     )
     parser.add_argument("--force", action="store_true", help="even of what nobody struck")
     parser.add_argument("--report", help="page that shows and plays recordings and model")
@@ -82,7 +84,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         **{name: getattr(options, name) for name in _SAME},
     )
     struck.save(fitting.model, output)
-    written = [f"wrote {output}"]
+    written = [_residual_line(fitting), f"wrote {output}, {output.stat().st_size / 1000:.0f} kB"]
     if report is not None:
         progress("report", 0.0)
         save_report(fitting, report)
@@ -117,6 +119,14 @@ def _room(text: str | None) -> float | str | None:
 
 def _blow(given: tuple[float, ...] | None) -> Strike | None:
     return None if given is None else Strike(impulse=given[0], duration=given[1])
+
+
+def _residual_line(fitting: Fitting) -> str:
+    rest = fitting.model.residual
+    short = f"a band of the ear is {fitting.short:.0f} dB short at most"
+    if rest is None:
+        return f"without a residual (attack and noise): {short}"
+    return f"with a residual (attack and noise), {rest.size / 1000:.0f} kB: without it {short}"
 
 
 def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:

@@ -15,6 +15,20 @@ enum { CONTINUE, COMPLETE }; /* answers to PortAudio */
 enum { OUTPUT_UNDERFLOW = 4 }; /* its flag */
 enum { STANDING_BITS = 32 }; /* so many times as long, a stretch does not move within a block */
 
+/* Add to each body what sounds beside its modes; where that is late, the last of it dies away. */
+static void add_beside(const struct arena *a, const struct memory *m, const struct record *r,
+                       int fresh) {
+  for (int64_t number = 0; number < m->bodies; number++) {
+    for (int64_t row = 0; row < m->rows; row++) {
+      const double *from = r->beside + (number * m->rows + row) * m->block;
+      double *restrict into = sound(m, number, row), *left = a->beside + number * m->rows + row;
+      for (int64_t k = 0; k < m->block; k++)
+        into[k] += fresh ? from[k] : *left * (double)(m->block - 1 - k) / (double)m->block;
+      *left = fresh ? from[m->block - 1] : 0.0;
+    }
+  }
+}
+
 /* Add up all bodies in the channels, points in turn. */
 static void mix(const struct memory *m, int64_t points, int64_t channels, double *outputs) {
   for (int64_t channel = 0; channel < channels; channel++) {
@@ -100,6 +114,7 @@ ENTRY void callback_sound(void *arena, const int64_t *integers, const double *re
   else
     record_hold(&m, &r);
   block_make(&m);
+  add_beside(a, &m, &r, fresh);
   for (int64_t i = 0; i < channels * m.block; i++) outputs[i] = 0.0;
   if (a->ears) {
     if (fresh) take_ways(a->ears, &r);

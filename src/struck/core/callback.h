@@ -18,6 +18,7 @@ struct arena {
   int64_t *wholes;
   int64_t points; /* of each body that are heard */
   double volume, peak; /* full scale per Pa at the end of the last block; loudest sample so far */
+  double *beside; /* the last sample beside each body's modes (bodies, points) */
   struct live_ears *ears; /* none where one point hears all */
 };
 

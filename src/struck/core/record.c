@@ -1,8 +1,8 @@
 /* Records of the host, taken over into the memory of all bodies.
 
    integers: voices (V, 3), bodies (B,), stretch (2,). reals: volume (1,), loads (V,), forces
-   (V, block), drives (V, width), outputs (2, points, N), poles (2, N), ways (2, paths, 3), responses
-   (paths, taps). N modes of all bodies, V voices but the silent one. */
+   (V, block), beside (B, points, block), drives (V, width), outputs (2, points, N), poles (2, N), ways (2,
+   paths, 3), responses (paths, taps). N modes of all bodies, V voices but the silent one. */
 #include "record.h"
 
 #include <math.h>
@@ -16,7 +16,8 @@ struct record record_of(const struct memory *m, const int64_t *integers, const d
   r.volume = reals;
   r.loads = r.volume + 1;
   r.forces = r.loads + r.voices;
-  r.drives = r.forces + r.voices * m->block;
+  r.beside = r.forces + r.voices * m->block;
+  r.drives = r.beside + m->bodies * points * m->block;
   r.outputs = r.drives + r.voices * m->width;
   r.poles = r.outputs + 2 * points * m->modes;
   r.ways = r.poles + 2 * m->modes;

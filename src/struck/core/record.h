@@ -14,7 +14,7 @@ enum { NEW_WAYS, SINCE, STRETCH };
 struct record {
   int64_t voices, points; /* voices that a record speaks of; output points of a body */
   const int64_t *voice, *body, *stretch;
-  const double *volume, *loads, *forces, *drives, *outputs, *poles, *ways, *responses;
+  const double *volume, *loads, *forces, *beside, *drives, *outputs, *poles, *ways, *responses;
 };
 
 /* Views of a slot; struck.live.ring lays it out. */

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -196,6 +196,28 @@ class Strike:
         noise = np.random.default_rng(int(self.seed)).standard_normal(len(window))
         strength = self.transient * blow.impulse * sample_rate
         return strength * noise * window / np.linalg.norm(window)
+
+
+def after_attack(strike: Strike, model: ModalModel) -> Strike:
+    """Return the strike as its modes feel it: later by the attack that leads up to them."""
+    lead = 0.0 if model.residual is None else model.residual.lead
+    return replace(strike, time=strike.time + lead) if lead else strike
+
+
+def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Samples | None:
+    """Return the sound of a recorded model beside its modes at 1 m; None without a residual."""
+    if model.residual is None:
+        return None
+    blow = strike.resolved(model, model.contact(strike.at, strike.direction))
+    samples = model.residual.samples(round(sample_rate), int(strike.seed))
+    if not blow.duration:
+        return Samples(first=round(strike.time * sample_rate), force=blow.impulse * samples)
+    # A longer push than the recorded one takes its treble off, as it does with the modes.
+    pulse = strike.pulse(blow, sample_rate)
+    from scipy.signal import oaconvolve
+
+    whole = np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
+    return Samples(first=pulse.first, force=whole)
 
 
 def _together(one: Samples, other: Samples) -> Samples:

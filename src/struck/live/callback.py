@@ -29,12 +29,14 @@ class Arena(ctypes.Structure):
 
     volume: float
     peak: float
+    last: Array  # of what sounds beside each body's modes
     _fields_ = (
         ("reals", ctypes.c_void_p),
         ("wholes", ctypes.c_void_p),
         ("points", ctypes.c_int64),
         ("volume", ctypes.c_double),  # at the end of the last block
         ("peak", ctypes.c_double),  # the loudest sample so far, before the limiter
+        ("beside", ctypes.c_void_p),
         ("ears", ctypes.POINTER(EarsMemory)),
     )
 
@@ -45,7 +47,11 @@ def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Aren
     reals, wholes = (numbers.ctypes.data for numbers in bank.numbers)
     heard = ctypes.pointer(ears.memory) if ears else None
     points = ears.points if ears else 1
-    return Arena(reals=reals, wholes=wholes, points=points, volume=volume, ears=heard)
+    last = np.zeros((len(bank.memory.bodies), points))
+    places = {"reals": reals, "wholes": wholes, "beside": last.ctypes.data}
+    made = Arena(**places, points=points, volume=volume, ears=heard)
+    made.last = last  # kept, as the callback has but its address
+    return made
 
 
 class _Places(ctypes.Structure):

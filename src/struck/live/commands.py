@@ -10,7 +10,7 @@ import heapq
 import threading
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from operator import itemgetter
@@ -22,10 +22,10 @@ from struck.ears.listeners import Course3, Listener, Trajectory, is_listener, po
 from struck.ears.orientation import Orientation, Turning
 from struck.ears.propagation import aside
 from struck.errors import OptionError
-from struck.excitation.excitation import Hold, Pushing, drive
+from struck.excitation.excitation import Excitation, Hold, Pushing, drive
 from struck.excitation.friction import Tool
 from struck.excitation.pulses import LEAD, Samples
-from struck.excitation.strike import Strike
+from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.excitation.touch import Touching, TouchLog, Update
 from struck.live.callback import arena
 from struck.live.ears import FARTHEST, LiveEars
@@ -35,10 +35,11 @@ from struck.model.arrays import Array, Complex, Index, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 from struck.scene.body import Body, away_from, centre_of, place_beside, radius_of, unknowns
+from struck.scene.render import render
 from struck.scene.sustained_contact import Rub
 from struck.synth.memory import BodyColumn
 from struck.synth.poles import Poles, require_session, with_recoil
-from struck.synth.resonators import Resonators, Stepped
+from struck.synth.resonators import Stepped
 
 Kept = TypeVar("Kept")
 STRIKE_PEAK = 10 ** (-12 / 20)  # of full scale: peak of a default strike
@@ -48,7 +49,7 @@ MOST_PLANNED = 65_536  # that may wait for a moment of their own
 LAST_MOMENT = 1e6  # s
 MOST_AHEAD = 64  # blocks that may be kept ready
 _KEPT = 256  # contacts, and drives, that are not looked up again
-_LISTENED, _BLOCK = 0.25, 256  # s and samples a block of the strike that sets the loudness
+_LISTENED = 0.25  # s of the strike that sets the loudness
 
 
 class Host:
@@ -86,6 +87,11 @@ class Host:
         self.error = LastError()
         self._voices = Voices(voices, self.error)
         self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
+        # Sound beside the modes of each body at each point.
+        self._residuals: dict[tuple[int, int], Blows] = {}
+        # States of each body's modes under 1 N and their outputs as of now, and both multiplied.
+        self._ringing: dict[int, tuple[Complex, Complex]] = {}
+        self._steady: dict[int, Complex] = {}
         self.queue = CommandQueue(clock, block=block, sample_rate=sample_rate, error=self.error)
         self._changing = threading.Lock()  # bodies, hands and listener, and the order of changes
         self._poles: dict[int, Complex] = {}
@@ -152,9 +158,10 @@ class Host:
         """Return a body; OptionError where there is none of that name or number."""
         return self._bodies[self.number(body)]
 
-    def strike(self, body: int, drive: Array, pulse: Samples, moment: float | None) -> None:
-        """Strike a body with a pulse whose first sample counts from now, or from a moment, s."""
-        self._say(lambda sample: self._strike(body, drive, pulse, sample), moment)
+    def strike(self, body: int, strike: Strike, moment: float | None) -> None:
+        """Strike a body; the time of the strike counts from now, or from a moment, s."""
+        blow = PlannedBlow.of(self.body(body), strike, self._rate)
+        self._say(lambda sample: self._strike(body, blow, sample), moment)
 
     def _say(self, command: Command, moment: float | None) -> None:
         """Queue a command for now, or for a moment on the player's clock, s."""
@@ -169,11 +176,26 @@ class Host:
         require_number("moment", moment, 0.0, LAST_MOMENT, wanted=wanted)
         return round(moment * self._rate)
 
-    def start(self, body: int, started: Started, kind: type) -> None:
+    def start(self, body: int, excitation: Excitation) -> Started:
         """Start an excitation with the next block; it has ended at once where there is no room."""
-        self._done[body, kind] = None
-        if not self.queue.add(lambda _: self._add(started, body, started) or started.end()):
+        model, rest, ideal = self.body(body).model, None, False
+        if isinstance(excitation, Strike):
+            blow = PlannedBlow.of(self.body(body), excitation, self._rate)
+            rest, ideal = blow.residual, blow.ideal
+            excitation = after_attack(excitation, model)
+        pushing = excitation.begin(model, self._rate, start=-LEAD)
+        started = Started(pushing, self._rate, ideal=ideal)
+        self._done[body, type(excitation)] = None
+
+        def begin(_: int) -> None:
+            if self._add(started, body, started):
+                self._add_residual(body, rest, self.now)
+            else:
+                started.end()
+
+        if not self.queue.add(begin):
             started.end()
+        return started
 
     def touching(self, body: int, finger: int, tool: Tool | None) -> tuple[Touching, Notes]:
         """Return a touch and the notes of its updates; the first call begins it."""
@@ -222,14 +244,12 @@ class Host:
 
     def blow(self, body: str, strike: Strike) -> Callable[[int], None]:
         """Return what plans a strike, given the sample from which its time counts."""
-        number, model = self._numbers[body], self.body(body).model
-        contact = model.contact(strike.at, strike.direction)
-        pulse = strike.pulse(strike.resolved(model, contact), self._rate)
-        drives = drive(model, contact, radius=strike.patch)
+        number = self._numbers[body]
+        blow = PlannedBlow.of(self.body(body), strike, self._rate)
 
         def plan(zero: int) -> None:
-            first = zero + LEAD + pulse.first
-            self.queue.plan(first, lambda _: self._strike(number, drives, pulse, zero))
+            first = zero + LEAD + blow.first
+            self.queue.plan(first, lambda _: self._strike(number, blow, zero))
 
         return plan
 
@@ -322,7 +342,12 @@ class Host:
         record = self._layout.record(integers, reals)
         record.volume[0] = self.gain
         self._write_bodies(record)
-        self._voices.write(record)
+        record.beside[:] = 0.0
+        self._voices.write(record, self._steady)
+        for place, sounds in self._residuals.items():
+            heard = sounds.advance(self._block)
+            if heard is not None:
+                record.beside[place] += heard.force
         if self._ears is not None:
             self._ears.write(record)
         self.now += self._block
@@ -339,21 +364,47 @@ class Host:
             for point, heard in enumerate(outputs):
                 self._put(record.outputs[:, point], body, heard)
             record.bodies[body] |= NEW_OUTPUTS | (FIRST_OUTPUTS if self._first else 0)
+        for body in self._poles.keys() | self._outputs.keys():
+            poles = self._bodies[body].free
+            held, outputs = self._ringing.get(body, (None, np.zeros((0, 0), np.complex128)))
+            if held is None or body in self._poles:
+                logs = self._poles.get(body, poles.values / self._rate)
+                held = poles.steady(logs, self._rate)
+            outputs = self._outputs.get(body, outputs)
+            self._ringing[body], self._steady[body] = (held, outputs), outputs * held
         self._poles, self._outputs, self._first = {}, {}, False
 
     def _put(self, places: Array, body: int, values: Complex) -> None:
         modes = slice(self._firsts[body], self._firsts[body] + len(values))
         places[0, modes], places[1, modes] = values.real, values.imag
 
-    def _strike(self, body: int, drive: Array, pulse: Samples, sample: int) -> None:
-        key = ("strike", body, id(drive))
+    def _strike(self, body: int, blow: PlannedBlow, sample: int) -> None:
+        key = ("strike", body, id(blow.drive), blow.ideal)
         blows = self._voices.find(key)
         if not isinstance(blows, Blows):
-            blows = Blows(drive, start=self.now)
+            blows = Blows(blow.drive, start=self.now, ideal=blow.ideal)
             if not self._add(blows, body, key):
                 return
+        pulse = blow.pulse
         if not blows.add(Samples(first=sample + LEAD + pulse.first, force=pulse.force)):
             self._dropped += 1
+            return
+        self._add_residual(body, blow.residual, sample)
+
+    def _add_residual(self, body: int, residual: Samples | None, sample: int) -> None:
+        """Let attack and noise of a strike sound, as strong as at the listener's place now."""
+        if residual is None:
+            return
+        if self._ears is None:
+            centre = centre_of(self._bodies[body].model)
+            distances = np.linalg.norm(self._place - centre, keepdims=True)
+        else:
+            distances = self._ears.distances(body)
+        for point, away in enumerate(distances):
+            place = body, point
+            sounds = self._residuals.setdefault(place, Blows(np.zeros(0), start=self.now))
+            later = Samples(first=sample + LEAD + residual.first, force=residual.force / away)
+            self._dropped += not sounds.add(later)
 
     def _touch(self, body: int, finger: int, update: Update, sample: int) -> None:
         touching, notes = self._touches[body, finger]
@@ -521,6 +572,34 @@ class PlayedBody:
         return far[0] * self.outputs((centre_of(self.model) + far)[None])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlannedBlow:
+    """A strike as it is played: its force, how modes answer, and its sound beside them at 1 m."""
+
+    drive: Array
+    pulse: Samples
+    ideal: bool  # without duration
+    residual: Samples | None
+
+    @classmethod
+    def of(cls, body: PlayedBody, strike: Strike, sample_rate: float) -> PlannedBlow:
+        """Plan a strike of a body."""
+        model, contact = body.model, body.contact(strike.at, strike.direction)
+        blow = strike.resolved(model, contact)
+        return cls(
+            drive=body.drive(contact, strike.patch),
+            pulse=after_attack(strike, model).pulse(blow, sample_rate),
+            ideal=not blow.duration,
+            residual=residual_of(strike, model, sample_rate),
+        )
+
+    @property
+    def first(self) -> int:
+        """Number of the first sample that anything is heard of it."""
+        begun = self.pulse.first
+        return begun if self.residual is None else min(begun, self.residual.first)
+
+
 class Notes:
     """The last updates of a touch, to be rendered offline."""
 
@@ -597,11 +676,5 @@ def full_scale(
 
 
 def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
-    outputs = [body.outputs(listener[None])]
-    modes = Resonators([body.model], sample_rate=sample_rate, block=_BLOCK, voices=1)
-    pushing = Strike().begin(body.model, sample_rate)
-    peak = 0.0
-    for _ in range(round(_LISTENED * sample_rate / _BLOCK)):
-        push = pushing.advance(_BLOCK)
-        peak = max(peak, float(np.abs(modes.process([push] if push else [], outputs)).max()))
-    return peak
+    rate = round(sample_rate)
+    return render(body.model, Strike(), seconds=_LISTENED, sample_rate=rate, listener=listener).peak

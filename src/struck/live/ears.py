@@ -286,6 +286,14 @@ class LiveEars:
         share, told = (since + self._block) / self._stretch, self._told[body]
         return told.before + share * (told.after - told.before)
 
+    def distances(self, body: int) -> Array:
+        """Return how far from its centre a body is heard by now (points,), m; 1 without a field."""
+        if body not in self.fields:
+            return np.ones(1)
+        self._place_bodies()
+        places = self.propagation.heard_at(body, self._sent / self._rate)
+        return np.linalg.norm(places - self._centres[body], axis=1)
+
     def _telling(self, body: int, toward: Callable[[Array], Complex]) -> _Told:
         self._place_bodies()
         places = self.propagation.heard_at(body, (self._sent + self._stretch) / self._rate)

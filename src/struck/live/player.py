@@ -21,7 +21,6 @@ from struck.ears.orientation import Turning
 from struck.errors import DeviceError, OptionError
 from struck.excitation.excitation import Excitation
 from struck.excitation.friction import Tool
-from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import callback, limiter
@@ -141,13 +140,10 @@ class Player:
         if not self._host.queue.have_room():
             return
         blow = Strike(**given) if strike is None else strike
-        number, struck = self._host.number(body), self._host.body(body)
         if blow.transient and moment is None:
             self.start(blow, body=body)
-            return
-        contact = struck.contact(blow.at, blow.direction)
-        pulse = blow.pulse(blow.resolved(struck.model, contact), self.sample_rate)
-        self._host.strike(number, struck.drive(contact, blow.patch), pulse, moment)
+        else:
+            self._host.strike(self._host.number(body), blow, moment)
 
     def start(self, excitation: Excitation, *, body: int | str = 0) -> Started:
         """Start any excitation; its `time` counts from now.
@@ -164,11 +160,7 @@ class Player:
             As for `strike`.
         """
         self._require_playing()
-        rate = self._outlet.sample_rate
-        pushing = excitation.begin(self._host.body(body).model, rate, start=-LEAD)
-        started = Started(pushing, rate)
-        self._host.start(self._host.number(body), started, type(excitation))
-        return started
+        return self._host.start(self._host.number(body), excitation)
 
     def touch(
         self,

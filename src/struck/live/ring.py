@@ -42,6 +42,7 @@ class Record(NamedTuple):
     volume: Array  # (1,): full scale per Pa, at the end of the block
     loads: Array  # (voices,): what each force settles at while the next record is late, N
     forces: Array  # (voices, block)
+    beside: Array  # (bodies, points, block): what sounds beside the modes of each
     drives: Array  # (voices, modes of the largest body)
     outputs: Array  # (2, points, N): real and imaginary parts, at the end of the block
     poles: Array  # (2, N): logarithm of a sample's factor, real and imaginary part
@@ -88,13 +89,15 @@ class Layout:
         """Number of reals in a record."""
         each_voice = 1 + self.block + self.width
         heard = self.paths * (2 * 3 + self.taps)
-        return 1 + self.voices * each_voice + (2 * self.points + 2) * self.modes + heard
+        each_mode, beside = 2 * self.points + 2, self.bodies * self.points * self.block
+        return 1 + self.voices * each_voice + beside + each_mode * self.modes + heard
 
     def record(self, integers: Index, reals: Array) -> Record:
         """Return the parts of the record that a slot holds."""
         voices, bodies, points, block = self.voices, self.bodies, self.points, self.block
         a = 1 + voices
-        b = a + voices * block
+        beside = a + voices * block
+        b = beside + bodies * points * block
         c = b + voices * self.width
         d = c + 2 * points * self.modes
         e = d + 2 * self.modes
@@ -105,6 +108,7 @@ class Layout:
             part(reals, 0, (1,)),
             part(reals, 1, (voices,)),
             part(reals, a, (voices, block)),
+            part(reals, beside, (bodies, points, block)),
             part(reals, b, (voices, self.width)),
             part(reals, c, (2, points, self.modes)),
             part(reals, d, (2, self.modes)),

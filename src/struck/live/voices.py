@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from struck.excitation.excitation import Changing, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.touch import Touching
 from struck.live.ring import BEGIN, MOVED, OF_BODY, ON, SILENT, STATE, Record
-from struck.model.arrays import Array
+from struck.model.arrays import Array, Complex
 from struck.model.model import ModalModel
 from struck.synth.poles import STRONGEST
 
@@ -23,8 +23,8 @@ _FADE = 5e-3  # s
 class Blows:
     """Excitation of all strikes at one place, each added as it comes."""
 
-    def __init__(self, drive: Array, *, start: int) -> None:
-        self.drive = drive
+    def __init__(self, drive: Array, *, start: int, ideal: bool = False) -> None:
+        self.drive, self.ideal = drive, ideal  # ideal: without duration
         self._now = start
         self._blows: list[Samples] = []
 
@@ -60,8 +60,8 @@ def _add(blow: Samples, force: Array, now: int) -> bool:
 class Started:
     """An excitation at work; `stop` lets it go within 5 ms."""
 
-    def __init__(self, pushing: Pushing, sample_rate: float) -> None:
-        self._pushing = pushing
+    def __init__(self, pushing: Pushing, sample_rate: float, *, ideal: bool = False) -> None:
+        self._pushing, self.ideal = pushing, ideal  # a blow without duration
         self._fade = max(1, round(_FADE * sample_rate))
         self._left: int | None = None
 
@@ -166,14 +166,18 @@ class Voices:
                 except Exception as failure:  # noqa: BLE001 - raised for whoever plays
                     self._give_up(number, failure)
 
-    def write(self, record: Record) -> None:
-        """Write the forces of the next block, and the drives that have changed."""
+    def write(self, record: Record, steady: Mapping[int, Complex]) -> None:
+        """Write the forces of the next block, and the drives that have changed.
+
+        What is subtracted of each mode's output as the answer to a steady force, `steady`
+        (points, N) for 1 N, is given back to ideal blows: nothing of them is steady.
+        """
         record.voices[:] = SILENT
         for number, voice in enumerate(self._voices):
             if voice is None:
                 continue
             try:
-                done = _write(voice, number, record)
+                done = _write(voice, number, record, steady)
             except Exception as failure:  # noqa: BLE001 - of functions that were given, say
                 record.voices[number] = SILENT
                 self._give_up(number, failure)
@@ -195,12 +199,15 @@ class Voices:
         return voice
 
 
-def _write(voice: _Voice, number: int, record: Record) -> bool:
+def _write(voice: _Voice, number: int, record: Record, steady: Mapping[int, Complex]) -> bool:
     """Write the next block of a voice; tell whether the voice is free afterwards."""
     push = voice.pushing.advance(record.forces.shape[1])
     if push is not None:
         _require_sound(push, voice.drive, record.drives.shape[1])
         _put(push, voice, number, record)
+        if getattr(voice.pushing, "ideal", False):
+            answers = steady[voice.body][:, : len(push.drive)] @ push.drive
+            record.beside[voice.body, : len(answers)] += np.outer(answers.imag, push.force)
     voice.drive = None if push is None else push.drive
     rests = push is None and isinstance(voice.pushing, Touching) and voice.pushing.at_rest
     return rests or voice.pushing.finished

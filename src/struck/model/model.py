@@ -225,19 +225,25 @@ class ModalModel:
 
     @checked
     def damped(self, damping: Damping) -> ModalModel:
-        """Return a copy with other losses; overdamped modes are dropped and counted."""
+        """Return a copy with other losses; overdamped modes are dropped and counted.
+
+        The noise of a residual decays by the law, too; its attack stays.
+        """
         every = damping.decays(self.natural_frequencies)
         kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
-        lost = len(every) - len(kept)
+        lost, residual = len(every) - len(kept), self.residual
+        notes = (f"{lost} modes are overdamped and do not ring",) if lost else ()
+        if residual is not None:
+            residual = residual.damped(damping)
+            notes += ("the noise of its residual decays by the new law, its attack is as recorded",)
         model = self._chosen(kept, self._stiffness()) if lost else self
         return replace(
             model,
             frequencies=ringing(model.natural_frequencies, every[kept]),
             decays=every[kept],
             material=None if self.material is None else self.material.damped(damping),
-            provenance=self.provenance.extended(
-                dropped=(f"{lost} modes are overdamped and do not ring",) if lost else ()
-            ),
+            residual=residual,
+            provenance=self.provenance.extended(dropped=notes),
         )
 
     @checked
@@ -430,6 +436,9 @@ class ModalModel:
             chart=None if self.chart is None else self.chart.scaled(size),
             residual=None,
             recoil=None if self.recoil is None else self.recoil.changed(size, density),
+            provenance=self.provenance.extended(
+                dropped=() if self.residual is None else (_RESIDUAL_LEFT,)
+            ),
         )
         return model.damped(Each(rates=model.decays) if material is None else material.damping)
 
@@ -447,6 +456,9 @@ class ModalModel:
             poisson_slopes=None if slopes is None else slopes[kept],
             errors=None if errors is None else errors[kept],
         )
+
+
+_RESIDUAL_LEFT = "its residual (attack and noise), which is of the recorded size and material"
 
 
 def _require_modes(model: ModalModel) -> None:

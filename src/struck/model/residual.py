@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from struck.errors import OptionError
 from struck.model.arrays import Array
+from struck.model.damping import Damping
 
 FADE = 0.01  # the attack goes over into the noise within this time, s
 _GONE, _LONGEST = math.log(1000), 10.0  # noise lasts until -60 dB, at most s
+_SLOWEST = 1e-3  # decay of noise, 1/s
 _FINEST = 48_000  # largest denominator of a ratio of sample rates
 _RATES = (1_000, 1_000_000)  # lowest and highest sample rate, Hz
 
@@ -70,8 +74,19 @@ class Residual:
                 f"{_RATES[1]} Hz, and no more than its {last:.4g} s"
             )
 
+    def damped(self, damping: Damping) -> Residual:
+        """Return a copy whose noise decays by another law; its attack stays."""
+        decays = damping.decays(np.sqrt(self.edges[1:] * np.maximum(self.edges[:-1], 1.0)))
+        return replace(self, decays=np.maximum(decays, _SLOWEST))
+
+    @property
+    def size(self) -> int:
+        """Bytes that it takes in a file."""
+        arrays = (self.attack, self.edges, self.levels, self.decays)
+        return sum(each.nbytes for each in arrays)
+
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
-        """Return the samples of the residual (n,), which begins `lead` before the modes.
+        """Return the samples that sound beside the modes, from `lead` before those on (n,), read-only.
 
         Parameters
         ----------
@@ -80,36 +95,41 @@ class Residual:
         seed : int
             Of the noise.
         """
-        attack = _resampled(self.attack.astype(np.float64), self.sample_rate, sample_rate)
-        noise = self._noise(sample_rate, seed)
-        if not noise.size:
-            return attack
-        start = max(0, len(attack) - round(FADE * sample_rate))
-        rising = np.sin(np.linspace(0, np.pi / 2, len(attack) - start)) ** 2
-        noise[: len(rising)] *= rising[: len(noise)]
-        whole = np.zeros(max(len(attack), start + len(noise)))
-        whole[: len(attack)] = attack
-        whole[start : start + len(noise)] += noise
-        return whole
+        return _sound(self, sample_rate, seed)
 
-    def _noise(self, sample_rate: int, seed: int) -> Array:
-        """Return the sum of all bands: each the same white noise, cut out and made to decay."""
-        heard = np.flatnonzero((self.levels > 0) & (self.edges[:-1] < sample_rate / 2))
-        if not heard.size:
-            return np.zeros(0)
-        seconds = min(_GONE / float(self.decays[heard].min()), _LONGEST)
-        times = np.arange(max(1, round(seconds * sample_rate))) / sample_rate
-        spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(len(times)))
-        frequencies = np.fft.rfftfreq(len(times), 1 / sample_rate)
-        total = np.zeros(len(times))
-        for band in heard:
-            low, high = self.edges[band : band + 2]
-            inside = (frequencies >= low) & (frequencies < high)
-            noise = np.fft.irfft(spectrum * inside, len(times))
-            size = float(np.sqrt(np.mean(noise**2)))
-            if size:
-                total += self.levels[band] / size * noise * np.exp(-self.decays[band] * times)
-        return total
+
+@lru_cache(maxsize=8)  # strikes of one model mostly have one seed
+def _sound(residual: Residual, sample_rate: int, seed: int) -> Array:
+    attack = residual.attack.astype(np.float64)
+    attack = _resampled(attack, residual.sample_rate, sample_rate)
+    noise = _noise(residual, sample_rate, seed)
+    start = max(0, len(attack) - round(FADE * sample_rate))
+    rising = np.sin(np.linspace(0, np.pi / 2, len(attack) - start)) ** 2
+    noise[: len(rising)] *= rising[: len(noise)]
+    whole = np.zeros(max(len(attack), start + len(noise)))
+    whole[: len(attack)] = attack
+    whole[start : start + len(noise)] += noise
+    whole.setflags(write=False)
+    return whole
+
+
+def _noise(residual: Residual, sample_rate: int, seed: int) -> Array:
+    """Return the sum of all bands: each the same white noise, cut out and made to decay."""
+    heard = np.flatnonzero((residual.levels > 0) & (residual.edges[:-1] < sample_rate / 2))
+    lengths = np.minimum(_GONE / residual.decays, _LONGEST) * sample_rate
+    lengths = np.array([next_fast_len(1 + round(each), real=True) for each in lengths])
+    total = np.zeros(lengths[heard].max(initial=0))
+    white = np.random.default_rng(seed).standard_normal(len(total))
+    for band in heard:
+        length, (low, high) = lengths[band], residual.edges[band : band + 2]
+        frequencies = np.fft.rfftfreq(length, 1 / sample_rate)
+        inside = (frequencies >= low) & (frequencies < high)
+        noise = np.fft.irfft(np.fft.rfft(white[:length]) * inside, length)
+        falling = np.exp(-residual.decays[band] * np.arange(length) / sample_rate)
+        size = float(np.sqrt((noise * falling) @ (noise * falling) / (falling @ falling)))
+        if size:
+            total[:length] += residual.levels[band] / size * noise * falling
+    return total
 
 
 def _resampled(samples: Array, now: int, wanted: int) -> Array:

@@ -30,7 +30,7 @@ from struck.recordings.gain_table import Gathered
 from struck.recordings.hum import without_hum
 from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
-from struck.recordings.residual_sound import may_be_of_room, remainder, reverberation
+from struck.recordings.residual_sound import SHORT, may_be_of_room, remainder, reverberation
 from struck.recordings.takes import Recorded, Recording, Take
 
 if TYPE_CHECKING:
@@ -56,7 +56,9 @@ class Fitting:
     room : array (M,), bool, or None
         Which modes the room may have; None where nobody told its reverberation.
     residual : Residual
-        Attack and noise of the loudest hit, which the model has where it was asked for.
+        Attack and noise of the loudest hit, which the model has where it was asked for or needed.
+    short : float
+        By how much a band of the ear is short without the residual, at most, dB.
     """
 
     model: ModalModel
@@ -66,6 +68,7 @@ class Fitting:
     lead: float
     room: NDArray[np.bool_] | None
     residual: Residual
+    short: float
 
 
 RECORDED = "recorded"  # default contact of a model from recordings
@@ -97,7 +100,7 @@ def fit_recordings(
     pitch: ArrayLike | None = None,
     geometry: Mesh | str | os.PathLike[str] | None = None,
     blow: Strike | None = None,
-    residual: bool = False,
+    residual: bool | None = None,
     force: bool = False,
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
@@ -126,7 +129,8 @@ def fit_recordings(
     fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, told, force=force)
     fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
-    made = _made(fitted, recorded, seconds, way, radius, method, residual=residual)
+    asked = residual if blow is None else False
+    made = _made(fitted, recorded, seconds, way, radius, method, residual=asked)
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
     if pitch is not None or surface is not None:
         model = model.charted(pitch=pitch, geometry=surface)
@@ -164,7 +168,7 @@ def _surface(path: str | os.PathLike[str]) -> Mesh:
     return load_surface(path)
 
 
-def _require_blow(blow: Strike | None, *, residual: bool) -> None:
+def _require_blow(blow: Strike | None, *, residual: bool | None) -> None:
     if blow is None:
         return
     if residual:
@@ -294,12 +298,13 @@ def _made(
     radius: float,
     method: str,
     *,
-    residual: bool,
+    residual: bool | None,
 ) -> Fitting:
     calm = replace(recorded, takes=tuple(without_hum(take)[0] for take in recorded.takes))
     gathered = Gathered.of(fitted, calm)
     survey, gains = _gains(gathered, recorded, way, radius)
-    rest = remainder(fitted, calm, gathered)
+    rest, short = remainder(fitted, calm, gathered)
+    asked = short > SHORT if residual is None else residual
     places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
     model = ModalModel(
         frequencies=fitted.frequencies,
@@ -311,7 +316,7 @@ def _made(
         errors=fitted.frequency_errors / fitted.frequencies,
         places=places,
         coordinates=() if survey is None else recorded.coordinates or ("u",),
-        residual=rest if residual else None,
+        residual=rest if asked else None,
         provenance=_provenance(fitted, recorded, gains, method, gathered),
     )
     return Fitting(
@@ -322,6 +327,7 @@ def _made(
         lead=gathered.lead,
         room=None if seconds is None else may_be_of_room(fitted.decays, seconds),
         residual=rest,
+        short=short,
     )
 
 

@@ -61,8 +61,10 @@ def _clapped(take: Take) -> float:
 
 
 ATTACK = 0.05  # s
-AUDIBLE = -20.0  # residual over sound from which noise bands help, dB
-_BREADTH = 2.0  # of a band, ERB
+HEARD = 0.5  # the first part of a hit, in which bands are compared, s
+SOFTEST = -50.0  # of bands that count, re the loudest one, dB
+SHORT = 6.0  # by which one of them falls short where a model needs its residual, dB
+_NOTICED = 10 ** (1 / 10)  # ratio of energies from which a band gets noise
 _LOWEST = 40.0  # Hz
 _FRAME = 0.01  # s
 _OVER_NOISE = 4.0
@@ -70,29 +72,67 @@ _FEWEST = 4
 _SLOWEST, _FASTEST = 1.0, 500.0  # 1/s
 
 
-def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> Residual:
-    """Return attack and noise that a fit leaves of its loudest hit, as heard from 1 m."""
+def band_energies(samples: Array, sample_rate: float, edges: Array) -> Array:
+    """Return the energies of the first half second in bands (B,) between edges (B + 1,), Hz."""
+    heard = np.append(samples[: round(HEARD * sample_rate)], 0.0)
+    fade = min(round(FADE * sample_rate), len(heard))
+    heard[len(heard) - fade :] *= np.cos(np.linspace(0, np.pi / 2, fade)) ** 2
+    powers = np.abs(np.fft.rfft(heard, 2 * len(heard))) ** 2 / len(heard)
+    places = np.fft.rfftfreq(2 * len(heard), 1 / sample_rate)
+    sums = np.append(0, np.cumsum(powers))
+    return np.diff(sums[np.searchsorted(places, edges)])
+
+
+def ear_bands(sample_rate: float) -> Array:
+    """Return the edges of bands of the ear, one ERB wide each, from 40 Hz on (B + 1,), Hz."""
+    low, high = erb_number([_LOWEST, 0.45 * sample_rate])
+    return frequency_of(np.linspace(low, high, 1 + max(1, round(high - low))))
+
+
+def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> tuple[Residual, float]:
+    """Return attack and noise that a fit leaves of its loudest hit, as heard from 1 m.
+
+    With them: by how many dB a band of the ear that counts is short without them, at most.
+    """
     row = loudest(fitted)
     rate = recorded.takes[fitted.rows[row].take].sample_rate
     original, left, lead = _left(fitted, recorded, gathered, row)
     length = min(round(ATTACK * rate), len(left))
-    attack = left[:length].copy()
     fade = min(round(FADE * rate), length)
+    attack = left[:length].copy()
     attack[length - fade :] *= np.cos(np.linspace(0, np.pi / 2, fade)) ** 2
-    edges = _edges(rate)
-    levels, decays = np.zeros(len(edges) - 1), np.full(len(edges) - 1, _FASTEST)
-    if 10 * np.log10(np.sum(left**2) / np.sum(original**2)) > AUDIBLE:
-        floor = fitted.noise_in(row, edges)
-        levels, decays = _bands(left[length - fade :], rate, edges, floor)
+    edges = ear_bands(rate)
+    floor = fitted.noise_in(row, edges)
+    modes = original - left
+    own, of_modes = _clear_of(floor, original, rate, edges), band_energies(modes, rate, edges)
+    counts = own > own.max() * 10 ** (SOFTEST / 10)
+    heard = slice(length - fade, round(HEARD * rate))  # noise goes on where the attack fades out
+    later = _clear_of(floor, original[heard], rate, edges)
+    covered = band_energies(modes[heard], rate, edges)
+    missing = np.where(counts & (later > _NOTICED * covered), later - covered, 0.0)
+    slowest = max(_SLOWEST, float(fitted.decays.min(initial=_FASTEST)))
+    decays = np.maximum(_decays(left[heard.start :], rate, edges, floor), slowest)
+    times = np.arange(max(1, len(original[heard]))) / rate
+    rising = np.sin(np.pi / 2 * np.minimum(times / FADE, 1)) ** 4
+    unit = np.exp(-2 * np.outer(decays, times)) @ rising
     distance = recorded.distance(fitted.rows[row].take, fitted.rows[row].channel)
-    return Residual(
+    residual = Residual(
         attack=(distance * attack).astype(np.float32),
         sample_rate=rate,
         lead=lead,
         edges=edges,
-        levels=distance * levels,
+        levels=distance * np.sqrt(missing / np.maximum(unit, 1e-300)),
         decays=decays,
     )
+    short = 10 * np.log10(own[counts] / np.maximum(of_modes[counts], 1e-12 * own[counts]))
+    return residual, float(short.max(initial=0.0))
+
+
+def _clear_of(floor: Array, samples: Array, sample_rate: float, edges: Array) -> Array:
+    """Return energies in bands less those of noise of this power (B,); 0 where noise may be all."""
+    energies = band_energies(samples, sample_rate, edges)
+    noise = floor * min(len(samples), round(HEARD * sample_rate))
+    return np.where(energies > _OVER_NOISE * noise, energies - noise, 0.0)
 
 
 def _left(
@@ -117,33 +157,29 @@ def loudest(fitted: Fitted) -> int:
     return int(np.argmax([(fitted.heard_in(row)[0] ** 2).sum() for row in range(len(fitted.rows))]))
 
 
-def _edges(sample_rate: int) -> Array:
-    low, high = erb_number([_LOWEST, 0.45 * sample_rate])
-    return frequency_of(np.linspace(low, high, 1 + max(1, round((high - low) / _BREADTH))))
-
-
-def _bands(left: Array, sample_rate: int, edges: Array, floor: Array) -> tuple[Array, Array]:
-    """Return initial levels and decays of the residual noise in bands."""
+def _decays(left: Array, sample_rate: int, edges: Array, floor: Array) -> Array:
+    """Return amplitude decay rates of the residual noise in bands, 1/s."""
     spectrum = np.fft.rfft(left)
     frequencies = np.fft.rfftfreq(len(left), 1 / sample_rate)
     size = round(_FRAME * sample_rate)
     count = len(left) // size
-    found = [(0.0, _FASTEST)] * (len(edges) - 1)
+    found = np.full(len(edges) - 1, _FASTEST)
     for band, (low, high) in enumerate(pairwise(edges)):
         inside = (frequencies >= low) & (frequencies < high)
         noise = np.fft.irfft(spectrum * inside, len(left))
         powers = (noise[: count * size].reshape(count, size) ** 2).mean(axis=1)
         found[band] = _decaying(powers, _FRAME, floor[band])
-    levels, decays = np.array(found).T
-    return levels, decays
+    return found
 
 
-def _decaying(powers: Array, step: float, floor: float) -> tuple[float, float]:
-    """Return level and amplitude decay rate of powers that fall into a noise floor."""
+def _decaying(powers: Array, step: float, floor: float) -> float:
+    """Return the amplitude decay rate of powers that fall into a noise floor."""
     below = np.flatnonzero(powers < _OVER_NOISE * floor)
     count = int(below[0]) if below.size else len(powers)
     if count < _FEWEST:
-        return 0.0, _FASTEST
+        return _FASTEST
     times = (np.arange(count) + 0.5) * step
-    slope, offset = np.polyfit(times, 0.5 * np.log(powers[:count]), 1)
-    return float(np.exp(offset)), float(np.clip(-slope, _SLOWEST, _FASTEST))
+    heard = np.maximum(powers[:count], 1e-300)
+    weights = (heard / heard.max()) ** 0.25  # what is loud counts
+    slope = np.polyfit(times, 0.5 * np.log(heard), 1, w=weights)[0]
+    return float(np.clip(-slope, _SLOWEST, _FASTEST))

@@ -21,14 +21,14 @@ from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
-from struck.excitation.strike import Strike
+from struck.excitation.pulses import Samples
+from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
-from struck.model.residual import Residual
 from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside, unknowns
-from struck.synth.poles import with_recoil
+from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
 if TYPE_CHECKING:
@@ -151,6 +151,8 @@ def _arriving(
     frequencies, decays = model.frequencies[kept], model.decays[kept]
     heard = [replace(pulse, gains=pulse.gains[kept]) for pulse in pulses]
     natural, cut = _length(frequencies, decays, heard)
+    residuals, end = _residuals(body, sample_rate)
+    natural = max(natural, end)
     driven = np.zeros(0)
     if others:
         whole = model.expanded()
@@ -164,7 +166,7 @@ def _arriving(
     samples[: len(driven)] += driven
     _add_recoil(samples, model, strikes, listener, sample_rate)
     away = np.array([np.linalg.norm(listener - centre_of(model))], np.float64)
-    samples += _residual_sound(body, lambda _time: away, sample_rate=sample_rate, length=length)[0]
+    _add_residuals(samples[None], residuals, lambda _time: away)
     told = _left_out(model, sample_rate) + notes + unknowns(model, map(type, actions))
     return samples, told + (cut if seconds is None else ())
 
@@ -328,9 +330,12 @@ class DrivenBody:
             for voice, each in enumerate(begun)
         ]
         self._waiting.sort(key=itemgetter(0), reverse=True)
+        # Of an ideal impulse, which many blows of recordings are, nothing is steady.
+        self._ideal = {n for n, e in enumerate(excitations) if _is_ideal(e, self.model)}
         self._raised = [hold.raised(self.model) for hold in self._holds]
         self._held: tuple[bool, ...] = (False,) * len(self._holds)
         self._decays = self.model.decays
+        self._stand()
 
     @property
     def _silent(self) -> bool:
@@ -363,8 +368,11 @@ class DrivenBody:
         if self.moving is not None:
             self.outputs = self.moving(self._now / self.sample_rate)
         given = first or self.moving is not None
-        samples = self._resonators.process(pushes, [self.outputs] if given else ())
-        return samples[0].copy()
+        samples = self._resonators.process(pushes, [self.outputs] if given else ())[0].copy()
+        for push in (push for push in pushes if push.voice in self._ideal):
+            answers = (self.outputs * self._steady)[:, : len(push.drive)]
+            samples += np.outer(np.imag(answers @ push.drive), push.force)
+        return samples
 
     def _take_holds(self) -> None:
         held = tuple(hold.holds_at(self._now / self.sample_rate) for hold in self._holds)
@@ -373,7 +381,12 @@ class DrivenBody:
             decays = np.sum([self.model.decays, *raised], axis=0)
             self._decays = np.asarray(decays, np.float64)
             self._resonators.change(0, replace(self.model, decays=self._decays))
+            self._stand()
             self._held = held
+
+    def _stand(self) -> None:
+        poles = Poles.of(replace(self.model, decays=self._decays), self.sample_rate)
+        self._steady = poles.steady(poles.values / self.sample_rate, self.sample_rate)
 
     def _length(self, at_least: float) -> int | None:
         """Return how many samples the sound has, None as long as something still pushes."""
@@ -392,54 +405,43 @@ class DrivenBody:
         return None
 
 
+def _is_ideal(excitation: Excitation, model: ModalModel) -> bool:
+    """Return whether it is a blow without duration."""
+    if not isinstance(excitation, Strike):
+        return False
+    contact = model.contact(excitation.at, excitation.direction)
+    return not excitation.resolved(model, contact).duration
+
+
 # Attack and noise of recorded models.
 
 
 def _after_attack(body: Body) -> list[Action]:
     """Return actions in which modes set in when the attack has led up to them."""
-    residual = body.sounding.residual
-    lead = 0.0 if residual is None else residual.lead
     return [
-        replace(each, time=each.time + lead) if isinstance(each, Strike) else each
+        after_attack(each, body.sounding) if isinstance(each, Strike) else each
         for each in body.actions
     ]
 
 
-def _residual_sound(
-    body: Body,
-    distances: Callable[[float], Array],  # of each row from the body at a time, s (rows,), m
-    *,
-    sample_rate: int,
-    length: int,
-) -> Array:
-    """Return attacks and noise of all strikes, as strong as at some distances (rows, length)."""
-    model = body.sounding
-    heard = np.zeros((len(distances(0.0)), length))
-    if model.residual is None:
-        return heard
-    for strike in (each for each in body.actions if isinstance(each, Strike)):
-        first, part = _residual_of(model, model.residual, strike, sample_rate)
-        begin, end = max(first, 0), min(first + len(part), length)
+def _residuals(body: Body, sample_rate: int) -> tuple[list[tuple[float, Samples]], float]:
+    """Return the times of strikes with what sounds beside their modes at 1 m, and its end, s."""
+    strikes = [each for each in body.actions if isinstance(each, Strike)]
+    every = [(each.time, residual_of(each, body.sounding, sample_rate)) for each in strikes]
+    heard = [(time, part) for time, part in every if part is not None]
+    end = max((part.first + len(part.force) for _, part in heard), default=0)
+    return heard, end / sample_rate
+
+
+def _add_residuals(
+    samples: Array, residuals: Sequence[tuple[float, Samples]], distances: Callable[[float], Array]
+) -> None:
+    """Add residuals to samples (rows, n), at distances (rows,), m, that a time, s, tells."""
+    for time, part in residuals:
+        begin, end = max(part.first, 0), min(part.first + len(part.force), samples.shape[1])
         if begin < end:
-            heard[:, begin:end] += np.outer(
-                1 / distances(strike.time), part[begin - first : end - first]
-            )
-    return heard
-
-
-def _residual_of(
-    model: ModalModel, residual: Residual, strike: Strike, sample_rate: int
-) -> tuple[int, Array]:
-    """Return the sample at which a strike's attack begins, and its sound at 1 m from there on."""
-    blow = strike.resolved(model, model.contact(strike.at, strike.direction))
-    samples = residual.samples(sample_rate, strike.seed)
-    if not blow.duration:
-        return round(strike.time * sample_rate), blow.impulse * samples
-    # A longer push than the recorded one takes its treble off, as it does with the modes.
-    pulse = strike.pulse(blow, sample_rate)
-    from scipy.signal import oaconvolve
-
-    return pulse.first, np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
+            heard = part.force[begin - part.first : end - part.first]
+            samples[:, begin:end] += np.outer(1 / distances(time), heard)
 
 
 # Bodies in space, heard by a listener.
@@ -525,12 +527,10 @@ def _sent_around(
         sample_rate=sample_rate,
         moving=outputs if moves else None,
     )
-    samples = driven.samples(seconds, at_least=0.0)
-    samples += _residual_sound(
-        body,
-        lambda time: np.linalg.norm(seen(time) - centre_of(model), axis=1),
-        sample_rate=sample_rate,
-        length=samples.shape[1],
+    residuals, end = _residuals(body, sample_rate)
+    samples = driven.samples(seconds, at_least=end)
+    _add_residuals(
+        samples, residuals, lambda time: np.linalg.norm(seen(time) - centre_of(model), axis=1)
     )
     told = _left_out(model, sample_rate)
     return samples, told + unknowns(model, map(type, body.actions))

@@ -87,6 +87,12 @@ class Poles:
         """How many modes were left out."""
         return int(np.count_nonzero(self.values == 0))
 
+    def steady(self, logarithms: Complex, sample_rate: float) -> Complex:
+        """Return what a constant unit force holds modes at, 0 for recoil, by their logarithms."""
+        held = held_states(logarithms, sample_rate)
+        held[self.modes :] = 0
+        return held
+
     def require_size(self, values: NDArray[np.generic], what: str) -> None:
         """Check that there is an entry for each mode (..., M), or for each pole."""
         if values.shape[-1] not in {self.modes, len(self.values)}:
@@ -110,6 +116,12 @@ class Poles:
         if not missing:
             return values
         return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)
+
+
+def held_states(logarithms: Complex, sample_rate: float) -> Complex:
+    """Return the states of modes under a constant unit force (M,), by their factors' logarithms."""
+    away = -np.expm1(logarithms) * sample_rate
+    return np.divide(1, away, out=np.zeros_like(away), where=logarithms != 0)
 
 
 def _require(name: str, values: Array, *, above: bool) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from struck.model.arrays import Array, Complex
-from struck.synth.poles import Key, Poles
+from struck.synth.poles import Key, Poles, held_states
 
 # Within a block c[k] = z^(k+1) c + the convolution of the force with z^k. Gains that change
 # linearly are two constant ones: of a force that fades out and one that fades in, of a sound
@@ -44,8 +44,7 @@ class Tabled:
         self._logs = poles.values / self._rate
         kept = self._logs != 0
         self._powers = np.exp(np.outer(np.arange(self._size + 1), self._logs)) * kept
-        held = -np.expm1(self._logs) * self._rate
-        self._held = np.divide(1, held, out=np.zeros_like(held), where=kept)
+        self._held = held_states(self._logs, self._rate)
 
     def next_block(self, pieces: Sequence[Piece], wanted: Complex | None) -> Array:
         """Return the next samples (points, block), with the outputs wanted at its end."""

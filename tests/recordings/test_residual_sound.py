@@ -1,0 +1,96 @@
+"""What a fit keeps beside its modes: as loud in each band of the ear as what was recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+import struck
+from struck import InternalFriction, Strike
+from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.takes import Take
+from tests.recordings.strings import ONSET, RATE, hit, noise, ringing, take
+from tests.recordings.strings import gains as gains_at
+
+Array = NDArray[np.float64]
+
+HISS = 30.0
+"""Decay of the hiss, 1/s."""
+
+
+def fitted(recorded: Take, **options: object) -> Fitting:
+    return fit_recordings(recorded, modes=6, cache=False, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def hissing() -> tuple[Take, Fitting]:
+    """Return a take of tones with a hiss 20 dB under them, and its fit as it is made unasked."""
+    clean = ringing(gains_at(np.array(0.05))[0])
+    times = np.maximum(np.arange(len(clean)) / RATE - ONSET, 0)
+    hiss = np.where(times > 0, np.exp(-HISS * times), 0) * noise(len(clean), 20, 2)
+    recorded = take(clean + hiss + noise(len(clean), 80, 3))
+    return recorded, fitted(recorded)
+
+
+def erb_levels(sound: Array, rate: int) -> tuple[Array, Array]:
+    """Return middles, Hz, and levels of the first half second in ERB bands, dB, by filters."""
+    numbers = np.arange(4, 33)
+    edges = (10 ** (numbers / 21.4) - 1) / 4.37e-3  # Glasberg & Moore 1990, eq. 4
+    heard = np.pad(sound[: rate // 2], (0, rate // 10))
+    bands = [
+        butter(4, [low, high], "band", fs=rate, output="sos")
+        for low, high in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    levels = [10 * np.log10(np.square(sosfilt(band, heard)).sum()) for band in bands]
+    return np.sqrt(edges[1:] * edges[:-1]), np.array(levels)
+
+
+def strike_of(made: Fitting, seconds: float = 0.6) -> Array:
+    sound = struck.render(made.model, Strike(), seconds=seconds, sample_rate=RATE)
+    return np.asarray(sound.samples[0], np.float64)
+
+
+def test_every_band_of_the_ear_is_as_loud_as_it_was(hissing: tuple[Take, Fitting]) -> None:
+    recorded, made = hissing
+    assert made.model.residual is not None  # nobody asked for it
+    assert made.short > 6
+    start = round(made.fitted.rows[0].onset * RATE)
+    _, original = erb_levels(recorded.samples[0, start:], RATE)
+    _, rendered = erb_levels(strike_of(made), RATE)
+    heard = original > original.max() - 50
+    assert np.abs(rendered - original)[heard].max() < 3
+
+
+def test_noise_decays_as_it_did(hissing: tuple[Take, Fitting]) -> None:
+    rest = hissing[1].model.residual
+    assert rest is not None
+    loud = (rest.levels > 0) & (rest.edges[:-1] > 5000)  # above all tones
+    assert np.count_nonzero(loud) > 5
+    assert np.median(rest.decays[loud]) == pytest.approx(HISS, rel=0.15)
+
+
+def test_what_modes_explain_alone_needs_no_residual() -> None:
+    made = fitted(hit(0.05))
+    assert made.model.residual is None
+    assert made.short < 3
+    assert fitted(hit(0.05), residual=True).model.residual is not None
+
+
+def test_another_size_leaves_the_residual_out_and_says_so(hissing: tuple[Take, Fitting]) -> None:
+    larger = hissing[1].model.scaled(2)
+    assert larger.residual is None
+    assert any("attack and noise" in note for note in larger.provenance.dropped)
+
+
+def test_another_damping_lets_the_noise_decay_by_its_law(hissing: tuple[Take, Fitting]) -> None:
+    before = hissing[1].model.residual
+    model = hissing[1].model.damped(InternalFriction(loss_tangent=0.01))
+    rest = model.residual
+    assert rest is not None
+    assert before is not None
+    middles = np.sqrt(rest.edges[1:] * rest.edges[:-1])
+    assert rest.decays == pytest.approx(np.pi * 0.01 * middles)
+    assert np.array_equal(rest.attack, before.attack)
+    assert any("noise of its residual" in note for note in model.provenance.dropped)
