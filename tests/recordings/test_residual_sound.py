@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -39,10 +41,7 @@ def erb_levels(sound: Array, rate: int) -> tuple[Array, Array]:
     numbers = np.arange(4, 33)
     edges = (10 ** (numbers / 21.4) - 1) / 4.37e-3  # Glasberg & Moore 1990, eq. 4
     heard = np.pad(sound[: rate // 2], (0, rate // 10))
-    bands = [
-        butter(4, [low, high], "band", fs=rate, output="sos")
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    bands = [butter(4, [low, high], "band", fs=rate, output="sos") for low, high in pairwise(edges)]
     levels = [10 * np.log10(np.square(sosfilt(band, heard)).sum()) for band in bands]
     return np.sqrt(edges[1:] * edges[:-1]), np.array(levels)
 
