@@ -294,10 +294,10 @@ def test_complex_gains_are_pairs_for_other_programs(tmp_path: Path) -> None:
     assert bits(tensors["field_gains"][..., 1]) == bits(made.gains.gains.imag)
 
 
-def harmonics(azimuth: float, polar: float) -> Array:
-    """Return the real spherical harmonics of the page (25,)."""
+def harmonics(azimuth: float, polar: float, degrees: int) -> Array:
+    """Return the real spherical harmonics of the page (degrees^2,)."""
     values = []
-    for degree in range(5):
+    for degree in range(degrees):
         for order in range(-degree, degree + 1):
             legendre = sph_harm_y(degree, abs(order), polar, 0.0).real
             turn = np.sin(-order * azimuth) if order < 0 else np.cos(order * azimuth)
@@ -315,6 +315,7 @@ def test_fields_are_read_by_what_the_page_says(name: str) -> None:
         tensors[each][..., 0] + 1j * tensors[each][..., 1]
         for each in ("field_parts", "field_corrections")
     )
+    count = len(parts_)
     contacts, places = points(made.gains)
     places[:2] *= 0.05  # within the limit, and close to the listener inside
     found = np.einsum("prm,lrm->plm", made.gains.at(contacts, NOWHERE), made.gains.toward(places))
@@ -328,13 +329,13 @@ def test_fields_are_read_by_what_the_page_says(name: str) -> None:
         drive = np.einsum("kp,kpn->n", likeness, tensors["field_factors"])
         x, y, z = place - gains["centre"]
         azimuth = np.arctan2(y, x) - (contact[1] if gains["turned"] else 0.0)
-        waves = harmonics(azimuth, np.arctan2(np.hypot(x, y), z))
+        waves = harmonics(azimuth, np.arctan2(np.hypot(x, y), z), count)
         if gains["turned"]:
-            waves *= np.array([m >= 0 for degree in range(5) for m in range(-degree, degree + 1)])
+            waves *= np.array([m >= 0 for top in range(count) for m in range(-top, top + 1)])
         r = np.linalg.norm([x, y, z])
         outside = max(r, gains["limit"])
-        waves *= (r / outside) ** np.repeat(np.arange(5), 2 * np.arange(5) + 1)
-        output = np.einsum("k,b,kbn->n", outside ** -np.arange(1.0, 6.0), waves, parts_)
+        waves *= (r / outside) ** np.repeat(np.arange(count), 2 * np.arange(count) + 1)
+        output = np.einsum("k,b,kbn->n", outside ** -np.arange(1.0, count + 1), waves, parts_)
         y = abs(y) if gains["mirrored"] else y
         here = [np.hypot(x, y), 0, z] if gains["turned"] else [x, y, z]
         d = np.linalg.norm(tensors["field_inside"] - here, axis=1) / gains["reach"]

@@ -132,8 +132,9 @@ def test_waves_by_angular_order_add_up() -> None:
     heard = chance.normal(size=(40, 2)) + 0j
     waves = SphericalWaves.of(places, heard, np.ones((40, 2)), np.full(2, 5.0), mirrored=True)
     ahead = waves.turned(places)
-    assert ahead.shape == (40, 2 * ORDER + 1, 2)
-    factors = np.array([1.0, *([1.0, 0.0] * ORDER)])
+    order = len(waves.parts) - 1
+    assert ahead.shape == (40, 2 * order + 1, 2)
+    factors = np.array([1.0, *([1.0, 0.0] * order)])
     np.testing.assert_allclose(np.einsum("r,lrm->lm", factors, ahead), waves.at(places))
 
 

@@ -30,7 +30,7 @@ from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.timbre_field import LENGTHS, ContactPart, Inside, ListenerPart, TimbreField
 from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, TimbreTable
-from struck.model.waves import ORDER, SphericalWaves
+from struck.model.waves import AXIAL, SphericalWaves
 
 # Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
 _LEAST, _MOST = 1 / FARTHEST, FARTHEST
@@ -99,6 +99,12 @@ def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
 
 def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
     levelled = _below(tensors["field_levelled"], 2, "field_levelled", "answers")
+    powers, harmonics = tensors["field_parts"].shape[:2]
+    if not 0 < powers <= AXIAL + 1 or harmonics != powers**2:
+        raise FileFormatError(
+            f"tensor 'field_parts' has {powers} powers and {harmonics} harmonics: it needs 1 to "
+            f"{AXIAL + 1}, and their square; save the model again"
+        )
     return ListenerPart(
         waves=SphericalWaves(
             parts=from_pairs(tensors["field_parts"]),
@@ -196,16 +202,15 @@ def _below(array: NDArray[np.uint32], count: int, name: str, things: str) -> Ind
 
 
 # By class. Lengths by letter: M modes, P contacts, Q listeners, D coordinates, I listeners inside
-# the body, N modes that were not measured, A and B combinations of nodes.
+# the body, N modes that were not measured, A and B combinations of nodes, K powers of the distance
+# and L = K^2 harmonics.
 FIELDS: dict[str, Kind] = {
     "TimbreField": Kind(
         made=TimbreField,
         layout={
             "field_contacts": Tensor("float64", ("P", "D"), "contact_part.contacts"),
             "field_factors": Tensor("float64", (len(LENGTHS), "P", "M"), "contact_part.factors"),
-            "field_parts": Tensor(
-                "float64", (ORDER + 1, (ORDER + 1) ** 2, "M", 2), "listener_part.waves.parts"
-            ),
+            "field_parts": Tensor("float64", ("K", "L", "M", 2), "listener_part.waves.parts"),
             "field_levelled": Tensor("uint32", ("M",), "listener_part.waves.levelled"),
             "field_inside": Tensor("float64", ("I", 3), "listener_part.inside.places"),
             "field_corrections": Tensor(

@@ -17,7 +17,6 @@ from struck.model.provenance import Provenance
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable, combinations
-from struck.model.waves import ORDER
 
 
 def unexpanded(gains: Gains) -> Gains:
@@ -52,8 +51,9 @@ def recorded_listeners(gains: Gains) -> Array | None:
         return None
     # A field keeps waves, not who heard them outside: 45 directions at the distance of the nearest
     # listener and at twice that, for how they fall. Listeners inside follow as they were.
-    nearest, inside = 2 * whole.listener_part.waves.limit, whole.listener_part.inside.places
-    return whole.centre + np.concatenate([_all_around(nearest), _all_around(2 * nearest), inside])
+    waves, inside = whole.listener_part.waves, whole.listener_part.inside.places
+    rings = [_all_around(far * waves.limit, len(waves.parts) - 1) for far in (2, 4)]
+    return whole.centre + np.concatenate([*rings, inside])
 
 
 def _gridded(table: TimbreTable) -> Array:
@@ -64,12 +64,12 @@ def _gridded(table: TimbreTable) -> Array:
     return (places[first] + table.centre) * table.size
 
 
-def _all_around(distance: float) -> Array:
-    """Return places (n, 3) that distinguish all waves up to `ORDER`."""
+def _all_around(distance: float, order: int) -> Array:
+    """Return places (n, 3) that distinguish all waves up to an order."""
     # Gauss-Legendre nodes in the cosine of the polar angle, equal steps in azimuth (E. G. Williams,
     # Fourier Acoustics, Academic Press, 1999, section 6.3).
-    heights, _ = np.polynomial.legendre.leggauss(ORDER + 1)
-    azimuths = np.arange(2 * ORDER + 1) * (2 * np.pi / (2 * ORDER + 1))
+    heights, _ = np.polynomial.legendre.leggauss(order + 1)
+    azimuths = np.arange(2 * order + 1) * (2 * np.pi / (2 * order + 1))
     polar, azimuth = np.meshgrid(np.arccos(heights), azimuths, indexing="ij")
     return from_spherical(distance, azimuth.ravel(), polar.ravel())
 

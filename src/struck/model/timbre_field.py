@@ -13,7 +13,7 @@ from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
 from struck.model.material import AIR
 from struck.model.survey import Survey, distinct, shares
-from struck.model.waves import ORDER, SphericalWaves
+from struck.model.waves import ORDER, SphericalWaves, azimuths_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -297,7 +297,7 @@ class ListenerPart:
     @property
     def rank(self) -> int:
         """How many products there are."""
-        return 2 * ORDER + 1 if self.turned else 1
+        return 2 * len(self.waves.parts) - 1 if self.turned else 1
 
     def at(self, places: Array) -> Complex:
         """Return outputs at places (L, 3) from the centre: (L, R, M)."""
@@ -337,6 +337,9 @@ def _closeness(some: Array, others: Array, reach: float) -> Array:
 # Errors of a part, over its root mean square, from which a mode counts as not measured, and from
 # which nothing of its listener part is used but the size.
 WORST, LOST = 0.1, 0.5
+# Energy by which listeners may be off when told by all others, over that heard, and how many
+# listeners it takes to judge so.
+_UNTOLD, _ENOUGH = 0.06, 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -345,7 +348,7 @@ class TimbreField(RecordedGains):
 
     The parts are interpolated separately: the contact part with its sign, the listener part with
     travel phase and 1/r taken out. A body round about the z axis that is struck all around has
-    2 ORDER + 1 products, one for each angular harmonic.
+    a product for each angular harmonic.
 
     Parameters
     ----------
@@ -359,7 +362,7 @@ class TimbreField(RecordedGains):
         How far gains are from a product, relative; NaN where that was not measured.
     unmeasured : array of int
         Modes of which a part is little known, as where the contact that most listeners heard has
-        a node. Those that drown in noise are heard alike from all sides, as loud as where they
+        a node, or where listeners are too few for a pattern. Those that drown in noise are heard alike from all sides, as loud as where they
         were recorded best.
     notes : tuple of str
         What a person should know: which modes are unmeasured, and the way out.
@@ -399,24 +402,27 @@ class TimbreField(RecordedGains):
         folded = survey.folded()
         parts = Separation.of(folded)
         part_errors = np.maximum(parts.drive_errors, parts.output_errors)
-        unmeasured = np.flatnonzero(~(part_errors < worst))
+        unclear = np.flatnonzero(~(part_errors < worst))
         outputs, weights = _levelled(parts, folded)
+        listener_part = ListenerPart.of(
+            folded.places,
+            outputs,
+            weights,
+            2 * np.pi * survey.frequencies / AIR.sound_speed,
+            radius=radius,
+            mirrored=survey.symmetry == "axial",
+            turned=survey.turns,
+        )
+        coarse = np.setdiff1d(_too_fine(folded, listener_part), unclear)
+        notes = (*_notes(survey, unclear, worst), *_grid_notes(folded, coarse, listener_part))
         return cls(
             contact_part=ContactPart.of(folded.contacts, parts.drives, parts.drive_errors),
-            listener_part=ListenerPart.of(
-                folded.places,
-                outputs,
-                weights,
-                2 * np.pi * survey.frequencies / AIR.sound_speed,
-                radius=radius,
-                mirrored=survey.symmetry == "axial",
-                turned=survey.turns,
-            ),
+            listener_part=replace(listener_part, waves=replace(listener_part.waves, errors=None)),
             centre=survey.centre,
             radius=radius,
             rank_errors=parts.rank_errors,
-            unmeasured=unmeasured,
-            notes=_notes(survey, unmeasured, worst),
+            unmeasured=np.union1d(unclear, coarse),
+            notes=notes,
             is_calibrated=survey.calibrated,
         )
 
@@ -470,7 +476,10 @@ class TimbreField(RecordedGains):
             )
         if not self.listener_part.turned:
             return self.contact_part.at(places)[:, None]
-        return self.contact_part.at(places[:, :1])[:, None] * _turns(places[:, 1])[:, :, None]
+        return (
+            self.contact_part.at(places[:, :1])[:, None]
+            * _turns(places[:, 1], self.rank // 2)[:, :, None]
+        )
 
     def toward(self, listeners: Array) -> Complex:
         """Return outputs at listeners (L, 3), relative to the arrival time r/c: (L, R, M).
@@ -538,8 +547,44 @@ def _notes(survey: Survey, unmeasured: Index, worst: float) -> tuple[str, ...]:
     return (note,)
 
 
-def _turns(azimuths: Array) -> Array:
-    """Return 1, cos a, sin a, cos 2 a ... (K, 2 ORDER + 1)."""
-    angles = azimuths[:, None] * np.arange(1, ORDER + 1)
+def _too_fine(survey: Survey, part: ListenerPart) -> Index:
+    """Return the modes whose listeners cannot tell each other's sound."""
+    if part.waves.errors is None or len(survey.places) - len(part.inside.places) < _ENOUGH:
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(part.waves.errors > _UNTOLD)
+
+
+def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
+    """Return what the places of listeners cannot tell, and those that it would take."""
+    notes: tuple[str, ...] = ()
+    around = azimuths_of(survey.places)
+    if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:
+        notes = (
+            f"listeners are at {around} azimuths from the contact: a mode of {around} waves or more "
+            f"around is taken for one of fewer; record at {2 * ORDER + 1} from 0 to 180 degrees",
+        )
+    if not len(coarse):
+        return notes
+    tones = survey.frequencies[coarse]
+    waves = 2 * np.pi * tones.max() / AIR.sound_speed * part.waves.limit
+    spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
+    names = ", ".join(f"{each:.6g}" for each in tones)
+    return (
+        *notes,
+        f"the directions of {len(coarse)} of {len(survey.frequencies)} modes are finer than the "
+        f"listeners can tell, at {names} Hz: those take listeners {spacing:.2g} degrees apart",
+    )
+
+
+def _spacing(places: Array) -> float:
+    """Return the median angle from a listener to the nearest in another direction, degrees."""
+    ways = places / np.maximum(np.linalg.norm(places, axis=1), 1e-12)[:, None]
+    angles = np.degrees(np.arccos(np.clip(ways @ ways.T, -1, 1)))
+    return float(np.median(np.where(angles < 1, 180, angles).min(axis=1)))
+
+
+def _turns(azimuths: Array, order: int) -> Array:
+    """Return 1, cos a, sin a, cos 2 a ... (K, 2 order + 1)."""
+    angles = azimuths[:, None] * np.arange(1, order + 1)
     pairs = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(azimuths), -1)
     return np.concatenate([np.ones((len(azimuths), 1)), pairs], axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.survey import shares
 
-ORDER = 4  # the highest degree of waves fitted to recordings
+ORDER, AXIAL = 4, 8  # the highest degree of waves fitted to recordings; of one angular order
 
 
 def degrees(order: int) -> tuple[Index, Index]:
@@ -49,10 +49,8 @@ def near_field(order: int) -> Complex:
 # Bayesian regression of the waves' amplitudes, mode by mode: shares that the variance of the noise
 # may have of the scale of the amplitudes, whose own variance falls with the degree.
 NOISES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-_DEGREES, _ANGULAR = degrees(ORDER)
+_BESIDE = 1e-2  # rad: nearer azimuths count as one
 _FREE = 100.0  # for the monopole: what a single listener heard must not shrink
-_VARIANCES = np.where(_DEGREES == 0, _FREE, 1 / (1.0 + _DEGREES * (_DEGREES + 1)))
-_POWERS = np.arange(1.0, ORDER + 2)
 _EXPLAINED = 0.75  # share of the energy that waves must explain for their phases to be believed
 
 
@@ -60,54 +58,91 @@ _EXPLAINED = 0.75  # share of the energy that waves must explain for their phase
 class DistanceLaw:
     """How waves of each harmonic go with the distance: powers r^-(k+1) with coefficients."""
 
-    coefficients: Complex  # (ORDER + 1, B, M or 1)
+    coefficients: Complex  # (K, B, M or 1) of K = highest degree + 1 powers and B = K^2 harmonics
 
     @classmethod
-    def same(cls, reference: float) -> DistanceLaw:
+    def same(cls, reference: float, order: int = ORDER) -> DistanceLaw:
         """Keep directions at all distances: reference / r."""
-        coefficients = np.zeros((ORDER + 1, len(_DEGREES), 1), np.complex128)
+        coefficients = np.zeros((order + 1, (order + 1) ** 2, 1), np.complex128)
         coefficients[0] = reference
         return cls(coefficients=coefficients)
 
     @classmethod
-    def waves(cls, reference: float, wave_numbers: Array) -> DistanceLaw:
+    def waves(cls, reference: float, wave_numbers: Array, order: int = ORDER) -> DistanceLaw:
         """Solve the wave equation; of absolute value 1 at the reference distance, m."""
-        inverse = (1 / wave_numbers) ** np.arange(ORDER + 1)[:, None, None]
-        coefficients = near_field(ORDER)[:, _DEGREES, None] * inverse
-        size = np.abs(np.einsum("kbm,k->bm", coefficients, reference**-_POWERS))
+        inverse = (1 / wave_numbers) ** np.arange(order + 1)[:, None, None]
+        coefficients = near_field(order)[:, degrees(order)[0], None] * inverse
+        size = np.abs(np.einsum("kbm,k->bm", coefficients, reference ** -_powers(order + 1)))
         return cls(coefficients=coefficients / size)
 
     def at(self, distances: Array) -> Complex:
         """Return the waves at distances (Q,): (M or 1, Q, B)."""
-        return np.einsum("qk,kbm->mqb", distances[:, None] ** -_POWERS, self.coefficients)
+        falling = distances[:, None] ** -_powers(len(self.coefficients))
+        return np.einsum("qk,kbm->mqb", falling, self.coefficients)
+
+
+def _powers(count: int) -> Array:
+    return np.arange(1.0, count + 1)
 
 
 def fit_waves(
     laws: Sequence[DistanceLaw], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
-) -> Complex:
-    """Return parts (ORDER + 1, B, M) of r^-(k+1) Y_lm, fitted to outputs at places."""
+) -> tuple[Complex, Array]:
+    """Return parts (K, B, M) of r^-(k+1) Y_lm, fitted to outputs at places, and their error.
+
+    The error (M,) is that of each listener as told by all others, over what was heard, by energy.
+    """
     # Law, highest degree and noise are averaged over by their evidence (Rasmussen & Williams,
     # Gaussian Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5). There are never
-    # more harmonics than listeners; outputs that are `mirrored` are even in y.
+    # more harmonics than listeners; outputs that are `mirrored` are even in y, and as a rule of one
+    # angular order, as modes of a body round about the z axis are.
     distances = np.linalg.norm(places, axis=1)
-    harmonics = real_harmonics(places / distances[:, None], ORDER)
-    usable = (_ANGULAR >= 0) | (not mirrored)
-    choices = [usable & (order >= _DEGREES) for order in range(ORDER + 1)]
+    order = len(laws[0].coefficients) - 1
+    harmonics, (degree, angular) = (
+        real_harmonics(places / distances[:, None], order),
+        degrees(order),
+    )
+    sides = (angular >= 0) | (not mirrored)
+    choices = [sides & (degree <= highest) for highest in range(ORDER + 1)]
+    for turns in range(order + 1) if mirrored else ():
+        highest = range(max(turns, 1), order + 1)
+        choices += [(angular == turns) & (degree <= most) for most in highest]
     choices = [each for each in choices if np.count_nonzero(each) <= len(places)]
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
     cases = list(product(range(len(laws)), choices, NOISES))
     fits = [problems[number].solved(chosen, noise) for number, chosen, noise in cases]
     believed = shares(np.stack([evidence for evidence, _ in fits]))
-    parts = np.zeros((ORDER + 1, len(_DEGREES), outputs.shape[1]), np.complex128)
+    parts = np.zeros((order + 1, len(degree), outputs.shape[1]), np.complex128)
     for share, (number, chosen, _), (_, found) in zip(believed, cases, fits, strict=True):
-        parts[:, chosen] += laws[number].coefficients[:, chosen] * (share * found.T)
-    return parts
+        if share.any():
+            parts[:, chosen] += laws[number].coefficients[:, chosen] * (share * found.T)
+    used = max(ORDER, int(degree[parts.any(axis=(0, 2))].max(initial=0)))
+    parts = parts[: used + 1, : (used + 1) ** 2]
+    errors = np.zeros(outputs.shape[1])
+    best = believed.argmax(axis=0)
+    for case in np.unique(best):
+        number, chosen, noise = cases[case]
+        modes = np.flatnonzero(best == case)
+        errors[modes] = problems[number].foretold(modes, chosen, noise, fits[case][1])
+    return parts, errors
+
+
+def azimuths_of(places: Array) -> int:
+    """Return at how many azimuths off the axis, left as right, places (Q, 3) are; at least 1."""
+    flat = np.hypot(places[:, 0], places[:, 1])
+    beside = flat > _BESIDE * np.linalg.norm(places, axis=1)
+    angles = np.arctan2(np.abs(places[beside, 1]), places[beside, 0])
+    return max(1, len(np.unique(np.round(angles / _BESIDE))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Problem:
     """Normal equations of one law; its `count` (M,) positive weights have the mean 1."""
 
+    design: Complex  # (M or 1, Q, B)
+    outputs: Complex  # (Q, M)
+    weights: Array  # (M, Q)
+    variances: Array  # (B,)
     matrices: Complex
     sides: Complex
     energies: Array
@@ -118,7 +153,12 @@ class _Problem:
         count = np.maximum(np.count_nonzero(weights, axis=0), 1)
         even = (weights * count / np.maximum(weights.sum(axis=0), np.finfo(float).tiny)).T
         weighted = design.conj().transpose(0, 2, 1) * even[:, None]
+        degree = degrees(math.isqrt(design.shape[2]) - 1)[0]
         return cls(
+            design=design,
+            outputs=outputs,
+            weights=even,
+            variances=np.where(degree == 0, _FREE, 1 / (1.0 + degree * (degree + 1))),
             matrices=weighted @ design,
             sides=(weighted @ outputs.T[:, :, None])[:, :, 0],
             energies=(even * np.square(np.abs(outputs.T))).sum(axis=1),
@@ -127,26 +167,43 @@ class _Problem:
 
     def solved(self, chosen: Mask, noise: float) -> tuple[Array, Complex]:
         """Return evidence (M,) and amplitudes (M, B) of the chosen harmonics for one noise."""
-        matrices = self.matrices[:, chosen][:, :, chosen] + noise * np.diag(1 / _VARIANCES[chosen])
+        matrices = self._damped(chosen, noise)
         sides = self.sides[:, chosen]
         found = np.linalg.solve(matrices, sides[:, :, None])[:, :, 0]
         misfit = self.energies - (sides.conj() * found).real.sum(axis=1)
-        spread = np.linalg.slogdet(matrices)[1] + np.log(_VARIANCES[chosen]).sum()
+        spread = np.linalg.slogdet(matrices)[1] + np.log(self.variances[chosen]).sum()
         unused = self.count - np.count_nonzero(chosen)
         tiny = np.finfo(np.float64).tiny
         evidence = -self.count * np.log(np.maximum(misfit, tiny) / noise)
         evidence -= spread + unused * np.log(noise)
         return evidence, np.asarray(found, np.complex128)
 
+    def foretold(self, modes: Index, chosen: Mask, noise: float, found: Complex) -> Array:
+        """Return the error of each listener by all others over what was heard, by energy."""
+        design = self.design[modes if len(self.design) > 1 else [0]][:, :, chosen]
+        heard, weights = self.outputs.T[modes], self.weights[modes]
+        inverses = np.linalg.inv(self._damped(chosen, noise)[modes])
+        own = weights * np.einsum("mqb,mbc,mqc->mq", design, inverses, design.conj()).real
+        rest = heard - (design @ found[modes][:, :, None])[:, :, 0]
+        lost = weights * np.square(np.abs(rest) / np.maximum(1 - own, 1e-6))
+        energies = (weights * np.square(np.abs(heard))).sum(axis=1)
+        return lost.sum(axis=1) / np.maximum(energies, np.finfo(float).tiny)
+
+    def _damped(self, chosen: Mask, noise: float) -> Complex:
+        matrices = self.matrices[:, chosen][:, :, chosen]
+        return np.asarray(matrices + noise * np.diag(1 / self.variances[chosen]), np.complex128)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SphericalWaves:
     """Sound around a body, relative to the arrival: p = sum_k r^-(k+1) sum_lm parts_klm Y_lm."""
 
-    parts: Complex  # (ORDER + 1, (ORDER + 1)^2, M)
+    parts: Complex  # (K, K^2, M)
     limit: float  # distance down to which the law is trusted, m; nearer, Y_lm goes as r^l Y_lm
     # (M,), modes with more lobes than listeners: levels alone, of one phase
     levelled: Mask
+    # (M,): energy by which listeners are off when told by all others, over that heard; None in fields
+    errors: Array | None = None
 
     @classmethod
     def of(
@@ -165,17 +222,25 @@ class SphericalWaves:
         # of the energy, what they make of phases would only cancel out: there levels are fitted.
         distances = np.linalg.norm(places, axis=1)
         reference = float(np.exp(np.log(distances).mean()))
-        same, levels = DistanceLaw.same(reference), np.abs(outputs)
-        laws = (same, DistanceLaw.waves(reference, wave_numbers))
+        order = AXIAL if mirrored else ORDER
+        same, levels = DistanceLaw.same(reference, order), np.abs(outputs)
+        laws = (same, DistanceLaw.waves(reference, wave_numbers, order))
+        parts, errors = fit_waves(laws, places, outputs, weights, mirrored=mirrored)
         waves = cls(
-            parts=fit_waves(laws, places, outputs, weights, mirrored=mirrored),
+            parts=parts,
+            errors=errors,
             limit=max(radius, float(distances.min()) / 2),
             levelled=np.zeros(outputs.shape[1], np.bool_),
         )
         missing = (weights * np.square(np.abs(waves.at(places) - outputs))).sum(axis=0)
         levelled = missing > (1 - _EXPLAINED) * (weights * levels**2).sum(axis=0)
-        parts = fit_waves((same,), places, levels + 0j, weights, mirrored=mirrored)
-        return replace(waves, parts=np.where(levelled, parts, waves.parts), levelled=levelled)
+        parts, others = fit_waves((same,), places, levels + 0j, weights, mirrored=mirrored)
+        return replace(
+            waves,
+            parts=np.where(levelled, *_of_one_size(parts, waves.parts)),
+            levelled=levelled,
+            errors=np.where(levelled, np.maximum(errors, others), errors),
+        )
 
     def at(self, places: Array) -> Complex:
         """Return the pressure at places (L, 3) from the centre: (L, M)."""
@@ -185,10 +250,12 @@ class SphericalWaves:
         """Return the pressure by angular order: (L, 2 ORDER + 1, M)."""
         # A contact at azimuth a is heard as the sum with the factors 1, cos a, sin a, cos 2 a ...
         seen = self._seen(places)
-        sides = [0, *(side for order in range(1, ORDER + 1) for side in (order, -order))]
+        highest = len(self.parts) - 1
+        angular = degrees(highest)[1]
+        sides = [0, *(side for order in range(1, highest + 1) for side in (order, -order))]
         heard = [
             np.einsum(
-                "lkb,kbm->lm", seen[:, :, side == _ANGULAR], self.parts[:, abs(side) == _ANGULAR]
+                "lkb,kbm->lm", seen[:, :, side == angular], self.parts[:, abs(side) == angular]
             )
             for side in sides
         ]
@@ -196,7 +263,7 @@ class SphericalWaves:
 
     def chosen(self, modes: Index, size: float, factor: complex | Complex) -> SphericalWaves:
         """Return some modes of a body `size` times as large, which rings as much lower."""
-        powers = size ** _POWERS[:, None, None]
+        powers = size ** _powers(len(self.parts))[:, None, None]
         return SphericalWaves(
             parts=np.ascontiguousarray(self.parts[:, :, modes] * powers * factor),
             limit=self.limit * size,
@@ -204,7 +271,16 @@ class SphericalWaves:
         )
 
     def _seen(self, places: Array) -> Array:
-        """Return r^-(k+1) Y_lm at places (L, ORDER + 1, B)."""
+        """Return r^-(k+1) Y_lm at places (L, K, B)."""
+        count = len(self.parts)
         distances = np.maximum(np.linalg.norm(places, axis=1), self.limit)[:, None]
-        harmonics = real_harmonics(places / distances, ORDER)
-        return distances[:, :, None] ** -_POWERS[:, None] * harmonics[:, None]
+        harmonics = real_harmonics(places / distances, count - 1)
+        return distances[:, :, None] ** -_powers(count)[:, None] * harmonics[:, None]
+
+
+def _of_one_size(*parts: Complex) -> list[Complex]:
+    """Return parts with as many powers and harmonics as the largest."""
+    most = max(len(each) for each in parts)
+    grown = [most - len(each) for each in parts]
+    pads = [((0, more), (0, most**2 - (most - more) ** 2), (0, 0)) for more in grown]
+    return [np.pad(each, pad) for each, pad in zip(parts, pads, strict=True)]
