@@ -362,8 +362,8 @@ class TimbreField(RecordedGains):
         How far gains are from a product, relative; NaN where that was not measured.
     unmeasured : array of int
         Modes of which a part is little known, as where the contact that most listeners heard has
-        a node, or where listeners are too few for a pattern. Those that drown in noise are heard alike from all sides, as loud as where they
-        were recorded best.
+        a node, or where listeners are too few for a pattern. Those that drown in noise are heard
+        alike from all sides, as loud as where they were recorded best.
     notes : tuple of str
         What a person should know: which modes are unmeasured, and the way out.
     is_calibrated, is_deconvolved : bool
@@ -556,24 +556,23 @@ def _too_fine(survey: Survey, part: ListenerPart) -> Index:
 
 def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
     """Return what the places of listeners cannot tell, and those that it would take."""
-    notes: tuple[str, ...] = ()
+    notes = []
     around = azimuths_of(survey.places)
     if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:
-        notes = (
-            f"listeners are at {around} azimuths from the contact: a mode of {around} waves or more "
-            f"around is taken for one of fewer; record at {2 * ORDER + 1} from 0 to 180 degrees",
+        notes.append(
+            f"listeners are at {around} azimuths from the contact: a mode of {around} or more "
+            f"waves around is taken for one of fewer; record at {2 * ORDER + 1}, 0 to 180 degrees"
         )
-    if not len(coarse):
-        return notes
-    tones = survey.frequencies[coarse]
-    waves = 2 * np.pi * tones.max() / AIR.sound_speed * part.waves.limit
-    spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
-    names = ", ".join(f"{each:.6g}" for each in tones)
-    return (
-        *notes,
-        f"the directions of {len(coarse)} of {len(survey.frequencies)} modes are finer than the "
-        f"listeners can tell, at {names} Hz: those take listeners {spacing:.2g} degrees apart",
-    )
+    if len(coarse):
+        tones = survey.frequencies[coarse]
+        waves = 2 * np.pi * tones.max() / AIR.sound_speed * part.waves.limit
+        spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
+        names = ", ".join(f"{each:.6g}" for each in tones)
+        notes.append(
+            f"the directions of {len(coarse)} of {len(survey.frequencies)} modes are finer than "
+            f"the listeners can tell, at {names} Hz: it takes listeners {spacing:.2g} degrees apart"
+        )
+    return tuple(notes)
 
 
 def _spacing(places: Array) -> float:

@@ -202,7 +202,8 @@ class SphericalWaves:
     limit: float  # distance down to which the law is trusted, m; nearer, Y_lm goes as r^l Y_lm
     # (M,), modes with more lobes than listeners: levels alone, of one phase
     levelled: Mask
-    # (M,): energy by which listeners are off when told by all others, over that heard; None in fields
+    # (M,): energy by which listeners are off when told by all others, over that heard; in fields
+    # None
     errors: Array | None = None
 
     @classmethod
