@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -12,12 +13,15 @@ from scipy.signal import butter, sosfilt
 import struck
 from struck import InternalFriction, Strike
 from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.residual_sound import band_energies, ear_bands, loudest
 from struck.recordings.takes import Take
 from tests.recordings.strings import ONSET, RATE, hit, noise, ringing, take
 from tests.recordings.strings import gains as gains_at
+from tests.recordings.test_real_takes import HAMMERED, RECORDINGS, TEN, load
 
 Array = NDArray[np.float64]
 
+MORE = ("fluidr3_kalimba_c7", "sonicpi_tabla_te1", "fluidr3_timpani_3_L")
 HISS = 30.0
 """Decay of the hiss, 1/s."""
 
@@ -93,3 +97,31 @@ def test_another_damping_lets_the_noise_decay_by_its_law(hissing: tuple[Take, Fi
     assert rest.decays == pytest.approx(np.pi * 0.01 * middles)
     assert np.array_equal(rest.attack, before.attack)
     assert any("noise of its residual" in note for note in model.provenance.dropped)
+
+
+@pytest.mark.prove
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings are not beside the checkout")
+@pytest.mark.parametrize("name", [*TEN, *HAMMERED, *MORE])
+def test_real_takes_are_as_loud_in_every_band(
+    name: str, record_property: Callable[[str, object], None]
+) -> None:
+    """Of the first half second, bands within 50 dB of the loudest that stand out of the noise."""
+    take = load(name)
+    made = fit_recordings(take, modes=64, residual=True, force=True, cache=False)
+    row = loudest(made.fitted)
+    what, rate = made.fitted.rows[row], take.sample_rate
+    segment, _ = made.fitted.heard_in(row)
+    first = round(what.onset * rate)
+    original = take.samples[what.channel, first : round(what.time * rate) + len(segment)]
+    rendered, rest = np.zeros(len(original)), made.residual.samples(rate)[: len(original)]
+    rendered[: len(rest)] += rest
+    lead = round(made.residual.lead * rate)
+    time = (first + lead) / rate
+    rendered[lead:] += made.fitted.ringing(row, time, len(original) - lead)
+    edges = ear_bands(rate)
+    levels, others = (band_energies(each, rate, edges) for each in (original, rendered))
+    noise = made.fitted.noise_in(row, edges) * min(len(original), rate // 2)
+    heard = (levels > 1e-5 * levels.max()) & (levels > 4 * noise)
+    off = 10 * np.log10(others[heard] / levels[heard])
+    record_property(name, f"{off.min():.2f} to {off.max():.2f} dB in {len(off)} bands")
+    assert np.abs(off).max() < 3

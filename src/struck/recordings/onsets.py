@@ -16,6 +16,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
 from struck.recordings.noise import blackman_harris, frames
+from struck.recordings.processing import processed
 from struck.recordings.takes import Take, force_channels
 
 # window and its steps, s; windows transformed at a time
@@ -230,6 +231,7 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     """Yield what is wrong with a take, one sentence each."""
     yield from _forces(take)
     yield from _clipping(take)
+    yield from processed(take)
     peak = 20 * np.log10(np.abs(take.samples).max())
     if peak < _QUIET:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"

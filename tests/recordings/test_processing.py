@@ -1,0 +1,100 @@
+"""What was done to a take before: coded ones are noted as lossy, others are not."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+from struck.recordings.onsets import find_hits, findings
+from struck.recordings.processing import lossy
+from struck.recordings.takes import Take
+from tests.recordings import sounds
+
+Array = NDArray[np.float64]
+
+RATE = 44100
+SEEDS = pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.prove) for seed in range(1, 5))]
+)
+RECORDINGS = Path(__file__).parents[3] / "shared/data/recordings"
+
+
+def struck_body(seed: int, *, modes: int = 40, level: float = 50.0) -> Array:
+    """Return half a second of noise and two of a body with so many modes, noise `level` dB down."""
+    chance = default_rng(seed)
+    frequencies = np.exp(chance.uniform(np.log(120), np.log(14000), modes))
+    decays = (1.5 + 2.5e-7 * frequencies**2) * np.exp(chance.normal(0, 0.4, modes))
+    gains = 10 ** (chance.normal(0, 8, modes) / 20) * np.exp(1j * chance.uniform(0, 7, modes))
+    times = np.arange(2 * RATE) / RATE
+    rung = (np.exp(np.outer(times, -decays + 2j * np.pi * frequencies)) @ gains).imag
+    strength = np.sqrt(np.square(rung[: RATE // 10]).mean()) * 10 ** (-level / 20)
+    sound = np.pad(rung, (RATE // 2, 0)) + strength * chance.standard_normal(5 * RATE // 2)
+    return 0.7 * sound / np.abs(sound).max()
+
+
+def coded(samples: Array, kilobits: int) -> Array:
+    """Return what is left when a take was an MP3 of so many kilobits a second."""
+    soundfile = pytest.importorskip("soundfile", reason="NO TAKE WAS CODED: pip install soundfile")
+    file, level = io.BytesIO(), (320 - kilobits) / (320 - 32)
+    options = {"subtype": "MPEG_LAYER_III", "bitrate_mode": "CONSTANT", "compression_level": level}
+    soundfile.write(file, samples, RATE, format="MP3", **options)
+    assert 8e-3 * len(file.getvalue()) * RATE / len(samples) == pytest.approx(kilobits, rel=0.1)
+    file.seek(0)
+    return np.asarray(soundfile.read(file)[0], np.float64)
+
+
+@SEEDS
+def test_coded_takes_are_noted_as_lossy(seed: int) -> None:
+    clean = struck_body(seed)
+    assert lossy(coded(clean, 128), RATE)
+    assert lossy(coded(clean, 64), RATE)
+    assert lossy(np.round(32767 * coded(clean, 64)) / 32767, RATE)  # saved in 16 bits
+
+
+@SEEDS
+def test_uncoded_and_low_passed_takes_are_not(seed: int) -> None:
+    clean = struck_body(seed)
+    low = sosfilt(butter(8, 16000, fs=RATE, output="sos"), clean)
+    for each in (clean, low, np.round(32767 * low) / 32767):
+        assert not lossy(each, RATE)
+
+
+@pytest.mark.parametrize("make", [sounds.speech, sounds.cymbal, sounds.burst])
+def test_other_sounds_are_not(make: object) -> None:
+    chance = default_rng(1)
+    sound = make(chance)  # type: ignore[operator]
+    assert not lossy(sound + 1e-5 * chance.standard_normal(len(sound)), RATE)
+
+
+def test_beating_pairs_and_silence_are_not() -> None:
+    times = np.arange(2 * RATE) / RATE
+    pairs = [np.sin(2 * np.pi * (f + df) * times) for f in (800, 3000, 9000) for df in (0, 20)]
+    noise = 1e-4 * default_rng(0).standard_normal(len(times))
+    assert not lossy(np.exp(-3 * times) * np.sum(pairs, axis=0) + noise, RATE)
+    assert not lossy(np.zeros(RATE), RATE)
+    assert not lossy(np.ones(10), RATE)
+
+
+def test_a_take_is_told_what_was_done_to_it() -> None:
+    take = Take(samples=coded(struck_body(0), 64)[None] + 0.01, sample_rate=RATE, name="phone")
+    told = list(findings(take, find_hits(take)))
+    assert any("coded with loss" in note for note in told)
+    assert any("constant offset of 1." in note for note in told)
+    clean = Take(samples=struck_body(0)[None], sample_rate=RATE, name="bell")
+    assert not any(
+        "coded" in note or "offset" in note for note in findings(clean, find_hits(clean))
+    )
+
+
+@pytest.mark.prove
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings are not beside the checkout")
+def test_no_real_take_is_accused() -> None:
+    takes = [Take.load(path) for path in sorted(RECORDINGS.glob("**/*.wav"))]
+    accused = [each.name for each in takes if lossy(each.samples[0], each.sample_rate)]
+    assert not accused
