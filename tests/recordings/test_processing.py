@@ -65,6 +65,7 @@ def test_uncoded_and_low_passed_takes_are_not(seed: int) -> None:
         assert not lossy(each, RATE)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("make", [sounds.speech, sounds.cymbal, sounds.burst])
 def test_other_sounds_are_not(make: object) -> None:
     chance = default_rng(1)
