@@ -54,7 +54,6 @@ SHORT: dict[str, str] = {
     "core/machine.py": "what both solvers ask of the machine, each above another layer",
     "report/figurine.py": "a body that pages, examples and proofs share",
     "scene/engines/step_log.py": "what both engines note alike",
-    "recordings/processing.py": "what a coder leaves of a take, and its one criterion",
     "scene/stems.py": "files that a command and the scenes of 2002 write alike",
     "files/worker.py": "the whole of what runs in the process that reads foreign files",
     **dict.fromkeys(
@@ -92,7 +91,6 @@ KEPT_ALONE: dict[str, str] = {
     "scene/engines/rapier.py": "one engine, loaded where it is asked for",
     "scene/engines/scene_file.py": "two formats, and what is read of them",
     "solids/turned.py": "solids that close on the axis or undercut, by a way of their own",
-    "recordings/processing.py": "what a coder leaves, a subject of its own beside the hits",
     "synth/reference.py": "plain NumPy, by which the core is judged",
     "solids/fem/cubic_surface.py": "loaded for thin bodies alone",
     "shapes/bessel_series.py": "Bessel functions and their loops, which are tested by themselves",

@@ -11,8 +11,8 @@ from numpy.random import default_rng
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
+from struck.recordings.disturbances import lossy
 from struck.recordings.onsets import find_hits, findings
-from struck.recordings.processing import lossy
 from struck.recordings.takes import Take
 from tests.recordings import sounds
 

@@ -397,7 +397,7 @@ class Host:
             return
         if self._ears is None:
             centre = centre_of(self._bodies[body].model)
-            distances = np.linalg.norm(self._place - centre, keepdims=True)
+            distances = np.linalg.norm((self._place - centre)[None], axis=1)
         else:
             distances = self._ears.distances(body)
         for point, away in enumerate(distances):

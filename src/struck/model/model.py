@@ -423,9 +423,10 @@ class ModalModel:
         step = size if self.coordinates == XYZ[: len(self.coordinates)] else 1
         changed = self._chosen(order, modes, size=size, density=density)
         lost = self.gains.directional and not changed.gains.directional
+        left = (_LOST_FIELD,) * lost + (_RESIDUAL_LEFT,) * (self.residual is not None)
         model = replace(
             changed,
-            provenance=changed.provenance.extended(dropped=(_LOST_FIELD,) * lost),
+            provenance=changed.provenance.extended(dropped=left),
             complete_to=modes.complete_to,
             material=material,
             mass=None if self.mass is None else self.mass * weight,
@@ -436,9 +437,6 @@ class ModalModel:
             chart=None if self.chart is None else self.chart.scaled(size),
             residual=None,
             recoil=None if self.recoil is None else self.recoil.changed(size, density),
-            provenance=self.provenance.extended(
-                dropped=() if self.residual is None else (_RESIDUAL_LEFT,)
-            ),
         )
         return model.damped(Each(rates=model.decays) if material is None else material.damping)
 

@@ -86,7 +86,7 @@ class Residual:
         return sum(each.nbytes for each in arrays)
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
-        """Return the samples that sound beside the modes, from `lead` before those on (n,), read-only.
+        """Return the sound beside the modes, from `lead` before they set in on (n,), read-only.
 
         Parameters
         ----------

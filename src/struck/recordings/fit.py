@@ -26,8 +26,8 @@ from struck.model.residual import Residual
 from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
+from struck.recordings.disturbances import without_hum
 from struck.recordings.gain_table import Gathered
-from struck.recordings.hum import without_hum
 from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import SHORT, may_be_of_room, remainder, reverberation

@@ -15,8 +15,8 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
+from struck.recordings.disturbances import processed
 from struck.recordings.noise import blackman_harris, frames
-from struck.recordings.processing import processed
 from struck.recordings.takes import Take, force_channels
 
 # window and its steps, s; windows transformed at a time

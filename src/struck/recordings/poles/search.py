@@ -16,7 +16,7 @@ from struck.model.arrays import AnyComplex, Array, Index, Mask, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
-from struck.recordings.hum import of_hum, without_hum
+from struck.recordings.disturbances import of_hum, without_hum
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from struck.recordings.hum import without_hum
+from struck.recordings.disturbances import without_hum
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, hummed, scene, score
