@@ -175,7 +175,7 @@ def test_the_right_arguments_are_taken() -> None:
 
 # The shell: each command with words that are right, of which one is exchanged.
 TUBE = "tube:length=0.2,radius=0.01,wall=0.001"
-BAR = "--shape bar --length 0.3 --width 0.03 --thickness 0.005"
+BAR = "bar:length=0.3,width=0.03,thickness=0.005"
 LINES = [
     f"analyze {BAR} --material steel --band 20,5000 -o a.struck",
     f"analyze {TUBE} --material oak --accuracy preview --no-cache -o b.struck",

@@ -15,7 +15,17 @@
 
 import lazy_loader
 
-__getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+_found, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name, or `__version__`, when it is first asked for."""
+    if name != "__version__":
+        return _found(name)
+    from importlib.metadata import version
+
+    return version(__name__)
+
 
 # Rooms that are reached as attributes without an import of their own, and not by a `*`.
 _ROOMS = {

@@ -53,3 +53,5 @@ from .model.mesh import Mesh as Mesh
 from .model.model import ModalModel as ModalModel
 from .perception.sound_map import SoundMap as SoundMap
 from .scene.body import Body as Body
+
+__version__: str

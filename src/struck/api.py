@@ -549,7 +549,7 @@ def tune(
     material: Material | str,
     *,
     vary: str,
-    lowest: float,
+    lowest: float | str,
     accuracy: str = "standard",
     progress: Progress = silent,
 ) -> Solid:
@@ -563,7 +563,7 @@ def tune(
     vary : str
         Name of the dimension, such as "length".
     lowest : float
-        Hz.
+        Hz, or a note as "A5" or "A5+12c".
     accuracy, progress : str, callable
         As for `analyze`.
 

@@ -13,8 +13,11 @@ StruckError
 ├── DeviceError               an audio device that is missing or refuses
 └── MissingDependencyError    an optional package that is not installed
 
-Each message holds the value, the bound and the way out.
+Each message holds the value, the bound and the way out, and the nearest name where one is unknown.
 """
+
+import difflib
+from collections.abc import Iterable
 
 
 class StruckError(Exception):
@@ -87,3 +90,31 @@ class ScaleWarning(UserWarning):
 
 class RepairWarning(UserWarning):
     """A surface was repaired: what was wrong with it, and what was changed."""
+
+
+# Names that people bring from elsewhere, and what they are called here, by the first that is known.
+_CALLED = {
+    **dict.fromkeys(("velocity", "v"), ("speed",)),
+    **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),
+    **dict.fromkeys(("position", "place", "point", "where"), ("at", "strike", "listener")),
+    **dict.fromkeys(("force", "strength"), ("impulse", "load")),
+    **dict.fromkeys(("duration", "length", "time", "secs"), ("seconds",)),
+    **dict.fromkeys(("sr", "fs", "rate", "samplerate"), ("sample_rate", "rate")),
+    **dict.fromkeys(("pan", "microphone", "mic", "observer"), ("listener",)),
+    **dict.fromkeys(("frequency", "pitch", "f0", "note"), ("lowest",)),
+    **dict.fromkeys(("thickness", "thick"), ("wall",)),
+    **dict.fromkeys(("scale", "unit"), ("units", "size")),
+    **dict.fromkeys(("e", "young", "youngs"), ("youngs_modulus",)),
+    **dict.fromkeys(("nu", "poisson"), ("poisson_ratio",)),
+    **dict.fromkeys(("rho",), ("density",)),
+    **dict.fromkeys(("out", "output_file", "file"), ("output", "path")),
+}
+
+
+def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
+    """Return "did you mean ...? " with the known names nearest to a name, or nothing."""
+    names = list(known)
+    plain = name.strip().lower()
+    found = [each for each in _CALLED.get(plain, ()) if each in names][:1]
+    found = found or difflib.get_close_matches(plain, names, n=3, cutoff=0.5)
+    return f"did you mean {' or '.join(map(form.format, found))}? " if found else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from struck.cli import main
-from struck.cli.analyze import add_shape, shape_named
+from struck.cli.options import body_named
 from struck.errors import OptionError
 from struck.model.material import Material
 from struck.shapes import (
@@ -24,83 +23,82 @@ from struck.shapes import (
     RoundSection,
     String,
 )
-from struck.shapes.shape import Shape
+from struck.solids import Block, Tube
+from struck.solids.revolution import bell, bowl, wine_glass
 
-FILM = "--thickness 2e-4 --tension 2000"
-NAMED: dict[str, Shape] = {
-    "string --length 0.6 --radius 2e-4 --tension 60 --stiff": String(
+FILM = "thickness=0.2mm,tension=2000"
+NAMED: dict[str, object] = {
+    "block:size=0.1,0.05,0.03": Block(size=(0.1, 0.05, 0.03)),
+    "block:size=10cmx50mmx0.03": Block(size=(0.1, 0.05, 0.03)),
+    "tube:length=20in,radius=1cm,wall=1mm": Tube(length=0.508, radius=0.01, wall=0.001),
+    "bowl:radius=8cm,wall=2mm": bowl(radius=0.08, wall=0.002),
+    "bell:": bell(),
+    "glass:height=20cm": wine_glass(),
+    "string:length=60cm,radius=2e-4,tension=60,stiff=yes": String(
         length=0.6, radius=2e-4, tension=60.0, stiff=True
     ),
-    "bar --length 0.3 --width 0.03 --thickness 0.005 --ends clamped,free": Bar(
+    "bar:length=0.3,width=0.03,thickness=0.005,ends=clamped,free": Bar(
         length=0.3, width=0.03, thickness=0.005, ends=("clamped", "free")
     ),
-    "bar --length 0.3 --width 0.03 --thickness 0.005 --theory euler-bernoulli": Bar(
+    "bar:length=0.3,width=0.03,thickness=0.005,theory=euler-bernoulli": Bar(
         length=0.3, width=0.03, thickness=0.005, theory="euler-bernoulli"
     ),
-    "rod --length 0.5 --radius 0.01 --wall 0.001": Bar(
+    "rod:length=0.5,radius=0.01,wall=0.001": Bar(
         length=0.5, section=RoundSection(radius=0.01, wall=0.001)
     ),
-    f"rectangular-membrane --length 0.5 --width 0.4 {FILM}": RectangularMembrane(
+    f"rectangular-membrane:length=0.5,width=0.4,{FILM}": RectangularMembrane(
         length=0.5, width=0.4, thickness=2e-4, tension=2000.0
     ),
-    f"circular-membrane --radius 0.2 {FILM}": CircularMembrane(
+    f"circular-membrane:radius=0.2,{FILM}": CircularMembrane(
         radius=0.2, thickness=2e-4, tension=2000.0
     ),
-    f"annular-membrane --radius 0.2 --hole 0.05 {FILM}": AnnularMembrane(
+    f"annular-membrane:radius=0.2,hole=0.05,{FILM}": AnnularMembrane(
         radius=0.2, hole=0.05, thickness=2e-4, tension=2000.0
     ),
-    f"l-membrane --side 0.2 {FILM}": PolygonMembrane.l_shape(
+    f"l-membrane:side=0.2,{FILM}": PolygonMembrane.l_shape(
         side=0.2, thickness=2e-4, tension=2000.0
     ),
-    f"polygon-membrane --corners 0,0 0.3,0 0,0.2 {FILM}": PolygonMembrane(
+    f"polygon-membrane:corners=0x0,0.3x0,0x0.2,{FILM}": PolygonMembrane(
         corners=((0.0, 0.0), (0.3, 0.0), (0.0, 0.2)), thickness=2e-4, tension=2000.0
     ),
-    "circular-plate --radius 0.1 --thickness 0.001 --ends clamped": CircularPlate(
+    "circular-plate:radius=0.1,thickness=0.001,edge=clamped": CircularPlate(
         radius=0.1, thickness=0.001, edge="clamped"
     ),
-    "rectangular-plate --length 0.3 --width 0.2 --thickness 0.002": RectangularPlate(
+    "rectangular-plate:length=0.3,width=0.2,thickness=0.002": RectangularPlate(
         length=0.3, width=0.2, thickness=0.002
     ),
-    "rectangular-plate --length 0.3 --width 0.2 --thickness 0.002 "
-    "--ends clamped,free,supported,free": RectangularPlate(
+    "rectangular-plate:length=0.3,width=0.2,thickness=0.002,edges=clamped,free,supported,free": RectangularPlate(  # noqa: E501
         length=0.3, width=0.2, thickness=0.002, edges=("clamped", "free", "supported", "free")
     ),
 }
 
 
-def parsed(text: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--wall", type=float)  # which bodies from files have too
-    add_shape(parser)
-    return parser.parse_args(["--shape", *text.split()])
-
-
 @pytest.mark.parametrize("text", NAMED)
 def test_every_shape_has_its_name(text: str) -> None:
-    assert shape_named(parsed(text)) == NAMED[text]
+    assert body_named(text) == NAMED[text]
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("bar --length 0.3", "--width ... --thickness"),
-        ("string --length 1 --radius 1e-3 --tension 1 --width 1", r"\[--stiff ...\]"),
-        ("circular-membrane --radius 0.1", "--tension"),
-        ("bar --length -0.3 --width 0.03 --thickness 0.005", "must exceed 0"),
-        ("bar --length 0.3 --width 0.03 --thickness 0.005 --ends glued", "glued"),
+        ("bar:width=0.03", "bar:length=..."),
+        ("string:length=1,radius=1e-3,tension=1,width=1", "no width=.*if wanted, stiff"),
+        ("circular-membrane:radius=0.1", "tension=..."),
+        ("bar:length=-0.3,width=0.03,thickness=0.005", "must exceed 0"),
+        ("bar:length=0.3,width=0.03,thickness=0.005,ends=glued", "glued"),
     ],
 )
 def test_what_is_missing_or_wrong_is_told(text: str, told: str) -> None:
     with pytest.raises(OptionError, match=told):
-        shape_named(parsed(text))
+        body_named(text)
 
 
 def test_a_bar_is_analyzed_rendered_and_mapped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    size = ["--length", "0.3", "--width", "0.03", "--thickness", "0.005"]
-    made = ["analyze", "--shape", "bar", *size, "--material", "steel", "-o", "bar.struck"]
+    size = "bar:length=30cm,width=3cm,thickness=5mm"
+    made = ["analyze", size, "--material", "steel", "-o", "bar.struck"]
     assert main([*made, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     steel = Material.named("steel")
@@ -114,12 +112,12 @@ def test_a_bar_is_analyzed_rendered_and_mapped(
 
 
 def test_help_shows_a_line_that_works(capsys: pytest.CaptureFixture[str]) -> None:
-    for verb, words in {"analyze": "--shape bar --length 0.3", "sound-map": "sound-map"}.items():
+    for verb, words in {"analyze": "bar:length=30cm", "sound-map": "sound-map"}.items():
         with pytest.raises(SystemExit, match="0"):
             main([verb, "--help"])
         assert words in capsys.readouterr().out
 
 
-def test_a_body_and_a_shape_at_once_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_body_without_a_material_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["analyze", "--material", "steel"]) == 2
-    assert "give one of them" in capsys.readouterr().err
+    assert "give both" in capsys.readouterr().err

@@ -75,7 +75,7 @@ def test_what_is_found_is_said_as_a_material(pot: Path, capsys: pytest.CaptureFi
     given = text.split("--material ")[1].splitlines()[0]
     numbers = dict(part.split("=") for part in given.split(","))
     assert float(numbers["loss_tangent"]) == pytest.approx(2e-3, rel=0.02)
-    bar = "analyze --shape bar --length 0.2 --width 0.02 --thickness 0.004 --ends free"
+    bar = "analyze bar:length=0.2,width=0.02,thickness=0.004,ends=free"
     assert main([*bar.split(), "--material", given, "-o", str(pot / "b.struck")]) == 0
 
 

@@ -44,7 +44,7 @@ def test_a_command_shows_what_it_does_and_an_example(
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("closed") / "bar.struck"
-    shape = "analyze --shape bar --length 0.3 --width 0.03 --thickness 0.005 --material steel -o"
+    shape = "analyze bar:length=0.3,width=0.03,thickness=0.005 --material steel -o"
     assert main([*shape.split(), str(path)]) == 0
     return path
 

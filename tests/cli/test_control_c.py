@@ -23,7 +23,7 @@ BEGUN = b"."
 SHELL = (
     f"import os, sys; from struck.__main__ import main; os.write(1, {BEGUN!r}); sys.exit(main())"
 )
-STRING = "--shape string --length 0.65 --radius 2e-4 --tension 60 --material steel"
+STRING = "string:length=0.65,radius=2e-4,tension=60 --material steel"
 CHIME = "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium"
 _SPAN = 0.75  # of a command's time, within which it is interrupted: quick machines take less
 # About how long each takes, s, and its words.

@@ -22,6 +22,7 @@ from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
+from struck.model.damping import hertz
 from struck.model.gains import Radiation
 from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
@@ -30,6 +31,7 @@ from struck.model.modes import Modes
 from struck.model.provenance import ForecastStage, Progress, Provenance, silent
 from struck.radiation import added_mass, by_name
 from struck.radiation.added_mass import recoil_of
+from struck.solids import resolution
 from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
     ALONE,
@@ -45,6 +47,7 @@ from struck.solids.fem.error_estimates import (
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes, without_modes
 from struck.solids.resolution import Cost, Forecast
+from struck.solids.surface.repair import require_holes
 from struck.solids.volume_mesh import VolumeMesh, linear_tetrahedra
 
 COARSE_MODES: Stage[Modes] = holding("coarse modes", Modes, Mesh, Provenance)
@@ -65,6 +68,8 @@ _WIDER = 1.15
 _BESIDE_END = 10  # modes whose errors tell how far the band is complete
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _HELPS = 0.75  # times the errors before, or less: else more elements would not help
+# Options that a formula has no use for, as they are when nobody gave them.
+_WITHOUT_ELEMENTS = {"accuracy": ("standard",), "repair": (True,), "backend": ("auto",)}
 CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
@@ -109,7 +114,9 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    lowest, highest = _require_band(BAND if band is None else band)  # before the long work
+    lowest, highest = _require_band(BAND if band is None else band)  # before any file is read
+    resolution.level(accuracy)
+    require_holes(holes, wall)
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
@@ -118,7 +125,9 @@ def analyze(
         if method in {None, "formula"}:
             band = lowest, highest
             recoil = recoil and not body.supported
-            return _by_formula(body, chosen, heard, band, recoil=recoil, wall=wall, fixed=fixed)
+            told = {"wall": wall, "fixed": fixed, "holes": holes, "accuracy": accuracy}
+            told |= {"repair": repair, "backend": backend}
+            return _by_formula(body, chosen, heard, band, recoil=recoil, **told)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
@@ -126,9 +135,8 @@ def analyze(
     solver = _solver(method, backend)
     recoil = recoil and method == "quadratic" and fixed is None
     progress("mesh", 0.0)
-    source = discretise(
-        body, file, stages, wall=wall, accuracy=accuracy, repair=repair, holes=holes
-    )
+    options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    source = discretise(body, file, stages, **options)
     work = _Work(
         stages=stages,
         material=chosen,
@@ -196,10 +204,10 @@ def _by_formula(
 ) -> ModalModel:
     """Return the model of a shape, which takes none of the options `given`."""
     for name, value in given.items():
-        if value is not None:
+        if value not in _WITHOUT_ELEMENTS.get(name, (None,)):
             raise OptionError(
-                f"{name}= does not apply to {type(shape).__name__}, which tells it itself: leave "
-                "it out, or take method='fem'"
+                f"{name}={value!r} does not apply to {type(shape).__name__}, which is computed by "
+                "a formula: leave it out, or take method='fem'"
             )
     modes = shape.modes(material, band, none=recoil)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
@@ -235,9 +243,13 @@ class _Work:
     def require_scale(self, source: Discretisation, *, asked: bool) -> None:
         """Forecast modes, time and memory; warn or refuse where they are too many."""
         forecast, nodes = Forecast.of(source.outline, self.material, source.wall), source.nodes
-        told = forecast.require_reasonable(
-            self.highest, nodes, held=self.fixed is not None, asked=asked, recoils=self.recoils
-        )
+        held, doubt = self.fixed is not None, self.material.doubt
+        try:
+            told = forecast.require_reasonable(
+                self.highest, nodes, held=held, asked=asked, recoils=self.recoils
+            )
+        except OptionError as error:
+            raise OptionError(f"{doubt}; else {error}" if doubt else str(error)) from error
         cost = Cost.of(forecast.modes(self.highest), nodes)
         if told:
             warnings.warn(told, ScaleWarning, stacklevel=4)
@@ -362,9 +374,10 @@ class _Work:
 
 
 def _require_band(band: tuple[float, float]) -> tuple[float, float]:
-    if np.shape(band) != (2,) or not 0 <= band[0] < band[1] < np.inf:
+    ends = [hertz("band", end) if isinstance(end, str) else end for end in band]
+    if np.shape(ends) != (2,) or not 0 <= ends[0] < ends[1] < np.inf:
         raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
-    return float(band[0]), float(band[1])
+    return float(ends[0]), float(ends[1])
 
 
 def _solver(method: str, backend: str) -> Solver:

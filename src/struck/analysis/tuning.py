@@ -13,7 +13,7 @@ import numpy as np
 from struck.analysis.discretisation import Solid
 from struck.errors import OptionError
 from struck.model.arrays import checked
-from struck.model.damping import ringing
+from struck.model.damping import hertz, ringing
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
 from struck.solids.fem.vibration import lowest_frequency
@@ -24,11 +24,11 @@ _STEPS = 40
 
 @checked
 def tuned(
-    body: Solid | str,
+    body: Any,  # noqa: ANN401 - told what it is where it is none
     material: Material | str,
     *,
     vary: str,
-    lowest: float,
+    lowest: float | str,
     accuracy: str = "standard",
     progress: Progress = silent,
 ) -> Solid:
@@ -44,7 +44,7 @@ def tuned(
     vary : str
         Name of the dimension, such as "length".
     lowest : float
-        Hz.
+        Hz, or a note as "A5" or "A5+12c".
     accuracy : str
         "preview", "standard" or "fine".
     progress : callable
@@ -61,11 +61,13 @@ def tuned(
         When the body has no such dimension, or it does not reach the frequency.
     """
     if not isinstance(body, Solid):
-        raise OptionError(f"{type(body).__name__} has no dimensions to vary: give a solid")
+        raise OptionError(
+            f"{type(body).__name__} has no dimensions to vary: give a solid, or scale its model "
+            "by ModalModel.tuned(lowest=)"
+        )
     if isinstance(material, str):
         material = Material.named(material)
-    if not (np.isfinite(lowest) and lowest > 0):
-        raise OptionError(f"lowest is {lowest}: a frequency must exceed 0 Hz")
+    lowest = hertz("lowest", lowest)
     start = _dimension(body, vary)
     points = [_measured(body, material, start, vary, accuracy)]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.

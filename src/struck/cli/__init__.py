@@ -11,9 +11,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import TextIO
+from typing import NoReturn, TextIO
 
-from struck.errors import CacheWarning, LossWarning, RepairWarning, ScaleWarning, StruckError
+import struck
+from struck.errors import (
+    CacheWarning,
+    LossWarning,
+    OptionError,
+    RepairWarning,
+    ScaleWarning,
+    StruckError,
+    nearest,
+)
 from struck.model.provenance import TerminalProgress
 
 COMMANDS = {
@@ -48,20 +57,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who started us
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - open until the process ends
+    progress = TerminalProgress()
     try:
-        options = _parser(words).parse_args(words)
+        options = _parsed(words)
     except SystemExit:
         if _told(""):  # help, which waits to be written
             return UNWRITTEN
         raise
-    progress = TerminalProgress()
+    except OptionError as error:
+        return _refused(error, words)
+    if isinstance(options, str):
+        return _told(options)
     try:
         with warnings_in_one_line():
             result = options.run(options, progress)
     except StruckError as error:
         progress.close()  # before what is said of it
-        complain(str(error))
-        return BAD_INPUT
+        return _refused(error, words)
     finally:
         progress.close()
     text = json.dumps(result.facts, indent=2) if options.json else result.text
@@ -82,13 +94,52 @@ def _told(text: str) -> int:
     return 0
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of the shell; of its commands only the one in `words` is imported."""
-    parser = argparse.ArgumentParser(
+def _refused(error: StruckError, words: Sequence[str]) -> int:
+    """Tell an error in one line, and machines in JSON."""
+    complain(str(error))
+    if "--json" in words:
+        _told(json.dumps({"error": str(error), "kind": type(error).__name__}, indent=2) + "\n")
+    return BAD_INPUT
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser of a command whose errors are told as all others are."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise an OptionError."""
+        raise OptionError(f"{message}: see '{self.prog} --help'")
+
+
+def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
+    """Return the options in `words`, or what to print where no work is asked for."""
+    if "--version" in words[:1]:
+        return f"struck {struck.__version__}\n"
+    chosen = next((word for word in words if not word.startswith("-")), None)
+    parser = Parser(
         prog="struck", description="The sounds of physical objects, computed from what they are."
     )
+    parser.add_argument("--version", action="store_true", help="print the version and end")
+    if chosen and chosen not in COMMANDS:
+        raise OptionError(
+            f"struck has no command {chosen!r}: {nearest(chosen, COMMANDS)}there are "
+            f"{', '.join(COMMANDS)}"
+        )
+    one = _declared(parser, chosen)
+    if not words:
+        return parser.format_help()
+    options, unknown = parser.parse_known_args(words)
+    if unknown and one:
+        known = [name.lstrip("-") for name in one._option_string_actions]  # noqa: SLF001 - nothing public lists them
+        name = unknown[0].partition("=")[0]
+        offer = nearest(name.lstrip("-"), known, "--{}") if name.startswith("-") else ""
+        one.error(f"{one.prog} does not take {unknown[0]!r}: {offer}leave it out")
+    return options
+
+
+def _declared(parser: Parser, chosen: str | None) -> Parser | None:
+    """Declare all commands, and return the parser of the chosen one, which alone is imported."""
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    chosen = next((word for word in words if not word.startswith("-")), None)
+    found = None
     for name, about in COMMANDS.items():
         one = commands.add_parser(
             name,
@@ -98,7 +149,8 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         )
         if name == chosen:
             declare(one, name)
-    return parser
+            found = one
+    return found
 
 
 def declare(parser: argparse.ArgumentParser, name: str) -> None:

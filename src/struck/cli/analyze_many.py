@@ -22,7 +22,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="*", help="patterns, folders or names of mesh files")
     parser.add_argument("-o", "--output", required=True, help="folder of the models")
     parser.add_argument("--table", help="CSV or TOML of files with options of their own")
-    add_how(parser, one=False)
+    add_how(parser)
     work = parser.add_argument_group("work")
     work.add_argument("--anew", action="store_true", help="do again what is there, failures too")
     work.add_argument("--processes", type=int, help="at once; as many as cores unless given")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import struck
 from struck.cli import Result
-from struck.cli.options import numbers, place
+from struck.cli.options import POSITION, place
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files.atomic import writable
@@ -40,7 +40,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--against", metavar="PLACE", type=place, help="the same for another model; as --strike"
     )
-    parser.add_argument("--listener", type=numbers(3), help="x,y,z in m; beside the body if absent")
+    parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
     parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
 
 

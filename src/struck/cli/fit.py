@@ -10,7 +10,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.info import described
-from struck.cli.options import numbers
+from struck.cli.options import POSITION, numbers
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
@@ -35,7 +35,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--manifest", help="which file was struck where and heard from where")
     parser.add_argument("--symmetry", help="none, or axial: round about the z axis")
-    parser.add_argument("--centre", type=numbers(3), help="x,y,z the sound seems to come from, m")
+    parser.add_argument("--centre", type=POSITION, help="x,y,z the sound seems to come from, m")
     parser.add_argument(
         "--radius", type=float, default=0.0, help="of a ball that holds the body, m"
     )

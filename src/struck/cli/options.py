@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import fields
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from inspect import Parameter, signature
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,32 +15,52 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
-from struck.errors import FileFormatError, MaterialError, OptionError
-from struck.files.atomic import read_bytes
+from struck.errors import ArgumentError, FileFormatError, MaterialError, OptionError, nearest
+from struck.files.atomic import is_file, read_bytes
 from struck.model.arrays import Array
-from struck.model.damping import InternalFriction, Rayleigh
+from struck.model.damping import InternalFriction, Rayleigh, hertz
 from struck.model.material import Material
 
 if TYPE_CHECKING:
     from struck.analysis.discretisation import Solid
+    from struck.shapes.shape import Shape
 
+    Body = Solid | Shape
 
 # Texts of the shell turned into bodies, strikes and places to write.
 
+BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
+_NOT_IN_SHELL = {"elements", "section"}
+_LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(m|cm|mm|in|ft)?")
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
 
 
-def numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
+def numbers(
+    *counts: int, form: str = "", each: Callable[[str], float] = float
+) -> Callable[[str], tuple[float, ...]]:
     """Return a parser of numbers separated by commas, as many as one of some counts."""
+    many = form or f"{' or '.join(map(str, counts))} numbers with commas between"
 
     def parse(text: str) -> tuple[float, ...]:
-        values = tuple(map(float, text.split(",")))
-        if len(values) not in counts:
-            many = " or ".join(map(str, counts))
-            raise argparse.ArgumentTypeError(f"{text!r}: give {many} numbers with commas between")
-        return values
+        with suppress(ValueError):
+            values = tuple(map(each, text.split(",")))
+            if len(values) in counts:
+                return values
+        raise argparse.ArgumentTypeError(f"it is {text!r}: give {many}")
 
     return parse
+
+
+def pitch(text: str) -> float:
+    """Return a frequency in Hz, of "880" or "A5+12c"."""
+    try:
+        return float(text) if text.strip("0.") == "" else hertz("the frequency", text)
+    except OptionError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+POSITION = numbers(3, form="x,y,z in m")
+BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
 
 
 def place(text: str) -> str | tuple[float, ...]:
@@ -49,31 +71,104 @@ def place(text: str) -> str | tuple[float, ...]:
         return text
 
 
-def body_named(text: str) -> str | Solid:
-    """Return the solid that "tube:length=0.5,radius=0.0125,wall=0.001" means, else a file's name.
+def makers() -> Mapping[str, Callable[..., Body]]:
+    """Return what makes the bodies that have names in the shell."""
+    from struck import shapes, solids
+    from struck.solids import revolution
+
+    def rod(
+        *,
+        length: float,
+        radius: float,
+        wall: float | None = None,
+        ends: str | tuple[str, str] = "free",
+    ) -> Shape:
+        section = shapes.RoundSection(radius=radius, wall=wall)
+        return shapes.Bar(length=length, section=section, ends=ends)
+
+    return {
+        "block": solids.Block,
+        "tube": solids.Tube,
+        "bowl": revolution.bowl,
+        "bell": revolution.bell,
+        "glass": revolution.wine_glass,
+        "bar": shapes.Bar,
+        "rod": rod,
+        "string": shapes.String,
+        "rectangular-membrane": shapes.RectangularMembrane,
+        "circular-membrane": shapes.CircularMembrane,
+        "annular-membrane": shapes.AnnularMembrane,
+        "l-membrane": shapes.PolygonMembrane.l_shape,
+        "polygon-membrane": shapes.PolygonMembrane,
+        "rectangular-plate": shapes.RectangularPlate,
+        "circular-plate": shapes.CircularPlate,
+    }
+
+
+def arguments_of(maker: Callable[..., Body]) -> tuple[list[str], list[str]]:
+    """Return the names of what a body needs, and of what it may be given besides."""
+    every = [
+        each for each in signature(maker).parameters.values() if each.name not in _NOT_IN_SHELL
+    ]
+    needed = [each.name for each in every if each.default is Parameter.empty]
+    return needed, [each.name for each in every if each.name not in needed]
+
+
+def body_named(text: str) -> str | Body:
+    """Return the body that "tube:length=50cm,radius=0.0125,wall=1mm" means, else a file's name.
 
     Raises
     ------
     OptionError
-        When the solid or one of its dimensions is unknown, missing or no number.
+        When the body or one of its arguments is unknown, missing or impossible.
     """
-    from struck.solids import Block, Tube
-
     kind, colon, rest = text.partition(":")
-    solid = {"tube": Tube, "block": Block}.get(kind)
-    if not colon or solid is None:
+    maker = makers().get(kind)
+    if maker is None or (not colon and is_file(text)):
+        if colon and "=" in rest:
+            offer = nearest(kind, makers())
+            raise OptionError(
+                f"no body is called {kind!r}: {offer}there are {', '.join(makers())} (struck "
+                "analyze --list), and mesh files"
+            )
         return text
-    names = [field.name for field in fields(solid) if field.name != "elements"]
-    pairs = [part.partition("=") for part in rest.split(",")]
-    given = {name: value for name, _, value in pairs}
-    if set(given) != set(names):
-        example = ",".join(f"{name}=..." for name in names)
-        raise OptionError(f"{text!r} does not say what a {kind} needs: give {kind}:{example}")
+    given = _given(rest)
+    needed, more = arguments_of(maker)
+    if not set(needed) <= set(given) <= {*needed, *more}:
+        unknown = next((name for name in given if name not in {*needed, *more}), "")
+        offer = nearest(unknown, [*needed, *more], "{}=")
+        offer = f"it has no {unknown}=: {offer}" if unknown else ""
+        wanted = ",".join(f"{name}=..." for name in needed or more)
+        besides = f" and, if wanted, {', '.join(more)}" if needed and more else ""
+        raise OptionError(
+            f"{text!r} does not say what a {kind} needs: {offer}give {kind}:{wanted}{besides}"
+        )
     try:
-        values = {name: _dimension(value) for name, value in given.items()}
-    except ValueError:
-        raise OptionError(f"{text!r} holds no numbers: give metres, as 0.5") from None
-    return solid(**values)
+        return maker(**given)
+    except ArgumentError as error:
+        raise OptionError(f"{error}; give lengths as 0.5, 50cm, 500mm or 20in") from None
+
+
+def _given(text: str) -> dict[str, Any]:
+    """Return arguments by name of "ends=clamped,free,length=50cm"."""
+    found: dict[str, list[Any]] = {}
+    name = ""
+    for part in filter(None, text.split(",")):
+        before, equals, value = part.rpartition("=")
+        name = before.strip() if equals else name
+        found.setdefault(name, []).append(_value(value.strip()))
+    return {name: each[0] if len(each) == 1 else tuple(each) for name, each in found.items()}
+
+
+def _value(text: str) -> object:
+    """Return the number with its unit, the numbers with "x" between, or the word in a text."""
+    from struck.files.meshes import UNITS
+
+    numbers = [_LENGTH.fullmatch(each) for each in text.split("x")]
+    if all(numbers):
+        values = [float(each[1]) * UNITS[each[2] or "m"] for each in numbers if each]
+        return values[0] if len(values) == 1 else tuple(values)
+    return {"yes": True, "no": False}.get(text, text)
 
 
 def material_named(text: str, damping: str = "own") -> Material:
@@ -108,19 +203,16 @@ def material_named(text: str, damping: str = "own") -> Material:
     )
 
 
-def _dimension(text: str) -> float | tuple[float, ...]:
-    edges = tuple(map(float, text.split("x")))
-    return edges[0] if len(edges) == 1 else edges
-
-
 def add_listener(parser: argparse.ArgumentParser) -> None:
     """Declare where someone listens, and with which ears."""
     group = parser.add_argument_group("listener")
-    group.add_argument("--listener", type=numbers(3), help="position x,y,z, m")
+    group.add_argument("--listener", type=POSITION, help="position x,y,z, m")
     group.add_argument(
         "--walk", metavar="FILE", help="where the listener goes: lines of time,x,y,z in s and m"
     )
-    group.add_argument("--facing", type=numbers(3), help="where the listener looks: x,y,z")
+    group.add_argument(
+        "--facing", type=numbers(3, form="x,y,z"), help="where the listener looks: x,y,z"
+    )
     group.add_argument("--hrtf", help="two measured ears: kemar, or a SOFA file")
     group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
 
@@ -128,7 +220,7 @@ def add_listener(parser: argparse.ArgumentParser) -> None:
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declare the room around bodies and listener."""
     group = parser.add_argument_group("room")
-    group.add_argument("--room", type=numbers(3), help="size x,y,z of a room, m, corner at 0,0,0")
+    group.add_argument("--room", type=POSITION, help="size x,y,z of a room, m, corner at 0,0,0")
     group.add_argument("--walls", default="brick", help="of the room: brick, wood, carpet, ...")
     group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")
 

@@ -6,7 +6,7 @@ import argparse
 
 import struck
 from struck.cli import Result
-from struck.cli.options import numbers
+from struck.cli.options import BAND
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 
@@ -18,7 +18,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", help="of a computed body")
     parser.add_argument("-o", "--output", required=True, help="model file, or MODEL itself")
     parser.add_argument(
-        "--band", type=numbers(2), default=(20.0, 20_000.0), help="modes within it, Hz: 20,20000"
+        "--band", type=BAND, default=(20.0, 20_000.0), help="modes within it, Hz: 20,20000"
     )
     parser.add_argument(
         "--near", action="store_true", help="keep the surface too, for ears within 1.2 radii"

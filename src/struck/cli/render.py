@@ -85,7 +85,9 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--striker", help="fingertip, felt, rubber, plastic, wood, brass ...")
     parser.add_argument("--speed", type=float, help="of the striker, tip or ball, m/s")
     parser.add_argument("--duration", type=float, help="of a strike, s")
-    parser.add_argument("--direction", type=numbers(3), help="of a strike or pluck, x,y,z")
+    parser.add_argument(
+        "--direction", type=numbers(3, form="x,y,z"), help="of a strike or pluck, x,y,z"
+    )
     parser.add_argument("--load", type=float, default=1.0, help="on the tip, N (default 1)")
     parser.add_argument("--roughness", default="sandpaper", help="what is scraped or rolled on")
     parser.add_argument("--radius", type=float, default=0.01, help="of the ball, m (default 0.01)")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
-from struck.cli.options import numbers
+from struck.cli.options import POSITION
 from struck.files.atomic import writable
 from struck.model.arrays import Array
 from struck.model.provenance import TerminalProgress
@@ -27,7 +27,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threshold", type=float, default=3.0, help="sonic distance that passes, dB (default 3)"
     )
-    parser.add_argument("--listener", type=numbers(3), help="x,y,z in m; beside the body if absent")
+    parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
     parser.add_argument("--level", type=float, help="of the loudest contact, dB SPL (default 85)")
     parser.add_argument("--bank", help="folder for a WAV file of each contact and their list")
     parser.add_argument("--parameters", help="file for the map as numbers (.safetensors)")

@@ -155,6 +155,8 @@ def is_listener(listener: object) -> TypeGuard[Listener]:
 
 def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
     """Return a bare position (3,); OptionError on anything else."""
+    if isinstance(listener, str):
+        raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m, or Stereo")
     position = numbers("listener", listener)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 import sys
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
-from struck.errors import MissingDependencyError, OptionError
+from struck.errors import MissingDependencyError, OptionError, nearest
 from struck.model.arrays import (
     Array,
     Index,
@@ -296,9 +295,8 @@ def _absorption(wall: Wall) -> Array:
         entry = wall_materials().get(wall.strip().lower())
         if entry is None:
             known = wall_materials()
-            near = difflib.get_close_matches(wall.lower(), known, n=3, cutoff=0.5)
-            offer = f"did you mean {' or '.join(near)}? " if near else ""
-            raise OptionError(f"no wall is called {wall!r}: {offer}there are {', '.join(known)}")
+            offer = f"{nearest(wall, known)}there are {', '.join(known)}"
+            raise OptionError(f"no wall is called {wall!r}: {offer}")
         return np.array(entry["absorption"])
     if not 0 <= wall <= 1:
         raise OptionError(f"a wall that absorbs {wall} of the energy: give 0 to 1, or a name")

@@ -8,7 +8,6 @@ lets the area of contact shape the sound).
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +15,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, nearest
 from struck.excitation.pulses import SPECTRA, Samples
 from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.contact import Contact, Place
@@ -434,7 +433,6 @@ def require_known(name: str, table: Mapping[str, object], noun: str) -> str:
     """Return the key of a table for a name in any case, or raise an OptionError."""
     key = name.strip().lower()
     if key not in table:
-        near = difflib.get_close_matches(key, table, n=3, cutoff=0.5)
-        offer = f"did you mean {' or '.join(near)}? " if near else ""
+        offer = nearest(key, table)
         raise OptionError(f"no {noun} is called {name!r}: {offer}there are {', '.join(table)}")
     return key

@@ -8,6 +8,7 @@ work. Bounds are checked by the names themselves, where they are known.
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import sys
@@ -20,7 +21,7 @@ from typing import Any, TypeVar, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import ArgumentError, OptionError, StruckError
+from struck.errors import ArgumentError, OptionError, StruckError, nearest
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -159,6 +160,7 @@ def checked(made: Made) -> Made:
 def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     code = function.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+    open_ended = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
 
     @functools.cache
     def sorts() -> dict[str, tuple[Sort, ...]]:
@@ -169,6 +171,8 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     @functools.wraps(function)
     def refusing(*given: Any, **named: Any) -> Any:  # noqa: ANN401 - as the function
         known = sorts()
+        if not open_ended and (len(given) > code.co_argcount or not named.keys() <= known.keys()):
+            _refuse_names(whose, code.co_argcount, names, given, named)
         for name, value in zip(names, given, strict=False):
             _require_sort(name, value, known[name], whose)
         for name, value in named.items():
@@ -178,15 +182,38 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     return refusing
 
 
+def _refuse_names(
+    whose: str, first: int, names: Sequence[str], given: Sequence[Any], named: Mapping[str, Any]
+) -> None:
+    """Refuse arguments beyond the `first` without a name, or of names that a function lacks."""
+    if len(given) > first:
+        pairs = zip(names[first:], given[first:], strict=False)
+        told = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
+        raise ArgumentError(
+            f"{whose} was given {_shown(given[first])} without a name: give "
+            f"{whose}({'..., ' * (names[0] != 'self')}{told})"
+        )
+    unknown = next(name for name in named if name not in names)
+    free = [name for name in names if name != "self"]
+    raise ArgumentError(
+        f"{whose} has no {unknown}= (given as {_shown(named[unknown])}): "
+        f"{nearest(unknown, free, '{}=')}it takes {', '.join(f'{name}=' for name in free)}"
+    )
+
+
 def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str) -> None:
     if not sorts or any(fits(value) for fits, _ in sorts):
         return
     wanted = " or ".join(dict.fromkeys(text for _, text in sorts))
+    if name in {"impulse", "speed", "force"} and np.shape(np.asarray(value, object)) == (3,):
+        wanted += f"; {name}= says how hard, and direction= says which way"
     raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {wanted}")
 
 
 def _sorts(annotation: str, module: Mapping[str, Any]) -> tuple[Sort, ...]:
     """Return the kinds of value that an annotation allows; none if it allows any."""
+    if annotation.startswith("InitVar["):
+        annotation = annotation[len("InitVar[") : -1]
     found = [_sort(each, module) for each in _alternatives(annotation)]
     return tuple(each for each in found if each) if all(found) else ()
 

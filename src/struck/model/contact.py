@@ -153,7 +153,8 @@ def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
 def _three(values: object, name: str) -> Array:
     array = numbers(name, values, error=ContactError)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise ContactError(f"{name} is {values!r}: give three finite numbers x, y, z")
+        told = ", ".join(f"{value:g}" for value in array.ravel()[:6])
+        raise ContactError(f"{name} is ({told}): give three finite numbers x, y, z, in m")
     return array
 
 

@@ -1,14 +1,16 @@
-"""Damping: from natural frequencies to decay rates."""
+"""Damping: from natural frequencies, in Hz or as notes (A4 = 440 Hz), to decay rates."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import re
+from dataclasses import InitVar, dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError
+from struck.errors import MaterialError, OptionError, StruckError
 from struck.model.arrays import Array, checked, numbers, require_number
 
 _STEPS, _PRECISION = 200, 1e-14
@@ -92,21 +94,38 @@ class Measured:
 
     Parameters
     ----------
-    frequencies : tuple of float
-        Ascending, Hz.
+    frequencies : tuple of float or str
+        Ascending, Hz, or notes as "A5".
     rates : tuple of float
         Decay rates there, 1/s; beyond the ends the nearest is taken.
+    t60 : tuple of float
+        Instead of rates: times of 60 dB of decay, s; d = ln 1000 / T60.
 
     Raises
     ------
     MaterialError
-        When the two differ in length, are not positive, or frequencies do not ascend.
+        When the two differ in length, are not positive, or frequencies do not ascend; or on both
+        `rates` and `t60`, or neither.
     """
 
-    frequencies: tuple[float, ...]
-    rates: tuple[float, ...]
+    frequencies: tuple[float | str, ...]
+    rates: tuple[float, ...] = ()
+    t60: InitVar[tuple[float, ...] | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, t60: tuple[float, ...] | None) -> None:
+        if t60 is not None:
+            if np.size(self.rates):
+                raise MaterialError("both rates= and t60= are given: leave one of them out")
+            times = numbers("t60", t60, error=MaterialError)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                object.__setattr__(self, "rates", np.log(1000) / times)
+        if not isinstance(self.frequencies, np.ndarray):
+            pitches = np.atleast_1d(np.asarray(self.frequencies, object)).ravel()
+            in_hertz = [
+                hertz("frequencies", each, error=MaterialError) if isinstance(each, str) else each
+                for each in pitches
+            ]
+            object.__setattr__(self, "frequencies", in_hertz)
         for name in ("frequencies", "rates"):
             given = numbers(name, getattr(self, name), error=MaterialError)
             object.__setattr__(self, name, tuple(np.atleast_1d(given).ravel().tolist()))
@@ -144,10 +163,9 @@ def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def natural_at(frequency: float, damping: Damping) -> float:
+def natural_at(frequency: float | str, damping: Damping) -> float:
     """Return the natural frequency that rings at `frequency`, Hz; MaterialError where none does."""
-    if not (np.isfinite(frequency) and frequency > 0):
-        raise MaterialError(f"a mode cannot be tuned to {frequency} Hz: give more than 0")
+    frequency = hertz("lowest", frequency, error=MaterialError)
     natural = frequency
     for _ in range(_STEPS):
         decay = float(damping.decays(natural))
@@ -164,3 +182,41 @@ def _require_at_least_zero(**coefficients: float) -> None:
     for name, value in coefficients.items():
         wanted = "damping needs a finite number of at least 0"
         require_number(name, value, wanted=wanted, error=MaterialError)
+
+
+# Frequencies as people say them.
+
+NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
+_NOTE = re.compile(
+    r"([A-G])([#b\u266f\u266d]?)(-1|10|\d)\s*(?:([+-]\d+(?:\.\d+)?)\s*c?)?", re.IGNORECASE
+)
+_ALTERED = {"": 0, "#": 1, "\u266f": 1, "b": -1, "\u266d": -1}
+_PLAIN = re.compile(r"\s*(\S+?)\s*(k?)(?:hz)?\s*", re.IGNORECASE)
+
+
+def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionError) -> float:
+    """Return a pitch in Hz: a number, "880", "1.2 kHz", or a note as "A5" or "A5+12c".
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for messages.
+    pitch : float or str
+        Above 0 Hz; notes from C-1 to B10, with "#" or "b", and cents after a sign.
+    error : type
+        Raised on anything else.
+    """
+    wanted = "give Hz, as 880, or a note from C-1 to B10, as A5, Bb3 or A5+12c"
+    if isinstance(pitch, str):
+        note, plain = _NOTE.fullmatch(pitch.strip()), _PLAIN.fullmatch(pitch)
+        if note:
+            letter, sign, octave, cents = note.groups()
+            semitones = NAMES.index(letter.upper()) + _ALTERED[sign.lower()] + 12 * int(octave) - 57
+            return 440 * 2 ** ((semitones + float(cents or 0) / 100) / 12)
+        try:
+            pitch = float(plain[1]) * (1000 if plain[2] else 1) if plain else math.nan
+        except ValueError:
+            german = " (H is B here)" if pitch.strip()[:1] in {"H", "h"} else ""
+            raise error(f"{name} is {pitch!r}, no frequency: {wanted}{german}") from None
+    require_number(name, pitch, above=True, wanted=wanted, unit=" Hz", error=error)
+    return float(pitch)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.model.arrays import Array
+from struck.model.damping import NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +61,6 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-_NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")
 
 
@@ -69,7 +69,7 @@ def note(frequency: float) -> str:
     semitones = 69 + 12 * math.log2(frequency / 440)
     nearest = round(semitones)
     cents = round(100 * (semitones - nearest))
-    return f"{_NAMES[nearest % 12]}{nearest // 12 - 1} {cents:+d}"
+    return f"{NAMES[nearest % 12]}{nearest // 12 - 1} {cents:+d}"
 
 
 def modes_rows(

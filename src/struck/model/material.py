@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, MaterialError
+from struck.errors import ArgumentError, MaterialError, nearest
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 from struck.model.provenance import table_of
@@ -201,8 +200,7 @@ def _canonical(name: str) -> str:
 
 
 def _unknown(name: str) -> str:
-    near = difflib.get_close_matches(_canonical(name), _aliases(), n=3, cutoff=0.5)
-    offer = f"did you mean {' or '.join(near)}? " if near else ""
+    offer = nearest(_canonical(name), _aliases())
     return f"no material is called {name!r}: {offer}'struck materials' lists all {len(materials())}"
 
 

@@ -259,8 +259,8 @@ class ModalModel:
         return self._remade(self._stiffness(factor), self.material, size=factor)
 
     @checked
-    def tuned(self, *, lowest: float) -> ModalModel:
-        """Return a copy of such a size that its lowest mode rings at `lowest`, Hz.
+    def tuned(self, *, lowest: float | str) -> ModalModel:
+        """Return a copy of such a size that its lowest mode rings at `lowest`, Hz, or "A5".
 
         Raises
         ------

@@ -8,6 +8,7 @@ A bare position hears that as it is. For listeners it is sent, from 1 m or towar
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
-from struck.errors import OptionError
+from struck.errors import OptionError, ScaleWarning
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.strike import Strike, after_attack, residual_of
@@ -43,6 +44,7 @@ LONGEST_RING = 10.0  # how long it goes on after that at most, s
 SHORTEST_RING = 0.1  # and at least, s
 _QUIETEST = 10 ** (-40 / 20)  # softer modes than this share of the loudest do not prolong a sound
 _SILENT = np.log(1000)
+_PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
 _MOVED = 1e-3  # contacts moved by less than this share of the body are not worth a note
 _BLOCK = 128  # short, since drives go straight from block to block where a contact moves
 _HEARING_BLOCK = 4096
@@ -69,6 +71,7 @@ def render(
         if hasattr(excitations, "body0"):
             raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
         bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
+        told = _doubts([action for body in bodies for action in body.actions], seconds)
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
@@ -114,9 +117,30 @@ def _bodies(
             raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
         if excitations:
             raise OptionError("a Body brings its own excitations: give them there")
-    if not any(body.actions for body in bodies):
-        raise OptionError("there is nothing to render: give at least one Strike")
+    actions = [action for body in bodies for action in body.actions]
+    if all(isinstance(action, Hold) for action in actions):
+        held = f"{len(actions)} Hold and nothing that strikes" if actions else "nothing to render"
+        raise OptionError(f"there is {held}: give at least one Strike")
     return [body for body in bodies if not body.silent]
+
+
+def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
+    """Warn of strikers faster than is plausible; return a note of strikes after the end."""
+    fastest = max((each.speed or 0.0 for each in actions if isinstance(each, Strike)), default=0.0)
+    if fastest > _PLAUSIBLE_SPEED:
+        warnings.warn(
+            f"a striker's speed is {fastest:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
+            f"elastic, as Hertz's law of the blow has it; {fastest:g} cm/s is {fastest / 100:g}",
+            ScaleWarning,
+            stacklevel=4,
+        )
+    times = [each.time for each in actions if isinstance(each, Strike)]
+    late = [time for time in times if seconds is not None and time >= seconds]
+    note = (
+        f"{len(late)} of {len(times)} strikes begin after the end at {seconds} s and are not "
+        "heard: give more seconds"
+    )
+    return (note,) if late else ()
 
 
 def _someone(listener: Listener | ArrayLike | None) -> Listener:
