@@ -446,7 +446,7 @@ def model_of_modes(
     method: str = "modes of another program",
     up: str = "z",
 ) -> ModalModel:
-    """Make a model of modes that another program computed.
+    """Make a model of modes that another program computed or that were measured.
 
     Parameters
     ----------
@@ -476,12 +476,23 @@ def model_of_modes(
     up : str
         "y" or "z": the axis of the mesh that points upwards.
 
+    Returns
+    -------
+    ModalModel
+        With the material's damping and without recoil; the errors of its frequencies are NaN.
+
     Raises
     ------
     OptionError
         When numbers are not finite or do not fit each other.
     MeshError
         When the surface has none or impossible faces.
+
+    Notes
+    -----
+    Mass-normalised means that the sum over all nodes of mass times squared displacement is 1 kg m^2
+    for each mode, divided by kg m^2: a shape u of any scale is divided by sqrt(u^T M u). Rotations
+    of shell elements are left out, and of the inner nodes only the mass counts.
     """
     surface = Mesh(points=np.asarray(points), faces=np.asarray(faces), up=up)
     natural, forms = np.asarray(frequencies, float), np.asarray(shapes, float)
