@@ -18,4 +18,5 @@ autodoc_typehints = "none"  # the docstrings say shapes and units, which types c
 napoleon_google_docstring = False
 
 html_theme = "furo"
+html_static_path = ["static"]  # sounds that the pages play
 html_title = f"struck {release}"

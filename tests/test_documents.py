@@ -33,6 +33,7 @@ DEAR = {
     "docs/how-to/touch_a_body.md",
     "docs/how-to/use_a_mesh_file.md",
     "docs/how-to/volume_meshes.md",
+    "docs/tutorial/first_sound.md",
     "examples/a_broken_file.py",
     "examples/data_set.py",
     "examples/hollow_figurine.py",
