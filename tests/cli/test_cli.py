@@ -89,6 +89,9 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     analyzed = json.loads(capsys.readouterr().out)
     assert main(["info", "tube.struck", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
+    levels = {place["name"]: place["level"] for place in told["levels"]}
+    assert {"top", "bottom", "side", "rim", "middle", "loudest", *analyzed["places"]} == {*levels}
+    assert levels["loudest"] > levels["quarter"] > levels["middle"] > 20
     assert analyzed["frequencies"] == told["frequencies"]
     assert analyzed["output"] == "tube.struck"
     assert analyzed["complete_to"] == told["complete_to"] < 5_000
@@ -255,7 +258,7 @@ def test_bad_strikes_are_refused(
     folder: Path, tube: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for arguments, words in (
-        (["--strike", "rim"], ["rim", "middle"]),
+        (["--strike", "lip"], ["lip", "middle"]),
         (["--strike", "0.1,0,0"], ["off the body", "nearest point"]),
         (["--strike", "end", "--striker", "jelly"], ["jelly", "wood"]),
         (["--listener", "0.012,0,0"], ["inside"]),

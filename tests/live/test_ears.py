@@ -28,7 +28,7 @@ __all__ = ["by_hand"]
 Array = NDArray[np.float64]
 LEFT = Stereo(position=(0.0, 1.0, 0.0), facing=(0.6, -0.8, 0.0))
 AHEAD = Mono(position=(2.0, 0.0, 0.0))
-BLOW = Strike(at="top", impulse=1e-3, duration=1e-3, shape="gaussian")
+BLOW = Strike(at="top", impulse=1e-3, duration=0.6e-3, shape="gaussian")
 
 
 def both(player: HandPlayer, blocks: int, between: Callable[[int], None] = lambda _: None) -> Array:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 import struck
 from struck.cli import Result
 from struck.files.archives import PACKINGS
 from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
+from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from struck.model.recoil import Recoil
 
 LISTED = 20  # modes, unless asked for more or fewer
@@ -36,7 +37,38 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     ending = Path(options.file).suffix[1:].lower()
     if ending in FORMATS or ending in PACKINGS:
         return _parts(options.file, options.units)
-    return described(struck.load(options.file), "", listed=options.modes)
+    model = struck.load(options.file)
+    places = [_Place.of(model, name) for name in (LOUDEST, *sorted(model.places))]
+    unit = "dB re 20 uPa at 1 m" if model.calibrated else "dB"
+    rows = [("place", ", ".join(model.coordinates) or "-", f"of a strike, {unit}")]
+    rows += [each.row for each in places]
+    last = f"\n{aligned(rows)}"
+    return described(model, last, listed=options.modes, levels=[asdict(each) for each in places])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Place:
+    """A place of a model, its coordinates, and the level of `Strike(at=name)` there, dB."""
+
+    name: str
+    point: list[float]
+    level: float | None  # None where nothing is heard
+
+    @classmethod
+    def of(cls, model: struck.ModalModel, name: str) -> _Place:
+        """Strike a place, and take the loudest 1/8 s of the sound."""
+        sound = struck.render(model, struck.Strike(at=name), seconds=0.5)
+        squares = np.square(sound.samples[0].astype(float))
+        window = sound.sample_rate // 8
+        most = np.diff(np.cumsum(squares)[::window], prepend=0.0).max() / window
+        level = 10 * math.log10(most / 20e-6**2) if most else None
+        return cls(name=name, point=model.contact(name).point.tolist(), level=level)
+
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """Texts for a table."""
+        level = "silent" if self.level is None else f"{self.level:.1f}"
+        return self.name, ", ".join(f"{each:.4g}" for each in self.point) or "-", level
 
 
 def _parts(file: str, units: str | None) -> Result:

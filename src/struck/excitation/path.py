@@ -60,11 +60,11 @@ class Path:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         moving = np.concatenate([[True], steps > 0])
         _require_moving(moving)
-        _, faces, _ = surface.closest(points[moving])
+        _, faces, nearest = surface.closest(points[moving])
         return cls(
             points=points[moving],
             spots=points[moving],
-            normals=mesh.face_normals[faces],
+            normals=mesh.normals_at(faces, nearest),
             lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
             repeat=repeat,
         )

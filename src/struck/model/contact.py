@@ -100,7 +100,7 @@ def nearest_contacts(
             f"the contact {_text(points[off])} is {lengths[off]:.3g} m off the body, more than "
             f"{reach:.3g} m: the nearest point is {_text(nearest[off])}"
         )
-    normals = mesh.face_normals[faces]
+    normals = mesh.normals_at(faces, nearest)
     if directions is None:
         return nearest, -normals, normals, faces
     return nearest, np.array([_unit(way) for way in directions]), normals, faces
@@ -136,7 +136,7 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
         return mesh.points[int(number)]
     if at not in places:
         raise ContactError(
-            f"no place is called {at!r}: give one of {', '.join(sorted(places))}, "
+            f"no place is called {at!r}: give one of {', '.join(sorted(places))}, loudest, "
             f"vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
         )
     return places[at]

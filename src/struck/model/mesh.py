@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     import igl
 
 
+_SMOOTH = np.cos(np.deg2rad(40))  # faces that turn further from each other meet in an edge
+_FLAT = 1e-9  # of unit normals: what differs less lies in one plane
+
+
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
@@ -79,6 +83,38 @@ class Mesh:
             np.add.at(normals, corner, self.area_vectors)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return normals / np.maximum(lengths, np.finfo(float).tiny)
+
+    @cached_property
+    def corner_normals(self) -> Array:
+        """Outward unit normals at the corners of the faces (F, 3, 3), smooth but for sharp edges.
+
+        A corner takes the mean of those faces around its vertex that turn from its own by less than
+        40 degrees, weighted as N. Max does (1999), which is exact on spheres and tubes.
+        """
+        from scipy import sparse  # only where a body is touched or drawn
+
+        corners, places, tiny = self.faces.ravel(), self.points[self.faces], np.finfo(float).tiny
+        to, back = np.roll(places, -1, axis=1) - places, np.roll(places, 1, axis=1) - places
+        sides = np.einsum("fcd,fcd->fc", to, to) * np.einsum("fcd,fcd->fc", back, back)
+        shares = (np.cross(to, back) / np.maximum(sides, tiny)[:, :, None]).reshape(-1, 3)
+        count = np.arange(len(corners))
+        ones = sparse.csr_array((np.ones(len(corners)), (corners, count)))
+        around = ones[corners]  # of each corner, all corners at its vertex
+        mine, others = np.repeat(count // 3, np.diff(around.indptr)), around.indices
+        cosines = np.einsum("kd,kd->k", self.face_normals[mine], self.face_normals[others // 3])
+        alike = shares[others] * (cosines > _SMOOTH)[:, None]
+        means = np.add.reduceat(alike, around.indptr[:-1])
+        means /= np.maximum(np.linalg.norm(means, axis=1, keepdims=True), tiny)
+        return means.reshape(-1, 3, 3)
+
+    def normals_at(self, faces: Index, points: Array) -> Array:
+        """Return outward unit normals (K, 3) at points (K, 3) of faces (K,), smooth as corners'."""
+        flat, corners = self.face_normals[faces], self.corner_normals[faces]
+        weights = barycentric(self.points[self.faces[faces]], points)
+        smooth = np.einsum("kc,kcd->kd", weights, corners)
+        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), np.finfo(float).tiny)
+        curved = (np.abs(corners - flat[:, None]) > _FLAT).any(axis=(1, 2))
+        return np.where(curved[:, None], smooth, flat)
 
     @cached_property
     def mean_curvatures(self) -> Array:
@@ -289,18 +325,73 @@ def _dot(left: Array, right: Array) -> Array:
     return np.einsum("kd,kd->k", left, right)
 
 
+_DEEP = 0.1  # share of the height by which the middle of an open body lies below its rim
+_INSET = 0.01  # share of the way to the middle of a face by which places stand off a sharp edge
 _LEVEL = 1e-3  # share of the extent within which vertices count as one flat end
 
 
 def places_of(mesh: Mesh) -> Mapping[str, Array]:
-    """Return "top" and "bottom" along the surface's up axis, and "+x" to "-z", m each (3,)."""
+    """Return the places that every body has, m each (3,).
+
+    They are "top" and "bottom" along its upward axis, "side" along the axis after it, "middle"
+    under a drop that falls on its middle, "+x" to "-z", and "rim" where that drop falls far into a
+    body whose four quarters all reach its top.
+    """
     axes = {f"{sign}{name}": (i, sign) for i, name in enumerate("xyz") for sign in "+-"}
     places = {name: _outermost(mesh, axis, sign) for name, (axis, sign) in axes.items()}
-    return places | {"top": places[f"+{mesh.up}"], "bottom": places[f"-{mesh.up}"]}
+    up = "xyz".index(mesh.up)
+    across = [(up + 1) % 3, (up + 2) % 3]
+    top, middle = places[f"+{mesh.up}"], _under_a_drop(mesh, up, across)
+    named = {"top": top, "bottom": places[f"-{mesh.up}"], "side": places[f"+{'xyz'[across[0]]}"]}
+    low, high = mesh.bounds
+    lowest = high[up] - _DEEP * (high - low)[up]
+    upper = mesh.points[mesh.points[:, up] > lowest]
+    quarters = np.unique(upper[:, across] > ((low + high) / 2)[across], axis=0)
+    if len(quarters) == 4 and (middle is None or middle[up] < lowest):
+        edge = np.flatnonzero(mesh.points[:, up] >= high[up] - _LEVEL * mesh.extent)
+        outermost = edge[np.argmax(mesh.points[edge, across[0]])]
+        named["rim"] = _off_edges(mesh, outermost, np.eye(3)[across[0]])
+    if middle is None:
+        off = np.linalg.norm(mesh.points - (low + high) / 2, axis=1)
+        middle = mesh.points[np.argmin(off)]
+    return places | named | {"middle": middle}
+
+
+def _under_a_drop(mesh: Mesh, up: int, across: list[int]) -> Array | None:
+    """Return the highest point over the middle of a surface's plan, None where it is open."""
+    centre = mesh.bounds.mean(axis=0)
+    corners = mesh.points[mesh.faces]
+    plan, heights = corners[:, :, across] - centre[across], corners[:, :, up]
+    after, last = np.roll(plan, -1, axis=1), np.roll(plan, -2, axis=1)
+    # Twice the areas that the middle makes with each edge: of one sign where it lies within.
+    areas = after[:, :, 0] * last[:, :, 1] - after[:, :, 1] * last[:, :, 0]
+    slack = _FLAT * mesh.extent**2
+    within = (areas >= -slack).all(axis=1) | (areas <= slack).all(axis=1)
+    within &= np.abs(areas.sum(axis=1)) > slack
+    if not within.any():
+        return None
+    shares = areas[within] / areas[within].sum(axis=1, keepdims=True)
+    found = centre.copy()
+    found[up] = np.einsum("fc,fc->f", shares, heights[within]).max()
+    return found
 
 
 def _outermost(mesh: Mesh, axis: int, sign: str) -> Array:
     """Return the outermost vertex; on a flat end, the one nearest its middle."""
-    height = mesh.points[:, axis] * (1 if sign == "+" else -1)
-    ends = mesh.points[height >= height.max() - _LEVEL * mesh.extent]
-    return ends[np.argmin(np.linalg.norm(ends - ends.mean(axis=0), axis=1))]
+    way = np.eye(3)[axis] * (1 if sign == "+" else -1)
+    heights = mesh.points @ way
+    ends = np.flatnonzero(heights >= heights.max() - _LEVEL * mesh.extent)
+    points = mesh.points[ends]
+    return _off_edges(
+        mesh, ends[np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1))], way
+    )
+
+
+def _off_edges(mesh: Mesh, vertex: int, way: Array) -> Array:
+    """Return a vertex, moved from a sharp edge into that of its faces which looks most one way."""
+    around = np.flatnonzero((mesh.faces == vertex).any(axis=1))
+    normals, point = mesh.face_normals[around], mesh.points[vertex]
+    face = int(np.argmax(normals @ way))
+    if (normals @ normals[face]).min() > _SMOOTH:
+        return point
+    return point + _INSET * (mesh.centroids[around[face]] - point)

@@ -46,6 +46,7 @@ _LOST_FIELD = (
     "the timbre field was computed at other frequencies: an estimate, the same in all directions, "
     "takes its place; compute the field anew"
 )
+LOUDEST = "loudest"  # the place that every model has beside its own
 _NAMED = 12  # modes that are told one by one
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
@@ -182,7 +183,8 @@ class ModalModel:
         Parameters
         ----------
         at : str, array (3,) or None
-            A name of the model's places, "vertex:120", a point in m, or None for the loudest.
+            A name of the model's places, "vertex:120", a point in m, or None or "loudest" for the
+            place where a push straight into the surface sounds loudest.
         direction : array (3,), optional
             Of the push; the inward normal unless given.
 
@@ -191,6 +193,7 @@ class ModalModel:
         ContactError
             When there is no such place, or the point is off the body.
         """
+        at = None if isinstance(at, str) and at == LOUDEST else at
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
             return Contact.recorded(at, self.places, self.coordinates, direction)
         if at is None and not len(self.decays):

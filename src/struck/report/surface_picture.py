@@ -22,7 +22,6 @@ _COLOURS = "RdBu_r"  # diverges from white, and the colour-blind can read it
 _FEWEST_FACES = 3_000
 _EXAGGERATION = 0.06
 _ELEVATION = np.deg2rad(24)
-_SHARP = np.cos(np.deg2rad(40))
 _CLAY = np.array([0.80, 0.81, 0.83])
 _LIGHT = np.array([-0.42, 0.58, 0.70])
 _OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
@@ -60,7 +59,7 @@ class Painter:
             return
         moves = self.sources @ shape
         moves = moves / max(np.linalg.norm(moves, axis=1).max(), np.finfo(float).tiny)
-        normals = _corner_normals(self.surface)
+        normals = self.surface.corner_normals
         outward = np.einsum("fcd,fcd->fc", moves[self.surface.faces], normals)
         sign = 1.0 if signed or outward.max() >= -outward.min() else -1.0
         points = self.surface.points + sign * _EXAGGERATION * self.surface.extent * moves
@@ -192,26 +191,11 @@ def _interpolation(surface: Mesh, points: Array) -> sparse.csr_array:
 
 def _corners(surface: Mesh, values: Array) -> Array:
     """Return place, normal and one of `values` (F, 3) at all corners, small enough (F, 3, 7)."""
-    places, normals = surface.points[surface.faces], _corner_normals(surface)
+    places, normals = surface.points[surface.faces], surface.corner_normals
     corners = np.concatenate([places, normals, values[:, :, None]], axis=2)
     while len(corners) < _FEWEST_FACES:
         corners = _quartered(corners)
     return corners
-
-
-def _corner_normals(surface: Mesh) -> Array:
-    """Return unit normals at the corners of all faces (F, 3, 3), smooth but for sharp edges."""
-    # A corner takes the mean of the faces around its vertex that turn little from its own.
-    corners, normals = surface.faces.ravel(), surface.face_normals
-    owners = np.repeat(np.arange(len(surface.faces)), 3)
-    shape = (len(surface.points), len(surface.faces))
-    around = sparse.csr_array((np.ones(len(corners)), (corners, owners)), shape=shape)[corners]
-    mine = np.repeat(owners, np.diff(around.indptr))
-    alike = np.einsum("kd,kd->k", normals[mine], normals[around.indices]) > _SHARP
-    shares = surface.area_vectors[around.indices] * alike[:, None]
-    means = np.add.reduceat(shares, around.indptr[:-1])
-    lengths = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
-    return (means / lengths).reshape(-1, 3, 3)
 
 
 def _quartered(corners: Array) -> Array:

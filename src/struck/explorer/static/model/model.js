@@ -145,7 +145,7 @@ export class Model {
         `the place is ${place.distance.toPrecision(3)} m off the body, more than ` +
           `${(SNAP * this.extent).toPrecision(3)} m: choose one on it`,
       );
-    const normal = this.surface.normal(place.face);
+    const normal = this.surface.normalAt(place);
     return { ...place, normal, direction: direction ? unit(direction) : normal.map((n) => -n) };
   }
 

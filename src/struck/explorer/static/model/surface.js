@@ -16,6 +16,10 @@ export const cross = (a, b) => [
 ];
 export const length = (a) => Math.hypot(a[0], a[1], a[2]);
 
+// Cosine of 40 degrees: faces that turn further from each other meet in an edge.
+const SMOOTH = Math.cos((40 * Math.PI) / 180);
+const FLAT = 1e-9; // of unit normals: what differs less lies in one plane
+
 /** A closed surface of V vertices and F triangles. */
 export class Surface {
   /**
@@ -43,6 +47,33 @@ export class Surface {
     const across = cross(subtract(b, a), subtract(c, a));
     const size = length(across) || 1;
     return across.map((each) => each / size);
+  }
+
+  /** Return the outward unit normal at a place, smooth but for sharp edges, as Python's Mesh. */
+  normalAt({ face, weights }) {
+    const own = this.normal(face);
+    const corners = [0, 1, 2].map((corner) => this.#cornerNormal(3 * face + corner, own));
+    const apart = corners.map((each) => Math.max(...subtract(each, own).map(Math.abs)));
+    if (Math.max(...apart) <= FLAT) return own;
+    const sum = own.map((_, k) => corners.reduce((all, each, c) => all + weights[c] * each[k], 0));
+    return sum.map((each) => each / (length(sum) || 1));
+  }
+
+  /** Return the unit normal at a corner, by Max's weights over faces that turn little from `own`. */
+  #cornerNormal(corner, own) {
+    const vertex = this.faces[corner];
+    const sum = [0, 0, 0];
+    for (let side = 0; side < this.faces.length; side++) {
+      if (this.faces[side] !== vertex) continue;
+      const face = Math.floor(side / 3);
+      const turned = this.normal(face).reduce((all, each, k) => all + each * own[k], 0);
+      if (turned <= SMOOTH) continue;
+      const ends = [1, 2].map((step) => this.vertex(this.faces[3 * face + ((side + step) % 3)]));
+      const [to, back] = ends.map((end) => subtract(end, this.vertex(vertex)));
+      const share = (length(to) * length(back)) ** 2 || 1;
+      cross(to, back).forEach((each, k) => (sum[k] += each / share));
+    }
+    return sum.map((each) => each / (length(sum) || 1));
   }
 
   /** Longest edge of the box around it, m. */
