@@ -28,11 +28,13 @@ static inline void turn(double x, double *cosine, double *sine) {
   const double turns = floor(x * OVER_2_PI + 0.5);
   const double whole = (x - turns * 6.283185307179586) - turns * 2.4492935982947064e-16;
   const double t = 0.25 * whole, u = t * t;
-  double s = t * (1 - u / 6 * (1 - u / 20 * (1 - u / 42 * (1 - u / 72 * (1 - u / 110 *
-             (1 - u / 156 * (1 - u / 210)))))));
-  const double v = 1 - u / 12 * (1 - u / 30 * (1 - u / 56 * (1 - u / 90 * (1 - u / 132 *
-                   (1 - u / 182 * (1 - u / 240))))));
-  double c = 1 - u / 2 * v;
+  double s = t * (1 - u * (1.0 / 6) * (1 - u * (1.0 / 20) * (1 - u * (1.0 / 42) *
+             (1 - u * (1.0 / 72) * (1 - u * (1.0 / 110) * (1 - u * (1.0 / 156) *
+             (1 - u * (1.0 / 210))))))));
+  const double v = 1 - u * (1.0 / 12) * (1 - u * (1.0 / 30) * (1 - u * (1.0 / 56) *
+                   (1 - u * (1.0 / 90) * (1 - u * (1.0 / 132) * (1 - u * (1.0 / 182) *
+                   (1 - u * (1.0 / 240)))))));
+  double c = 1 - 0.5 * u * v;
   for (int twice = 0; twice < 2; twice++) {
     const double doubled = 2 * s * c;
     c = 1 - 2 * s * s;

@@ -9,7 +9,7 @@ zero (CHIEF: Schenck 1968): equations that border the others. Derivation: docs, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -105,20 +105,22 @@ class SurfaceField:
 
         The Kirchhoff-Helmholtz integral: Pa for a modal velocity of 1 kg^1/2 m/s.
         """
-        elements, out = (
-            BoundaryElements.of(self.mesh),
-            np.empty((len(points), len(modes)), np.complex128),
-        )
-        doubles = np.empty((_ROWS, len(self.mesh.faces)), np.complex128)
-        for wave_number in np.unique(self.wave_numbers[modes]):
-            some = np.flatnonzero(self.wave_numbers[modes] == wave_number)
-            real, imaginary = self.pressures[:, :, modes[some]].astype(np.float64)
-            flows = _flows(wave_number, self.velocities[:, modes[some]], self.air)
-            for first in range(0, len(points), _ROWS):
-                places = points[first : first + _ROWS]
-                rows = doubles[: len(places)]
-                singles = elements.layers(places, wave_number, rows)
-                out[first : first + _ROWS, some] = rows @ (real + 1j * imaginary) + singles @ flows
+        elements = BoundaryElements.of(self.mesh)
+        out = np.empty((len(points), len(modes)), np.complex128)
+        own = self.wave_numbers[modes]
+        real, imaginary = (each.T[modes].astype(np.float64) for each in self.pressures)
+        pressures = real + 1j * imaginary
+        flows = _flows(own[:, None], self.velocities.T[modes], self.air)
+        for wave_number in np.unique(own):
+            some = np.flatnonzero(own == wave_number)
+
+            def hear(rows: slice, wave_number: float = wave_number, some: Index = some) -> None:
+                places = points[rows]
+                doubles = np.empty((len(places), len(self.mesh.faces)), np.complex128)
+                singles = elements.layers(places, wave_number, doubles)
+                out[rows, some] = _sums(doubles, pressures[some]) + _sums(singles, flows[some])
+
+            _in_threads(hear, _blocks(0, len(points)))
         return out
 
     def chosen(self, modes: Index, size: float, factor: float | Array) -> SurfaceField | None:
@@ -214,15 +216,13 @@ def _pressures(
     matrix = np.empty((rows, rows), np.complex128)
     driven = np.empty((rows, flows.shape[1]), np.complex128)
 
-    def fill(block: tuple[int, int]) -> None:
-        some, own = slice(*block), block[0] if block[1] <= count else -1
-        driven[some] = elements.layers(places[some], wave_number, matrix[some], own) @ flows
+    def fill(some: slice) -> None:
+        own = some.start if some.stop <= count else -1
+        singles = elements.layers(places[some], wave_number, matrix[some], own)
+        driven[some] = _sums(singles, flows.T)
         np.negative(matrix[some], out=matrix[some])
 
-    starts = [*range(0, count, _ROWS), *range(count, rows, _ROWS), rows]
-    ends = [min(start + _ROWS, count) if start < count else start + _ROWS for start in starts]
-    with ThreadPoolExecutor(thread_count()) as threads:
-        list(threads.map(fill, zip(starts[:-1], np.minimum(ends, rows)[:-1].tolist(), strict=True)))
+    _in_threads(fill, [*_blocks(0, count), *_blocks(count, rows)])
     matrix[np.arange(count), np.arange(count)] += 0.5
     matrix[:count, count:] = matrix[count:, :count].conj().T
     matrix[count:, count:] = 0
@@ -230,6 +230,26 @@ def _pressures(
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
     found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
     return found[:count]
+
+
+def _blocks(first: int, end: int) -> list[slice]:
+    """Return the rows from `first` to `end`, few at once."""
+    return [slice(start, min(start + _ROWS, end)) for start in range(first, end, _ROWS)]
+
+
+def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
+    """Do work on blocks of rows, each on its own, on all processors."""
+    if len(blocks) == 1:  # a listener that moves has no time for threads
+        work(blocks[0])
+        return
+    with ThreadPoolExecutor(thread_count()) as threads:
+        list(threads.map(work, blocks))
+
+
+def _sums(layers: Complex, values: Complex) -> Complex:
+    """Return layers (P, F) of values (K, F): (P, K)."""
+    # Not by a matrix product, whose own threads would wait, busily, for processors that ours use.
+    return np.einsum("pf,kf->pk", layers, values)
 
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
