@@ -564,6 +564,13 @@ def _models(folder: Path) -> dict[str, Call]:
         "model.ModalModel.made_of": Call(
             made=bar().made_of, given={"material": "glass"}, use=sounding
         ),
+        "model.ModalModel.radiating": Call(
+            made=block().radiating,
+            given={"band": (20.0, 2500.0), "near": False},
+            use=sounding,
+            dear=True,
+            long=True,
+        ),
         "model.ModalModel.charted": Call(
             made=recorded("round", charted=False).charted,
             given={"pitch": [0.2, 0.1], "geometry": None},

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +13,14 @@ import pytest
 
 import struck
 from struck.analysis.analysis import radiating
-from struck.errors import OptionError, SolverError
+from struck.errors import ContactError, MeshError, OptionError, SolverError
 from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh
 from struck.radiation import sound_field
+from struck.radiation.boundary_elements import Walls
 from struck.radiation.sound_field import FieldPlan, fields_of, velocities_on
-from struck.solids import Block
+from struck.solids import Block, Tube
+from tests.radiation import bodies
 
 BAND = 20.0, 20_000.0
 
@@ -89,3 +96,140 @@ def test_too_little_memory_and_a_relative_estimate_are_refused(
     )
     with pytest.raises(OptionError, match="radiation='power'"):
         relative.radiating()
+
+
+def of_surface(model: struck.ModalModel, surface: Mesh) -> struck.ModalModel:
+    """Return a model whose modes bend another surface along x, by y."""
+    bent = np.zeros((len(surface.points), 3, len(model.frequencies)), np.float32)
+    bent[:, 0] = (surface.points[:, 1:2] / surface.extent) ** 2
+    return replace(model, gains=replace(shaped(model), surface=surface, shapes=bent))
+
+
+def test_open_and_crossing_skins_are_refused(block: struck.ModalModel) -> None:
+    ball = bodies.ball(0.02, 2)
+    shifted = Mesh(points=ball.points + np.array([0.02, 0.001, 0]), faces=ball.faces)
+    with pytest.raises(MeshError, match=r"9 edges .* of 0 at most: analyze"):
+        of_surface(block, Mesh(points=ball.points, faces=ball.faces[5:])).radiating()
+    with pytest.raises(MeshError, match=r"crosses itself: .*% .* of 0.1% at most"):
+        of_surface(block, bodies.joined(ball, shifted)).radiating()
+
+
+@pytest.fixture(scope="module")
+def bowl(block: struck.ModalModel) -> struck.ModalModel:
+    """Return a bowl with a field near it: its wall is 0.7 elements thick."""
+    band = 20.0, 1.01 * float(block.natural_frequencies[0])
+    made = of_surface(block, bodies.bowl(0.02, 0.002, 16, 8))
+    return made.radiating(band=band, near=True)
+
+
+def test_a_thin_wall_makes_the_stated_error_larger(bowl: struck.ModalModel) -> None:
+    (part,) = bowl.gains.near
+    told = float(str(bowl.provenance.details["field_error"]).rstrip("%")) / 100
+    assert 0.1 < Walls.of(part.mesh).thinnest < 1
+    np.testing.assert_allclose(told, part.errors.max(), atol=1e-3)
+    assert 0.01 < told < 0.2
+
+
+def test_modes_above_the_bound_are_named_one_by_one(block: struck.ModalModel) -> None:
+    large = of_surface(block, bodies.ball(0.2, 2))  # wave number times radius: 48 and more
+    made = large.radiating()
+    assert not made.gains.directional
+    assert made.provenance.dropped[-1].startswith("2 modes have no timbre field, but an estimate")
+    for mode, frequency in enumerate(block.frequencies):
+        assert f"{mode} ({frequency:.0f} Hz)" in made.provenance.dropped[-1]
+
+
+def test_a_band_without_modes_says_so_and_no_band_is_refused(block: struck.ModalModel) -> None:
+    made = block.radiating(band=(20, 30))
+    assert made.provenance.dropped[-1] == (
+        "no mode lies from 20 to 30 Hz: no timbre field is computed"
+    )
+    for band in ((2000, 20), (np.nan, 100), (-1, 100), (1, 2, 3)):
+        with pytest.raises(OptionError, match="give two frequencies in Hz, the lower first"):
+            block.radiating(band=band)
+
+
+def test_forty_thousand_elements_are_refused_where_they_do_not_fit(
+    block: struck.ModalModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gains, monkey = shaped(block), monkeypatch
+    plan = FieldPlan.of(gains, block.natural_frequencies, BAND)
+    edge = plan.edges[0] * (plan.counts[0] / 40_000) ** 0.5
+    finer = replace(plan, edges=(float(edge),) * len(plan.edges))
+    np.testing.assert_allclose(finer.counts, 40_000)
+    monkey.setattr(sound_field, "available", lambda: 16 * 2**30)
+    with pytest.raises(SolverError, match=r"needs about 26.8 GiB of memory, but 16.0 GiB are free"):
+        fields_of(gains, finer)
+
+
+def test_nobody_listens_within_a_wall_or_a_closed_cavity(bowl: struck.ModalModel) -> None:
+    assert np.isfinite(bowl.gains.toward(np.array([[0.0, 0.0, -0.01]]))).all()
+    with pytest.raises(ContactError, match="inside the body's surface"):
+        bowl.gains.toward(np.array([[0.0, 0.0, -0.019]]))
+    ball = bodies.ball(0.02, 2)
+    cavity = Mesh(points=0.7 * ball.points, faces=ball.faces[:, ::-1])
+    hollow = of_surface(bowl, bodies.joined(ball, cavity)).gains
+    field = replace(bowl.gains.near[0], mesh=ball)
+    with pytest.raises(ContactError, match="in a cavity of the body that is closed"):
+        replace(hollow, near=(field,)).toward(np.zeros((1, 3)))
+
+
+RUN = """
+import resource, sys, time
+import struck
+from struck.analysis.analysis import radiating
+from struck.radiation import sound_field
+
+solve, solves = sound_field.solved, []
+def counted(**given):
+    solves.append(1)
+    return solve(**given)
+sound_field.solved = counted
+model, begun = struck.load(sys.argv[1]), time.process_time()
+def told(stage, share):
+    print(stage, share, time.process_time() - begun, sep="|", flush=True)
+radiating(model, (20.0, float(sys.argv[2])), cache=sys.argv[3], progress=told)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(len(solves), time.process_time() - begun, peak * 1024, sep="|")
+"""
+SPOT = Path(__file__).parents[3] / "shared/data/meshes/spot.obj"
+
+
+def killed_and_resumed(model: struck.ModalModel, highest: float, folder: Path) -> list[float]:
+    """Return forecast and processor time, s, peak, bytes, and solutions: all, kept, later."""
+    struck.save(model, folder / "body.struck")
+    command = [sys.executable, "-c", RUN, folder / "body.struck", str(highest), folder / "cache"]
+    plan = FieldPlan.of(shaped(model), model.natural_frequencies, (20.0, highest))
+    every = sum(len(list(plan.groups(modes))) for modes in plan.meshed)
+    kept = (every + 1) // 2
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as first:
+        assert first.stdout is not None
+        before = [next(first.stdout).split("|") for _ in range(kept + 1)]
+        first.send_signal(signal.SIGKILL)
+    assert first.returncode == -signal.SIGKILL
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    later, seconds, peak = map(float, done.stdout.splitlines()[-1].split("|"))
+    spent = float(before[-1][2]) + seconds
+    forecast = float(before[0][0].split()[4])
+    return [forecast, spent, peak, every, kept, later]
+
+
+@pytest.mark.prove
+@pytest.mark.timed
+@pytest.mark.parametrize("name", ["block", "chime", "spot"])
+def test_a_killed_field_is_taken_up_and_forecast(name: str, tmp_path: Path) -> None:
+    if name == "spot" and not SPOT.exists():
+        pytest.skip("the mesh of the cow is not there")
+    body = {
+        "block": lambda: struck.analyze(Block(size=(0.12, 0.05, 0.03)), "oak", band=(20, 16_000)),
+        "chime": lambda: struck.analyze(
+            Tube(length=0.505, radius=0.0125, wall=0.001), "aluminium", band=(20, 5000)
+        ),
+        "spot": lambda: struck.analyze(SPOT, "ceramic", size=0.15, wall=0.008, band=(20, 8000)),
+    }[name]()
+    highest = {"block": 16_000.0, "chime": 5000.0, "spot": 8000.0}[name]
+    forecast, spent, peak, every, kept, later = killed_and_resumed(body, highest, tmp_path)
+    assert kept + later in {every, every + 1}  # one more may have been kept before it died
+    assert kept + later == every or later == every - kept - 1
+    assert peak < 4 * 2**30
+    assert spent / 1.5 < forecast < 1.5 * spent

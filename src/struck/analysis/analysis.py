@@ -22,7 +22,7 @@ from struck.analysis.discretisation import Source as ElementsSource
 from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
-from struck.model.damping import hertz
+from struck.model.damping import require_band
 from struck.model.gains import Radiation
 from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
@@ -114,7 +114,7 @@ def analyze(
     chosen = Material.named(material, damping) if isinstance(material, str) else material
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    lowest, highest = _require_band(BAND if band is None else band)  # before any file is read
+    lowest, highest = require_band(BAND if band is None else band)  # before any file is read
     resolution.level(accuracy)
     require_holes(holes, wall)
     heard = by_name(radiation)
@@ -155,7 +155,7 @@ def analyze(
 
 def analyze_with_field(**given: Any) -> ModalModel:  # noqa: ANN401 - as `analyze`
     """Compute the modal model of a body, and then its timbre field."""
-    band = _require_band(BAND if given["band"] is None else given["band"])
+    band = require_band(BAND if given["band"] is None else given["band"])
     model = analyze(**{**given, "radiation": "power"})
     return radiating(model, band, cache=given["cache"], progress=given["progress"])
 
@@ -371,13 +371,6 @@ class _Work:
             fixed=held,
             solver=self.solver,
         )
-
-
-def _require_band(band: tuple[float, float]) -> tuple[float, float]:
-    ends = [hertz("band", end) if isinstance(end, str) else end for end in band]
-    if np.shape(ends) != (2,) or not 0 <= ends[0] < ends[1] < np.inf:
-        raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
-    return float(ends[0]), float(ends[1])
 
 
 def _solver(method: str, backend: str) -> Solver:

@@ -220,3 +220,12 @@ def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionErr
             raise error(f"{name} is {pitch!r}, no frequency: {wanted}{german}") from None
     require_number(name, pitch, above=True, wanted=wanted, unit=" Hz", error=error)
     return float(pitch)
+
+
+def require_band(band: object) -> tuple[float, float]:
+    """Return a band, of numbers or notes, in Hz, the lower end first; OptionError otherwise."""
+    given = band if isinstance(band, tuple | list) else ()
+    ends = np.asarray([hertz("band", end) if isinstance(end, str) else end for end in given])
+    if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
+        raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
+    return float(ends[0]), float(ends[1])

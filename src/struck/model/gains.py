@@ -110,8 +110,8 @@ class FieldRadiation(Protocol):
         near: bool,
         keep: Keep | None,
         progress: Progress,
-    ) -> tuple[ShapeGains, Index]:
-        """Return gains with a timbre field of the modes in a band, and the modes left out."""
+    ) -> tuple[ShapeGains, Index, float]:
+        """Return gains with a timbre field of a band, the modes left out, and the worst error."""
         ...
 
 

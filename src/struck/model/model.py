@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from struck.errors import MaterialError, OptionError
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
-from struck.model.damping import Damping, Each, natural_at, ringing
+from struck.model.damping import Damping, Each, natural_at, require_band, ringing
 from struck.model.gains import (
     ExpandedGains,
     FieldRadiation,
@@ -338,16 +338,20 @@ class ModalModel:
                 "a timbre field is computed from mode shapes on a surface, in Pa, and this model "
                 f"has {type(gains).__name__}: analyze a body with radiation='power'"
             )
-        found, high = gains.radiation.field(
+        band = require_band(band)
+        found, high, error = gains.radiation.field(
             gains, self.natural_frequencies, band=band, near=near, keep=keep, progress=progress
         )
         named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
         more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
         told = f"{len(high)} modes have no timbre field, but an estimate: {named}{more}"
+        if not len(high):
+            told = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
+        computed = {"radiation": "field", "field_error": f"{error:.1%}"}
         provenance = self.provenance.extended(
             references=("schenck1968", "wilton1984") * found.directional,
-            dropped=(told,) * bool(len(high)),
-            radiation="field" if found.directional else self.provenance.details.get("radiation"),
+            dropped=(told,) * (len(high) > 0 or not found.directional),
+            **(computed if found.directional else {}),
         )
         return replace(self, gains=found, provenance=provenance)
 

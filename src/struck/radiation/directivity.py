@@ -182,6 +182,8 @@ class RadiatingGains(ShapeGains):
                 f"field reaches in to {CLOSE * self.field.radius:.3g} m: move it away, or compute "
                 "the field with near=True, which keeps the pressure on the surface as well"
             )
+        if any(part.mesh.locator.holds(places).any() for part in self.near):
+            raise ContactError("a listener is in a cavity of the body that is closed: move it out")
         nearest = min(self.surface.reach, self.radius)
         heard = self.outputs / np.maximum(distances, nearest)[:, None]
         for part in self.near:

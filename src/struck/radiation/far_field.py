@@ -131,8 +131,10 @@ class RadiatedPower:
         near: bool,
         keep: Keep | None,
         progress: Progress,
-    ) -> tuple[ShapeGains, Index]:
-        """Return gains with the computed timbre field of a body, and the modes left out by ka.
+    ) -> tuple[ShapeGains, Index, float]:
+        """Return gains with the timbre field of a body, modes left out by ka, and the worst error.
+
+        The error is what the elements leave, of a mode's far pressure, relative.
 
         Parameters
         ----------
@@ -162,8 +164,9 @@ class RadiatedPower:
         plan = FieldPlan.of(gains, frequencies, band)
         parts = fields_of(gains, plan, keep or computed_at_once, progress)
         if not parts:
-            return gains, plan.left_out
-        return RadiatingGains.of(gains, frequencies, parts, near=near), plan.left_out
+            return gains, plan.left_out, 0.0
+        worst = max(float(part.errors.max()) for part in parts)
+        return RadiatingGains.of(gains, frequencies, parts, near=near), plan.left_out, worst
 
 
 class Heuristic1998:

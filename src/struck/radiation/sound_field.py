@@ -13,11 +13,12 @@ from functools import partial
 import numpy as np
 
 from struck.core.machine import GIB, available
-from struck.errors import SolverError
+from struck.errors import MeshError, SolverError
 from struck.model.arrays import Array, Index
 from struck.model.gains import Keep, ShapeGains
 from struck.model.material import AIR
 from struck.model.mesh import Mesh
+from struck.model.mesh_topology import edges_of
 from struck.model.provenance import FORECAST, Progress, silent
 from struck.radiation.boundary_elements import (
     SAME,
@@ -35,9 +36,10 @@ LARGEST = 24.0  # wave number times radius: beyond it the estimate stays
 _LEAST = 1000  # elements, which a body's form takes, whatever the wavelength
 _ALMOST_NONE = 0.02  # share of the faces whose depth may be less than the wall
 _WALL = 0.15  # of an element, which a wall has at least
+_CROSSED = 1e-3  # share of the skin that may lie within the body
 _FINER = 2**0.5  # from a mesh to the next: twice as many elements
-# Processor time of one factorisation by its F elements, s: putting together, and LAPACK's LU.
-_BY_SQUARE, _BY_CUBE = 1e-7, 6e-11
+# Processor time of one factorisation by its F elements, s: near ones, far ones, and LAPACK's LU.
+_BY_ELEMENT, _BY_SQUARE, _BY_CUBE = 8e-5, 3.5e-8, 6.5e-11
 _BY_FACE = 3e-4  # of remeshing, by the faces of the skin, s
 _SAMPLES = 1300  # places around the body at which the field is read
 _BYTES = 18  # of memory by the square of the elements
@@ -62,12 +64,13 @@ class FieldPlan:
 
     @classmethod
     def of(cls, gains: ShapeGains, frequencies: Array, band: tuple[float, float]) -> FieldPlan:
-        """FieldPlan the field of the modes within a band, Hz."""
+        """Plan the field of the modes within a band, Hz; MeshError where no skin is closed."""
         wave_numbers = 2 * np.pi * frequencies / AIR.sound_speed
         within = np.flatnonzero((frequencies >= band[0]) & (frequencies <= band[1]))
         high = wave_numbers[within] * gains.radius > LARGEST
         chosen = within[~high]
         skin = Skin.of(gains.surface, gains.centre)
+        _require_closed(skin.mesh)
         wall = float(np.nanquantile(Walls.of(skin.mesh).depths, _ALMOST_NONE))
         even = edge_length(skin.mesh) * np.sqrt(len(skin.faces) / _LEAST)
         rough = min(even, wall / _WALL)
@@ -98,18 +101,45 @@ class FieldPlan:
                 yield modes[first:number]
                 first = number
 
-    @property
-    def seconds(self) -> float:
-        """About how much time of a processor it takes."""
+    def seconds(self, counts: Array) -> float:
+        """About how much time of a processor meshes of so many elements (L,) take."""
         solves = np.array([len(list(self.groups(modes))) for modes in self.meshed])
-        each = _BY_SQUARE * self.counts * (self.counts + _SAMPLES) + _BY_CUBE * self.counts**3
-        remeshing = _BY_FACE * len(self.skin.faces) * len(solves)
-        return float(solves @ each) + remeshing if len(solves) else 0.0
+        each = counts * (_BY_ELEMENT + _BY_SQUARE * (counts + _SAMPLES)) + _BY_CUBE * counts**3
+        return float(solves @ each) + _BY_FACE * len(self.skin.faces) * len(solves)
 
-    @property
-    def memory(self) -> float:
-        """About how many bytes it takes at once."""
-        return float(_BYTES * np.square(self.counts).max(initial=0))
+
+def _require_memory(counts: Array) -> float:
+    """Return the bytes that meshes of so many elements take; SolverError if they are not free."""
+    needed, free = float(_BYTES * np.square(counts).max(initial=0)), available()
+    if free is not None and needed > free:
+        raise SolverError(
+            f"the timbre field needs about {needed / GIB:.1f} GiB of memory, but "
+            f"{free / GIB:.1f} GiB are free: give a band= that ends lower, a thicker wall=, "
+            "or take radiation='power'"
+        )
+    return needed
+
+
+def _require_closed(mesh: Mesh) -> None:
+    """Raise MeshError where a surface is open or crosses itself."""
+    loose = np.count_nonzero(edges_of(mesh.faces).balance)
+    if loose:
+        raise MeshError(
+            f"{loose} edges of the surface have a face on one side alone, of 0 at most: analyze "
+            "the body from its mesh, which closes it, or take radiation='power'"
+        )
+    outside = mesh.centroids + 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
+    met, _ = mesh.locator.first_below(outside, mesh.face_normals)
+    along = np.einsum("fd,fd->f", mesh.face_normals[met], mesh.face_normals)
+    within = np.flatnonzero((met >= 0) & (along > 0))  # or their ray slipped between two faces
+    within = within[mesh.locator.holds(outside[within])] if len(within) else within
+    crossed = mesh.areas[within].sum() / mesh.areas.sum()
+    if crossed > _CROSSED:
+        raise MeshError(
+            f"the surface crosses itself: {crossed:.1%} of it lie within the body, of "
+            f"{_CROSSED:.1%} at most: analyze the body from its mesh, which unites it, or take "
+            "radiation='power'"
+        )
 
 
 def _shape_waves(gains: ShapeGains) -> Array:
@@ -138,19 +168,16 @@ def fields_of(
     SolverError
         Where memory does not suffice.
     """
-    free = available()
-    if free is not None and plan.memory > free:
-        raise SolverError(
-            f"the timbre field needs about {plan.memory / GIB:.1f} GiB of memory, but "
-            f"{free / GIB:.1f} GiB are free: give a band= that ends lower, a thicker wall=, "
-            "or take radiation='power'"
-        )
-    forecast = f"about {plan.seconds:.0f} s of a processor and {plan.memory / 1e9:.2g} GB"
+    _require_memory(plan.counts)
+    meshes = [remeshed(plan.skin.mesh, edge, plan.wall) for edge in plan.edges]
+    # Folds and ridges may keep more elements than the plan has.
+    counts = np.array([len(mesh.faces) for mesh in meshes], np.float64)
+    needed, seconds = _require_memory(counts), plan.seconds(counts)
+    forecast = f"about {seconds:.0f} s of a processor and {needed / 1e9:.2g} GB"
     progress(f"{FORECAST}timbre field, {forecast}", 0.0)
     done, every = 0, sum(len(modes) for modes in plan.meshed)
     parts = []
-    for edge, modes in zip(plan.edges, plan.meshed, strict=True):
-        mesh = remeshed(plan.skin.mesh, edge, plan.wall)
+    for mesh, modes in zip(meshes, plan.meshed, strict=True):
         velocities = velocities_on(mesh, gains, plan.skin, modes)
         places = {int(mode): place for place, mode in enumerate(modes)}
         found = []
