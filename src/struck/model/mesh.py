@@ -113,8 +113,8 @@ class Mesh:
         weights = barycentric(self.points[self.faces[faces]], points)
         smooth = np.einsum("kc,kcd->kd", weights, corners)
         smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), np.finfo(float).tiny)
-        curved = (np.abs(corners - flat[:, None]) > _FLAT).any(axis=(1, 2))
-        return np.where(curved[:, None], smooth, flat)
+        bent = np.abs(corners - flat[:, None]).max(axis=(1, 2)) > _FLAT
+        return np.where(bent[:, None], smooth, flat)
 
     @cached_property
     def mean_curvatures(self) -> Array:
