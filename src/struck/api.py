@@ -132,7 +132,7 @@ def analyze_many(
     Parameters
     ----------
     files, material, out : str or path or several, Material or str, path
-        Patterns as "meshes/**/*.obj", folders, names; what they are made of; where models go.
+        Patterns as ``meshes/**/*.obj``, folders, names; what they are made of; where models go.
     **options
         Those of `analyze`, and more: see `struck.batch.analyze_many`, also for what it returns.
     """

@@ -61,7 +61,7 @@ def analyze_many(
     Parameters
     ----------
     files : str or path, or several, optional
-        Patterns as "meshes/**/*.obj", folders and names of mesh files. What stands below the fixed
+        Patterns as ``meshes/**/*.obj``, folders and names of files. What stands below the fixed
         part of a pattern stands in `out` alike. A file of several bodies gives one model a body.
     material : Material or str, optional
         Of all files whose row in the table names none.
