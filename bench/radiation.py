@@ -1,7 +1,8 @@
-"""Processor time of boundary elements: a frequency, a hundred modes, and two threads.
+"""Processor time of boundary elements and of listening; two threads; and bempp-cl beside them.
 
 python bench/radiation.py          on one core: OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 python bench/radiation.py threads  wall time of one thread and of two
+python bench/radiation.py bempp    320 triangles by bempp-cl, where it is installed, and by struck
 """
 
 from __future__ import annotations
@@ -10,50 +11,89 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 
 from struck.radiation.boundary_elements import solved
+from struck.radiation.multipoles import Multipoles
 from tests.radiation import bodies
+from tests.radiation.bempp_numbers import by_bempp
 
 RUNS = 5
+MODES, DEGREE = 100, 8
 
 
-def best(clock: object) -> float:
-    """Return the least time of a solution on 1,152 triangles, s."""
-    mesh = bodies.bowl(0.06, 0.004, 24, 12)
-    velocities = np.random.default_rng(0).standard_normal((len(mesh.faces), 2))
+def best(work: Callable[[int], object], clock: Callable[[], float] = time.process_time) -> float:
+    """Return the least time that work takes, s."""
     times = []
     for run in range(RUNS):
         begun = clock()
-        solved(mesh, 20.0 + run, velocities, np.arange(2))
+        work(run)
         times.append(clock() - begun)
     return min(times)
 
 
+def solving(clock: Callable[[], float] = time.process_time) -> float:
+    """Return the time of a solution on 1,152 triangles, s."""
+    mesh = bodies.bowl(0.06, 0.004, 24, 12)
+    velocities = np.random.default_rng(0).standard_normal((len(mesh.faces), 2))
+    return best(lambda run: solved(mesh, 20.0 + run, velocities, np.arange(2)), clock)
+
+
+def listening() -> float:
+    """Return the time of two ears that hear a hundred modes of degree 8, s."""
+    chance = np.random.default_rng(1)
+    waves = [chance.normal(size=((DEGREE + 1) ** 2, 2)) @ (1, 1j) for _ in range(MODES)]
+    wave_numbers = np.linspace(5.0, 80.0, MODES)
+    errors = np.zeros((MODES, 2))
+    field = Multipoles.of(waves, wave_numbers, radius=0.06, errors=errors)
+    ears = np.array([[0.5, 0.09, 0.1], [0.5, -0.09, 0.1]])
+    field.at(ears)
+    return best(lambda _: [field.at(ears) for _ in range(100)]) / 100
+
+
+def in_threads() -> None:
+    """Print wall times of one thread and of two, tries in turn."""
+    found: dict[str, list[float]] = {"1": [], "2": []}
+    for _ in range(3):
+        for count, times in found.items():
+            own = {"OMP_NUM_THREADS": count, "OPENBLAS_NUM_THREADS": count}
+            command = [sys.executable, __file__, "wall"]
+            done = subprocess.run(
+                command, env={**os.environ, **own}, capture_output=True, text=True, check=True
+            )
+            times.append(float(done.stdout))
+    one, two = (min(times) for times in found.values())
+    print(f"one thread {one:.3f} s, two {two:.3f} s: {one / two:.2f} times")
+
+
+def beside_bempp() -> None:
+    """Print the time of a sphere of 320 triangles, bempp-cl's loops being compiled before."""
+    mesh = bodies.ball(1.0, 2)
+    flows = mesh.centroids[:, 2].copy()
+    by_bempp(mesh, flows, 2.0)
+    theirs = best(lambda run: by_bempp(mesh, flows, 2.0 + 0.1 * run))
+    column, every = flows[:, None], np.arange(1)
+    ours = best(lambda run: solved(mesh, 2.0 + 0.1 * run, column, every))
+    print(f"bempp-cl {theirs:.3f} s, struck {ours:.4f} s: {theirs / ours:.0f} times")
+
+
 def main() -> None:
     """Print the figures."""
-    if sys.argv[1:] == ["wall"]:
-        print(best(time.perf_counter))
-        return
-    if sys.argv[1:] == ["threads"]:
-        found = []
-        for count in ("1", "2"):
-            own = {"OMP_NUM_THREADS": count, "OPENBLAS_NUM_THREADS": count}
-            done = subprocess.run(
-                [sys.executable, __file__, "wall"],
-                env={**os.environ, **own},
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-            found.append(float(done.stdout))
-        print(f"one thread {found[0]:.3f} s, two {found[1]:.3f} s: {found[0] / found[1]:.2f} times")
-        return
-    each = best(time.process_time)
-    print(
-        f"1,152 triangles: {each:.3f} s of a processor a frequency; 100 of them {100 * each:.0f} s"
-    )
+    wanted = sys.argv[1:]
+    if wanted == ["wall"]:
+        print(solving(time.perf_counter))
+    elif wanted == ["threads"]:
+        in_threads()
+    elif wanted == ["bempp"]:
+        beside_bempp()
+    else:
+        each = solving()
+        print(f"1,152 triangles: {each:.3f} s of a processor a frequency; 100: {100 * each:.0f} s")
+        amplitudes = 16 * MODES * (DEGREE + 1) ** 2
+        print(f"two ears, {MODES} modes of degree {DEGREE}: {1e3 * listening():.2f} ms")
+        print(f"their waves in a file: {amplitudes / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

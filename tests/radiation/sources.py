@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from tests.radiation.bodies import ball
 
 Array = NDArray[np.float64]
 RADIUS = 0.06
+HOLDER: Mesh = ball(RADIUS / 2, 1)  # of all sources
 METAL = Material(
     name="metal",
     density=8000.0,
@@ -36,7 +37,7 @@ class Sources:
     strengths: Array  # (S, M), pressure at 1 m
     wave_numbers: Array  # (M,), 1/m
     modes: NDArray[np.int64]  # (M,), numbers in the body
-    mesh: Mesh = field(default_factory=lambda: ball(RADIUS / 2, 1))  # the body around them
+    mesh: Mesh = HOLDER
 
     def pressure(self, points: Array, modes: NDArray[np.int64]) -> NDArray[np.complex128]:
         distances = np.linalg.norm(points[:, None] - self.positions, axis=2)
