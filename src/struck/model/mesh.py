@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import igl
 
 
-_SMOOTH = np.cos(np.deg2rad(40))  # faces that turn further from each other meet in an edge
+_SMOOTH = float(np.cos(np.deg2rad(40)))  # faces that turn further from each other meet in an edge
 _FLAT = 1e-9  # of unit normals: what differs less lies in one plane
 
 
@@ -102,7 +102,7 @@ class Mesh:
         around = ones[corners]  # of each corner, all corners at its vertex
         mine, others = np.repeat(count // 3, np.diff(around.indptr)), around.indices
         cosines = np.einsum("kd,kd->k", self.face_normals[mine], self.face_normals[others // 3])
-        alike = shares[others] * (cosines > _SMOOTH)[:, None]
+        alike = shares[others] * np.where(cosines > _SMOOTH, 1.0, 0.0)[:, None]
         means = np.add.reduceat(alike, around.indptr[:-1])
         means /= np.maximum(np.linalg.norm(means, axis=1, keepdims=True), tiny)
         return means.reshape(-1, 3, 3)
