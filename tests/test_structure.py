@@ -65,7 +65,6 @@ SHORT: dict[str, str] = {
                 "demo",
                 "explore",
                 "export",
-                "info",
                 "materials",
                 "radiate",
                 "show",
