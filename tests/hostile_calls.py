@@ -886,6 +886,16 @@ def _verbs(folder: Path) -> dict[str, Call]:
             made=files.load_body,
             given={"path": folder / "box.stl", "units": "m", "part": None, "holes": "fill"},
         ),
+        "files.save_set": Call(
+            made=files.save_set,
+            given={
+                "sounds": {"a": struck.Sound(samples=np.ones(9, np.float32), sample_rate=8000)},
+                "folder": folder / "set",
+                "level": 2.0,
+                "encoding": "int24",
+                "ending": ".wav",
+            },
+        ),
         "files.list_parts": Call(
             made=files.list_parts, given={"path": folder / "box.stl", "units": "mm"}
         ),

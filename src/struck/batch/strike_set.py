@@ -16,11 +16,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from struck.errors import MissingDependencyError, OptionError
+from struck.errors import OptionError
 from struck.excitation.hertz import strikers
 from struck.excitation.strike import Strike
 from struck.files.atomic import write_bytes
-from struck.files.sound import PEAK, Sound
+from struck.files.sound import Sound
+from struck.files.sound_formats import chosen
 from struck.model.arrays import Array, require_number
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
@@ -62,7 +63,7 @@ class StrikeSet:
         if self.sounds not in SOUNDS:
             raise OptionError(f"sounds is {self.sounds!r}: give one of {', '.join(SOUNDS)}")
         if self.sounds == "flac":
-            _soundfile()
+            chosen("sound.flac")
 
     @property
     def plain(self) -> tuple[object, ...]:
@@ -171,6 +172,20 @@ def _beside(
     return np.asarray(gains.centre) + (_NEAR + gains.radius) * np.asarray(way, np.float64)
 
 
+def named_strikes(
+    rows: Sequence[Mapping[str, Any]],
+) -> list[tuple[str, Strike, Sequence[float] | None]]:
+    """Return name, strike and listener of each row of a table; names are made where it has none."""
+    found = []
+    for number, row in enumerate(rows, start=1):
+        strike, listener = _strike_of({key: row[key] for key in row if key != "name"})
+        place = strike.at if isinstance(strike.at, str) else "strike"
+        parts = (f"{number:03d}", place, strike.striker)
+        made = "_".join(str(each).replace(":", "-") for each in parts if each)
+        found.append((str(row.get("name") or made), strike, listener))
+    return found
+
+
 def _strike_of(row: Mapping[str, Any]) -> tuple[Strike, Sequence[float] | None]:
     """Return the strike and the listener of a row of a table, of texts or of values."""
     try:
@@ -200,20 +215,5 @@ def _number(text: Any) -> Any:  # noqa: ANN401 - a cell of a table
 
 def _saved(sound: Sound, path: Path) -> float:
     """Write a sound, as floats in Pa where it has them or as 24 bit in FLAC; return its factor."""
-    if path.suffix == ".wav":
-        return sound.save(path, level="absolute" if sound.calibrated else "peak")
-    factor, data = PEAK / sound.peak if sound.peak else 1.0, io.BytesIO()
-    samples = sound.samples.T.astype(np.float64) * factor
-    _soundfile().write(data, samples, sound.sample_rate, format="FLAC", subtype="PCM_24")
-    write_bytes(path, data.getvalue())
-    return factor
-
-
-def _soundfile() -> Any:  # noqa: ANN401 - a module
-    try:
-        import soundfile
-    except (ImportError, OSError) as error:
-        raise MissingDependencyError(
-            "FLAC files need soundfile: pip install 'struck[recordings]', or write WAV"
-        ) from error
-    return soundfile
+    absolute = sound.calibrated and path.suffix == ".wav"
+    return sound.save(path, level="absolute" if absolute else "peak")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import struck
 from struck.cli import Result
@@ -14,6 +17,10 @@ from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.files.atomic import writable
+from struck.files.model_file import require_no_sound
+from struck.files.sound import FULL_SCALE
+from struck.files.sound_formats import chosen
+from struck.files.sound_set import TABLE, save_set
 from struck.model.provenance import TerminalProgress
 from struck.scene.body import Action
 
@@ -22,6 +29,7 @@ EXAMPLES = (
         "bell.struck --strike rim --striker wood --speed 1 --listener 0,2,0 --facing 1,0,0 "
         "--hrtf kemar -o bell.wav"
     ),
+    "bell.struck --strikes strikes.csv --sounds flac -o bell_sounds",
 )
 _PLACE = "PLACE[@SECONDS]"
 _WAY = "FROM..TO[@SECONDS]"
@@ -42,32 +50,110 @@ def declare(parser: argparse.ArgumentParser) -> None:
     add_room(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
-    parser.add_argument("--level", default="peak", help="peak (default) or absolute (1.0 = 20 Pa)")
-    parser.add_argument("--encoding", default="float32", help="float32 (default), int24 or int16")
-    parser.add_argument("-o", "--output", help="sound file; MODEL.wav unless given")
+    parser.add_argument(
+        "--level", type=level, help="full scale: peak (default), a pressure in Pa, or absolute (20)"
+    )
+    parser.add_argument("--encoding", help="float32, int24 or int16; the best unless given")
+    parser.add_argument(
+        "--strikes",
+        metavar="TABLE",
+        help="CSV or TOML of name, at, striker, speed ...: a sound each, one level for all",
+    )
+    parser.add_argument("--sounds", default="wav", help="of a table: wav (default), flac, ogg ...")
+    parser.add_argument(
+        "-o", "--output", help="sound file, MODEL.wav unless given; or the folder of a table"
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck render`."""
+    require_no_sound(options.model)
+    if options.strikes:
+        return _set(options, progress)
     read = filter(None, (options.model, options.walk, options.hrtf))
     output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
-    model = struck.load(options.model)
-    if options.pitch is not None:
-        model = model.charted(pitch=options.pitch)
+    chosen(output, options.encoding)
+    actions, heard = touches(options), _heard(options)  # what is wrong with them is told first
+    model = _model(options)
     progress("render", 0.0)
-    sound = struck.render(
-        model,
-        touches(options),
-        seconds=options.seconds,
-        sample_rate=options.rate,
-        listener=listener(options),
-        room=room(options),
-    )
-    factor = sound.save(output, level=options.level, encoding=options.encoding)
-    text = "\n".join((*sound.notes, f"wrote {output} ({sound.duration:.2f} s)"))
+    sound = struck.render(model, actions, **heard)
+    factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
+    last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     return Result(
-        text, output=str(output), seconds=sound.duration, factor=factor, notes=list(sound.notes)
+        "\n".join((*sound.notes, last)),
+        output=str(output),
+        seconds=sound.duration,
+        factor=factor,
+        notes=list(sound.notes),
     )
+
+
+def saved(sound: struck.Sound, factor: float) -> str:
+    """Return what saving did to the level of a sound."""
+    if not sound.peak:
+        return ", silent"
+    peak = f", peak at {20 * math.log10(sound.peak * factor):.1f} dB of full scale"
+    return f"{peak}, which is {1 / factor:.4g} Pa" if sound.calibrated else peak
+
+
+def level(text: str) -> str | float:
+    """Return a level of saving: a name, or a pressure in Pa."""
+    with suppress(ValueError):
+        return float(text)
+    if text not in {"peak", "absolute"}:
+        raise argparse.ArgumentTypeError(f"it is {text!r}: give peak, absolute, or a number in Pa")
+    return text
+
+
+_ONE = ("strike", "scrape", "roll", "pluck", "hold", "striker", "speed", "impulse", "duration")
+
+
+def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+    """Write a sound for each strike of a table, and their table, with one level for all."""
+    from struck.batch.job_table import table_rows
+    from struck.batch.strike_set import named_strikes
+
+    given = [name for name in _ONE if getattr(options, name) is not None]
+    if given or options.output is None:
+        told = f"--{given[0]} is given: leave it out" if given else "no folder: give -o FOLDER"
+        raise OptionError(f"--strikes {options.strikes} tells of all strikes, and {told}")
+    full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
+    chosen(f"sound.{options.sounds}", options.encoding)
+    heard, named = _heard(options), named_strikes(table_rows(options.strikes))
+    model, sounds = _model(options), []
+    for number, (name, strike, ears) in enumerate(named):
+        progress("render", number / len(named))
+        own: dict[str, Any] = heard | ({} if ears is None else {"listener": ears})
+        sounds.append((name, struck.render(model, strike, **own)))
+    rows = save_set(
+        sounds,
+        options.output,
+        strikes=[strike for _, strike, _ in named],
+        level=full,
+        encoding=options.encoding,
+        ending=f".{options.sounds}",
+    )
+    levels = [row["level_db"] for row in rows if row["level_db"] is not None]
+    span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
+    scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
+    notes = list(dict.fromkeys(note for _, sound in sounds for note in sound.notes))
+    last = f"wrote {len(rows)} sounds and {TABLE} to {options.output}: full scale is {scale}{span}"
+    return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
+
+
+def _model(options: argparse.Namespace) -> struck.ModalModel:
+    model = struck.load(options.model)
+    return model if options.pitch is None else model.charted(pitch=options.pitch)
+
+
+def _heard(options: argparse.Namespace) -> dict[str, Any]:
+    """Return length, rate and who listens, as `struck.render` takes them."""
+    return {
+        "seconds": options.seconds,
+        "sample_rate": options.rate,
+        "listener": listener(options),
+        "room": room(options),
+    }
 
 
 def add_touches(parser: argparse.ArgumentParser) -> None:

@@ -19,10 +19,12 @@ import struck
 from struck.cli import Result
 from struck.cli.options import add_listener, add_room, listener, room
 from struck.cli.play import device, told
+from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.errors import OptionError
 from struck.files.atomic import writable, write_bytes
 from struck.files.sound import Sound
+from struck.files.sound_formats import chosen
 from struck.model.provenance import TerminalProgress
 from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
@@ -80,6 +82,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.play:
         return _heard_live(options, progress)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
+    chosen(output)
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
     scene, contacts = _simulated(options, progress)
     save_contacts(contacts, log)
@@ -95,9 +98,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.stems:
         files += save_stems(excited, output, factor=factor, **heard)
     notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
+    last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
     count += f"{len(events.sustained)} lasting contacts"
-    text = "\n".join((*notes, count, *(f"wrote {each}" for each in files)))
+    text = "\n".join((*notes, count, *(f"wrote {each}" for each in files[1:]), last))
     return Result(
         text,
         output=str(output),

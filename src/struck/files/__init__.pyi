@@ -6,3 +6,4 @@ from .meshes import load_surface as load_surface
 from .meshes import load_volume as load_volume
 from .sofa_fields import load_sofa_responses as load_sofa_responses
 from .sound import Sound as Sound
+from .sound_set import save_set as save_set

@@ -266,6 +266,7 @@ def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[Sur
 
 
 ENDINGS = (".struck", ".sofa")  # of model files
+_SOUNDS = (".wav", ".flac", ".ogg", ".aiff", ".aif", ".mp3")
 VERSION = 2  # the newest; what older readers can read is written as 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
@@ -376,6 +377,16 @@ def is_model(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in ENDINGS
 
 
+def require_no_sound(path: str | os.PathLike[str]) -> None:
+    """Refuse a sound where a model belongs, by its ending."""
+    ending = Path(path).suffix.lower()
+    if ending in _SOUNDS:
+        raise FileFormatError(
+            f"{path} is a {ending[1:].upper()} file, a sound and no model: struck fit makes one "
+            "of recordings, and models end in .struck"
+        )
+
+
 @checked
 def save_model(
     model: ModalModel,
@@ -401,6 +412,7 @@ def save_model(
 @checked
 def load_model(path: str | os.PathLike[str]) -> ModalModel:
     """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
+    require_no_sound(path)
     if not _is_sofa(path):
         return load(path)
     from struck.files.sofa_fields import load_sofa_field

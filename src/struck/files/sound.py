@@ -7,6 +7,7 @@ import html
 import os
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import Array, checked, require_number
 
 FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
+_SOFTEST_SCALE = 1e-12  # Pa, the least that may be full scale
 PEAK = 10 ** (-1 / 20)  # of level="peak": -1 dB of full scale
 
 
@@ -66,7 +68,7 @@ class Sound:
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> Sound:
-        """Read a WAV file (32-bit float, 24 or 16 bit).
+        """Read a sound file: WAV (32-bit float, 24 or 16 bit), or FLAC, OGG, AIFF or MP3.
 
         A file that `save` wrote comes back in its own unit, by the factor in its comment; of any
         other 1.0 is full scale.
@@ -74,9 +76,13 @@ class Sound:
         Raises
         ------
         FileFormatError
-            When the file cannot be read or is no such WAV file.
+            When the file cannot be read or is no such sound.
+        MissingDependencyError
+            When soundfile, which reads all but WAV, is not installed.
         """
-        recording = wav.decode(read_bytes(path), str(path))
+        from struck.files.sound_formats import decoded
+
+        recording = decoded(read_bytes(path), Path(path).suffix.lower(), str(path))
         factor, calibrated = _read_level(recording.comment)
         samples = (recording.samples / factor).astype(np.float32)
         return cls(samples=samples, sample_rate=recording.sample_rate, calibrated=calibrated)
@@ -98,19 +104,24 @@ class Sound:
 
     @checked
     def save(
-        self, path: str | os.PathLike[str], level: str = "peak", encoding: str = "float32"
+        self,
+        path: str | os.PathLike[str],
+        level: str | float = "peak",
+        encoding: str | None = None,
     ) -> float:
-        """Write a WAV file, whole or not at all.
+        """Write a sound file of the kind that its ending says, whole or not at all.
 
         Parameters
         ----------
         path : path
-            Where to; its folder must exist.
-        level : str
-            "peak" puts the maximum at -1 dB of full scale (silence stays silence); "absolute"
-            writes 20 Pa as 1.0.
-        encoding : str
-            "float32", "int24" or "int16".
+            Where to; its folder must exist. Its ending is .wav, or .flac, .ogg, .aiff or .mp3,
+            which soundfile writes.
+        level : str or float
+            "peak" puts the maximum at -1 dB of full scale (silence stays silence), so that soft
+            and hard blows come out equally loud; a pressure in Pa is full scale, 1.0 (for several
+            sounds see `struck.files.save_set`); "absolute" takes 20 Pa.
+        encoding : str, optional
+            "float32", "int24" or "int16" where the format has them; its best unless given.
 
         Returns
         -------
@@ -120,14 +131,30 @@ class Sound:
         Raises
         ------
         OptionError
-            On an unknown level or encoding, "absolute" for a sound that is not calibrated, or
-            samples that an integer encoding would clip.
+            On an unknown ending, level or encoding, an absolute level for a sound that is not
+            calibrated, or samples that an encoding would clip.
         FileFormatError
             When the file cannot be written.
+        MissingDependencyError
+            When soundfile is needed and not installed.
         """
+        from struck.files.sound_formats import chosen
+
+        ending, how = chosen(path, encoding)
         factor = self._factor(level)
-        write_bytes(path, self._encoded(factor, encoding))
+        write_bytes(path, self.encoded(factor, ending, how))
         return factor
+
+    def encoded(self, factor: float, ending: str = ".wav", encoding: str = "float32") -> bytes:
+        """Return the bytes of a sound file that holds the samples times a factor."""
+        from struck.files.sound_formats import encoded
+
+        recording = wav.Recording(
+            samples=(self.samples * np.float64(factor)).astype(np.float32),
+            sample_rate=self.sample_rate,
+            comment=_LEVEL.format(factor=factor, unit="Pa" if self.calibrated else "relative"),
+        )
+        return encoded(recording, ending, encoding)
 
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies, Hz (B,), and the Fourier transform's modulus, Pa s (channels, B)."""
@@ -164,28 +191,23 @@ class Sound:
         times: Array = np.arange(count) * hop / self.sample_rate
         return times, _bins(size, self.sample_rate), amplitudes.swapaxes(1, 2)
 
-    def _factor(self, level: str) -> float:
+    def _factor(self, level: str | float) -> float:
         if level == "peak":
             return PEAK / self.peak if self.peak else 1.0
-        if level != "absolute":
-            raise OptionError(f"level is {level!r}: give 'peak' or 'absolute'")
+        wanted = "give 'peak', 'absolute', or the pressure in Pa that is full scale"
+        if isinstance(level, str) and level != "absolute":
+            raise OptionError(f"level is {level!r}: {wanted}")
+        full = FULL_SCALE if level == "absolute" else level
+        require_number("level", full, _SOFTEST_SCALE, wanted=wanted, unit=" Pa")
         if not self.calibrated:
             raise OptionError(
                 "this sound is relative, so it has no absolute level: save with level='peak', or "
                 "render a model that is calibrated"
             )
-        return 1 / FULL_SCALE
-
-    def _encoded(self, factor: float, encoding: str) -> bytes:
-        recording = wav.Recording(
-            samples=(self.samples * np.float64(factor)).astype(np.float32),
-            sample_rate=self.sample_rate,
-            comment=_LEVEL.format(factor=factor, unit="Pa" if self.calibrated else "relative"),
-        )
-        return wav.encode(recording, encoding)
+        return 1 / float(full)
 
     def _repr_html_(self) -> str:
-        data = base64.b64encode(self._encoded(self._factor("peak"), "int16")).decode()
+        data = base64.b64encode(self.encoded(self._factor("peak"), encoding="int16")).decode()
         notes = "".join(f"<br>{html.escape(note)}" for note in self.notes)
         unit = f"{self.peak:.3g} Pa" if self.calibrated else "relative level"
         return (

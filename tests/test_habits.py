@@ -1,0 +1,234 @@
+"""What people do wrong at first, by a trial of four of them, and how each is told the way out."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import struck
+from struck.cli import main
+from struck.model import Material, Measured
+from struck.shapes import Bar
+from struck.solids import Block, Tube
+
+BLOCK = Block(size=(0.1, 0.05, 0.03))
+BAR = Bar(length=0.3, width=0.03, thickness=0.005)
+TUBE = "tube:length=0.5,radius=0.0125,wall=0.001"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a model, a sound of it, and a ball of 46 m."""
+    path = tmp_path_factory.mktemp("habits")
+    model = struck.analyze(BLOCK, "steel", accuracy="preview", recoil=False)
+    struck.save(model, path / "b.struck")
+    struck.render(model, struck.Strike(), seconds=0.1).save(path / "w.wav")
+    trimesh.creation.icosphere(subdivisions=3, radius=23).export(path / "nut.ply")
+    return path
+
+
+def shell(*words: str) -> Callable[[], object]:
+    return lambda: main(words)
+
+
+def model() -> struck.ModalModel:
+    return struck.load("b.struck")
+
+
+def hit(**given: object) -> struck.Sound:
+    return struck.render(model(), struck.Strike(**given), seconds=0.1)
+
+
+def soft() -> object:
+    material = Material(density=7800, youngs_modulus=200, poisson_ratio=0.3)
+    return struck.analyze(BLOCK, material, cache=False)
+
+
+# By what was tried: the call, and what the answer says: value, bound, way out.
+USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
+    "1 no units": (
+        lambda: struck.analyze("nut.ply", "steel", cache=False),
+        ("46 m", "modes below 20000 Hz", "units="),
+    ),
+    "2 a tube of 300 m": (
+        lambda: struck.analyze(Tube(length=300, radius=0.01, wall=0.001), "steel", cache=False),
+        ("300 m", "modes below 20000 Hz", "if its lengths are in mm"),
+    ),
+    "3 E in GPa": (soft, ("200 Pa", "0.16 m/s", "200 GPa is 200e9")),
+    "4 E as text": (
+        lambda: Material(density=1, youngs_modulus="2e9", poisson_ratio=0.3),
+        ("youngs_modulus|Young's modulus", "'2e9'", "give a number in Pa|takes a number"),
+    ),
+    "5 tuned to no note": (
+        lambda: model().tuned(lowest="H9"),
+        ("lowest is 'H9'", "C-1 to B10", "as A5"),
+    ),
+    "6 tune to no note": (
+        shell("tune", TUBE, "--material", "steel", "--vary", "length", "--lowest", "H9"),
+        ("'H9'", "C-1 to B10", "as A5"),
+    ),
+    "7 a vector of impulse": (
+        lambda: struck.Strike(impulse=(0, 1e-3, 0)),
+        ("impulse is \\(0, 0.001, 0\\)", "takes a number", "direction= says which way"),
+    ),
+    "8 an unknown ending": (
+        lambda: hit().save("x.wma"),
+        ("x.wma", "sounds end in .wav", "as x.wav"),
+    ),
+    "9 a solid misspelt": (
+        shell("analyze", "bowel:radius=0.1", "--material", "steel"),
+        ("'bowel'", "did you mean bowl", "struck analyze --list"),
+    ),
+    "10 an argument misspelt": (
+        shell("analyze", "tube:len=0.3", "--material", "steel"),
+        ("tube:len=0.3", "no len=: did you mean length=", "give tube:length=...,radius="),
+    ),
+    "11 an unknown unit": (
+        shell("analyze", "tube:length=50furlong,radius=1,wall=1", "--material", "steel"),
+        ("'50furlong'", "takes a number", "50cm"),
+    ),
+    "12 --listener left": (
+        shell("render", "b.struck", "--listener", "left"),
+        ("--listener", "'left'", "give x,y,z in m"),
+    ),
+    "13 --room large": (
+        shell("render", "b.struck", "--room", "large"),
+        ("--room", "'large'", "give x,y,z in m"),
+    ),
+    "14 listener='left'": (
+        lambda: struck.render(model(), struck.Strike(), listener="left"),
+        ("listener is 'left'", "one position", "\\(x, y, z\\) in m"),
+    ),
+    "15 analyse": (shell("analyse", "x"), ("'analyse'", "did you mean analyze", "there are")),
+    "16 no body": (lambda: struck.analyze(object(), "steel"), ("object", "no body", "a Mesh")),
+    "17 a tuple of no mesh": (
+        lambda: struck.analyze((1, 2, 3), "steel"),
+        ("tuple|1, 2, 3", "no body|numbers|vertices", "give"),
+    ),
+    "18 nothing to tune": (
+        lambda: struck.tune(BAR, "steel", vary="colour", lowest=880),
+        ("Bar|colour", "dimensions|vary is|has", "tuned\\(lowest=\\)|length|give"),
+    ),
+    "19 Tube by position": (
+        lambda: Tube(0.3, 0.01, 0.001),
+        ("0.3 without a name", "give", "Tube\\(length=0.3, radius=0.01, wall=0.001\\)"),
+    ),
+    "20 Strike by position": (
+        lambda: struck.Strike("side"),
+        ("'side' without a name", "give", "Strike\\(at='side'\\)"),
+    ),
+    "21 velocity=": (
+        lambda: struck.Strike(velocity=1),
+        ("velocity= .*1", "did you mean speed=", "it takes at="),
+    ),
+    "21 hammer=": (
+        lambda: struck.Strike(hammer="wood"),
+        ("hammer= .*'wood'", "did you mean striker=", "it takes at="),
+    ),
+    "22 --strike 0,0": (
+        shell("render", "b.struck", "--strike", "0,0"),
+        ("contact is \\(0, 0\\)", "three finite numbers", "x, y, z"),
+    ),
+    "23 a hold alone": (
+        lambda: struck.render(model(), struck.Hold(at="top"), seconds=0.1),
+        ("1 Hold", "nothing that strikes", "at least one Strike"),
+    ),
+    "24 --accuracy high": (
+        shell("analyze", "no_file.stl", "--material", "steel", "--accuracy", "high"),
+        ("'high'", "one of preview", "fine"),
+    ),
+    "25 speed of 200 m/s": (
+        lambda: hit(striker="steel", speed=200),
+        ("200 m/s", "above 100 m/s", "200 cm/s is 2"),
+    ),
+    "26 a sound as a model": (
+        shell("render", "w.wav"),
+        ("w.wav is a WAV file", "no model", "struck fit"),
+    ),
+    "a formula of some accuracy": (
+        lambda: struck.analyze(BAR, "steel", accuracy="fine"),
+        ("accuracy='fine'", "does not apply to Bar", "leave it out"),
+    ),
+    "--hammer": (
+        shell("render", "b.struck", "--hammer", "wood"),
+        ("'--hammer'", "did you mean --striker", "--help"),
+    ),
+    "a strike after the end": (
+        lambda: sys.stderr.write(
+            struck.render(model(), struck.Strike(time=3), seconds=1).notes[0] + "\n"
+        ),
+        ("1 of 1 strikes", "after the end at 1 s", "give more seconds"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", USES)
+def test_a_wrong_use_is_told_its_value_its_bound_and_a_way_out(
+    name: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    call, words = USES[name]
+    said: list[object] = []
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            code = call()
+        except struck.errors.StruckError as error:
+            said = [error]
+    told = capsys.readouterr().err
+    if told.startswith("struck:"):
+        assert code == 2
+        assert told.count("\n") == 1
+    text = " ".join([*map(str, said), told, *(str(each.message) for each in warned)])
+    for word in words:
+        assert re.search(word, text), (word, text)
+    assert "Traceback" not in text
+
+
+def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None:
+    made = struck.load(folder / "b.struck")
+    before = struck.render(made, struck.Strike(), seconds=0.1)
+    for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
+        after = struck.render(again, struck.Strike(), seconds=0.1)
+        assert np.array_equal(after.samples, before.samples)
+
+
+def test_notes_and_times_stand_for_frequencies_and_decays(folder: Path) -> None:
+    made = struck.load(folder / "b.struck")
+    for note, hertz in (
+        ("A5", 880.0),
+        ("A5+12c", 880 * 2**0.01),
+        ("880", 880.0),
+        ("Bb3", 233.0819),
+    ):
+        assert made.tuned(lowest=note).frequencies[0] == pytest.approx(hertz, rel=1e-6)
+    times = Measured(frequencies=("A3", "A5"), t60=(2.0, 1.0))
+    assert times == Measured(frequencies=(220.0, 880.0), rates=tuple(np.log(1000) / [2.0, 1.0]))
+
+
+def test_the_shell_alone_shows_its_help_and_its_version(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([]) == 0
+    assert "analyze-many" in capsys.readouterr().out
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"struck {struck.__version__}\n"
+
+
+def test_a_list_into_a_closed_pipe_is_no_traceback() -> None:
+    line = f"{sys.executable} -m struck analyze --list | true"
+    done = subprocess.run(["/bin/sh", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
