@@ -249,7 +249,7 @@ class _Work:
                 self.highest, nodes, held=held, asked=asked, recoils=self.recoils
             )
         except OptionError as error:
-            raise OptionError(f"{doubt}; else {error}" if doubt else str(error)) from error
+            raise type(error)(f"{doubt}; else {error}" if doubt else str(error)) from error
         cost = Cost.of(forecast.modes(self.highest), nodes)
         if told:
             warnings.warn(told, ScaleWarning, stacklevel=4)

@@ -29,6 +29,7 @@ from struck.shapes import (
     RoundSection,
     String,
 )
+from struck.shapes.shape import Shape
 from struck.solids import Tube, VolumeMesh
 from struck.solids.revolution import bell, bowl
 
@@ -142,10 +143,11 @@ def computed(
     body: Callable[[], Source], material: Material | str, **options: object
 ) -> Callable[[Progress], ModalModel]:
     """Return a function that analyzes a body with the given options."""
-    chosen: dict = {"accuracy": "preview", **options}
 
     def make(progress: Progress) -> ModalModel:
-        return analyze(body(), material, progress=progress, **chosen)
+        made = body()
+        chosen: dict = options if isinstance(made, Shape) else {"accuracy": "preview", **options}
+        return analyze(made, material, progress=progress, **chosen)
 
     return make
 

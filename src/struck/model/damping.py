@@ -224,7 +224,7 @@ def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionErr
 
 def require_band(band: object) -> tuple[float, float]:
     """Return a band, of numbers or notes, in Hz, the lower end first; OptionError otherwise."""
-    given = band if isinstance(band, tuple | list) else ()
+    given = band if isinstance(band, tuple | list | np.ndarray) and np.ndim(band) else ()
     ends = np.asarray([hertz("band", end) if isinstance(end, str) else end for end in given])
     if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
         raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
