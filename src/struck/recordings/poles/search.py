@@ -34,6 +34,7 @@ from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.poles.verdict import (
     MODAL_MARGIN,
     ModalVerdict,
+    constant,
     doubtful,
     judge,
     of_blow,
@@ -449,7 +450,13 @@ def fit_poles(
         else:
             ringing = each(method, lambda: by_corbett2007(segments, budget))
         outside = [] if onsets is not None else list(map(unexplained, microphones, hits))
-        verdict = judge(segments, rows, ringing, outside)
+        verdict = judge(
+            segments,
+            rows,
+            ringing,
+            outside,
+            steady=onsets is None and all(map(constant, microphones)),
+        )
         notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
         measured = method == "shared" and budget is None
         return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)

@@ -20,6 +20,8 @@ _STEADY = 0.5  # share of the energy
 _SLOW = 0.05  # 1/s: it would ring for more than two minutes
 _LATE, _EARLY = 0.1, 0.05  # s
 _SWELLS = 6.0  # dB
+_STILL = 0.5  # dB
+_CONSTANT = "it is as loud from beginning to end, as hum is: nothing was struck"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +41,8 @@ def judge(
     rows: Sequence[Row],
     ringing: Exponentials,
     outside: Sequence[float] = (),
+    *,
+    steady: bool = False,
 ) -> ModalVerdict:
     """Return whether fitted modes make these segments modal.
 
@@ -58,7 +62,7 @@ def judge(
         for own in (owners == take for take in np.unique(owners))
     )
     misfit = _decibels(signal.sum(), (left - noise).sum())
-    reason = _reason(segments, ringing, misfit)
+    reason = _reason(segments, ringing, misfit) or (_CONSTANT if steady else "")
     return ModalVerdict(
         modal=not reason,
         reason=reason,
@@ -123,6 +127,7 @@ def _decibels(above: float, below: float) -> float:
 _PUSHED, _SHORTEST_PUSH = 0.01, 5e-4  # s: longest time to the loudest moment, and least push
 _SMOOTHED = 5e-4  # s
 _CHANGED = 0.5  # of what a gain has decayed to
+_AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over the noise's
 _UNKNOWN = 0.3  # of its decay, or of what a take of that length can show
 
 
@@ -130,9 +135,10 @@ def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     """Return which modes (M,) stand for the blow of the hits, not for the object.
 
     The push is over after twice the time to the loudest moment, as that of a half-sine is. What
-    has gone by 40 dB in twice the push is of the blow, too.
+    has gone by 40 dB in twice the push is of the blow, too, and all where but noise follows.
     """
     longest = _SHORTEST_PUSH
+    after = noise = 0.0
     change, whole = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
     for segment in segments:
         rate = segment.sample_rate
@@ -140,10 +146,15 @@ def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
         loudest = int(uniform_filter1d(energy, max(1, round(_SMOOTHED * rate))).argmax())
         later = max(2 * loudest, round(_SHORTEST_PUSH * rate))
         longest = max(longest, later / rate)
+        heard = segment.samples[:, 2 * later : _AFTER * later]
+        after += float((heard**2).sum())
+        noise += float(segment.noise.energy(heard.shape[1]).sum())
         decayed = ringing.gains[segment.rows] * np.exp(ringing.poles * later / rate)
         found = best_gains(ringing.poles, segment.samples[:, later:], rate)
         change += (np.abs(found - decayed) ** 2).sum(axis=0)
         whole += (np.abs(decayed) ** 2).sum(axis=0)
+    if after < _RINGS * noise:
+        return np.ones(ringing.count, bool)
     return (change > _CHANGED**2 * whole) | (ringing.decays * 2 * longest > np.log(100))
 
 
@@ -151,6 +162,16 @@ def vague(segments: Sequence[Segment], decays: Array, errors: Array) -> Mask:
     """Return which modes have decays (M,), 1/s, that these standard errors hardly tell."""
     duration = max(segment.duration for segment in segments)
     return errors > _UNKNOWN * np.maximum(decays, 1 / duration)
+
+
+def constant(take: Take) -> bool:
+    """Return whether a take is as loud all the time, by blocks of whole periods of 50 and 60 Hz."""
+    size = round(_LATE * take.sample_rate)
+    count = take.samples.shape[1] // size
+    if count < 5:
+        return False
+    blocks = (take.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
+    return _decibels(float(blocks.max()), float(blocks.min())) < _STILL
 
 
 def unexplained(take: Take, hits: Sequence[Hit]) -> float:
