@@ -85,7 +85,7 @@ class Piece:
             band=self.band,
             wall=self.wall,
             damping=self.damping,
-            accuracy="preview",
+            accuracy="standard" if isinstance(body, Shape) else "preview",
             progress=staged,
         )
         model_file.save(model, folder / f"{self.name}.struck")
