@@ -7,6 +7,7 @@ import csv
 import json
 import math
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -55,6 +56,8 @@ def contents(folder: Path) -> dict[str, bytes]:
             data = path.read_bytes()
             if path.name.endswith(".facts.json"):
                 facts = {k: v for k, v in json.loads(data).items() if k not in {"cpu", "memory"}}
+                # A message names its file as it was given: from here, or from the root.
+                facts["message"] = re.sub(r"^\S*/(?=\S+\.\w+:)", "", facts.get("message", ""))
                 data = json.dumps(facts).encode()
             found[path.relative_to(folder).as_posix()] = data
     return found
