@@ -92,7 +92,7 @@ class RepairWarning(UserWarning):
     """A surface was repaired: what was wrong with it, and what was changed."""
 
 
-# Names that people bring from elsewhere, and what they are called here, by the first that is known.
+# Names in use elsewhere, and the names here; of several, the first that is known is offered.
 _CALLED = {
     **dict.fromkeys(("velocity", "v"), ("speed",)),
     **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),

@@ -68,7 +68,7 @@ _WIDER = 1.15
 _BESIDE_END = 10  # modes whose errors tell how far the band is complete
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _HELPS = 0.75  # times the errors before, or less: else more elements would not help
-# Options that a formula has no use for, as they are when nobody gave them.
+# Default values of the options that formulas do not use.
 _WITHOUT_ELEMENTS = {"accuracy": ("standard",), "repair": (True,), "backend": ("auto",)}
 CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 

@@ -169,7 +169,7 @@ def _made(folder: Path, jobs: Iterable[BodyJob]) -> str:
 
 
 class _Batch:
-    """Jobs of one run: those waiting, those running, and the facts of those that have ended."""
+    """Jobs of one run: waiting, running, and the facts of ended ones."""
 
     def __init__(self, folder: Path, *, run: str, resume: bool, progress: Progress) -> None:
         self._folder, self._resume, self._progress = folder, resume, progress

@@ -35,7 +35,7 @@ _SEAL = "<!-- of {} -->\n"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchRow:
-    """What became of one body.
+    """Result of one body of a batch.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class BatchRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchReport:
-    """What became of all bodies of a batch.
+    """Results of all bodies of a batch, with the report written of them.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ class _Picture:
         (self._mark,) = axes.plot([], [], "o", color=ORANGE, markersize=7)
 
     def of(self, text: str, label: Mapping[str, Any] | None) -> str:
-        """Return the image with a text for those who cannot see it."""
+        """Return the image as HTML, with an alternative text."""
         if label is not None:
             x, y, height = self._painter.view @ [label[axis] for axis in "xyz"]
             hidden = height < (self._painter.surface.points @ self._painter.view[2]).mean()

@@ -139,7 +139,7 @@ class Processes:
             worker.close()
 
     def _allow(self) -> None:
-        """Let jobs go on whose memory fits beside that of the others; a single job always may."""
+        """Let jobs go on while the memory of all running ones fits; a single job always may."""
         for worker, each in self._running.items():
             taken = sum(other.forecast for other in self._running.values() if not other.waits)
             fits = self._memory is None or taken + each.forecast <= self._memory

@@ -67,7 +67,7 @@ class StrikeSet:
 
     @property
     def plain(self) -> tuple[object, ...]:
-        """What the sounds depend on, as plain values; a function is known by its source."""
+        """Values that determine the sounds; a function is represented by its source."""
         how = inspect.getsource(self.strikes) if callable(self.strikes) else self.strikes
         return how, self.seed, self.seconds, self.sample_rate, self.sounds
 

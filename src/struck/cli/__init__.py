@@ -103,7 +103,7 @@ def _refused(error: StruckError, words: Sequence[str]) -> int:
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser of a command whose errors are told as all others are."""
+    """Argument parser that raises an ArgumentError instead of ending the program."""
 
     def error(self, message: str) -> NoReturn:
         """Raise an OptionError."""
@@ -111,7 +111,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
-    """Return the options in `words`, or what to print where no work is asked for."""
+    """Return the options in `words`, or the text to print for `--help` and the like."""
     if "--version" in words[:1]:
         return f"struck {struck.__version__}\n"
     chosen = next((word for word in words if not word.startswith("-")), None)
@@ -166,7 +166,7 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 
 
 class Result:
-    """What a command tells machines (`facts`) and people (`text`), and its exit code."""
+    """Result of a command: `facts` for machines, `text` for people, and the exit code."""
 
     def __init__(self, text: str, **facts: object) -> None:
         self.text = text
@@ -185,7 +185,7 @@ _TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Tell what a person should know as the shell tells all: in one line, without code."""
+    """Print each warning in one line, without code."""
     shown = warnings.showwarning
 
     def tell(

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 
 def _listed() -> Result:
-    """Return the bodies that have names, and what each takes."""
+    """Return the list of named bodies with the arguments of each."""
     every = {kind: arguments_of(maker) for kind, maker in makers().items()}
     rows = [("body", "needs", "may be given")]
     rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
@@ -101,7 +101,7 @@ def _listed() -> Result:
 
 
 def how(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what `add_how` declares as options of `struck.analyze`, but for the material."""
+    """Return the options of `add_how` as arguments of `struck.analyze`, without the material."""
     same = ("units", "size", "wall", "holes", "repair", "part", "up", "accuracy", "cache", "band")
     given = {name: getattr(options, name) for name in (*same, "radiation", "recoil", "method")}
     return given | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}

@@ -1,4 +1,4 @@
-"""`struck calibrate`: what a body is made of, from recordings of it and a model of its shape."""
+"""`struck calibrate`: the material of a body, from recordings of it and a model of its shape."""
 
 from __future__ import annotations
 

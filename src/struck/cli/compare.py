@@ -1,4 +1,4 @@
-"""`struck compare`: a model beside a recording of the body, or beside another model."""
+"""`struck compare`: a model compared with a recording of the body or with another model."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _require_order(model: str, other: str) -> None:
 
 
 def _facts(found: Comparison) -> dict[str, object]:
-    """Return what machines want to know."""
+    """Return the result of a comparison for `--json`."""
     mine, theirs = found.model.partials, found.other.partials
     one, two = found.pairing.computed, found.pairing.fitted
     columns = {
@@ -103,5 +103,5 @@ def _facts(found: Comparison) -> dict[str, object]:
 
 
 def _listed(values: NDArray[np.number]) -> list[float | None]:
-    """Return numbers for JSON, which has no word for what is not one."""
+    """Return numbers for JSON, with null in place of NaN."""
     return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -93,7 +93,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 
 def _name(recording: str) -> str:
-    """Return what to call the model of a recording, a manifest, or the folder of one."""
+    """Return the name for the model of a recording, a manifest, or the folder of one."""
     path = Path(recording)
     return real(path).name if is_folder(path) else path.stem
 

@@ -1,4 +1,4 @@
-"""`struck info`: what a model holds, or which bodies a mesh file."""
+"""`struck info`: the contents of a model file, or the bodies of a mesh file."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _parts(file: str, units: str | None) -> Result:
 def described(
     model: struck.ModalModel, last: str, *, listed: int = LISTED, **facts: object
 ) -> Result:
-    """Return what a model holds, for people and machines, with a `last` line and more `facts`."""
+    """Return the contents of a model, with a `last` line for people and more `facts`."""
     from struck.report.model_page import summary
 
     own = model.of_object
@@ -125,7 +125,7 @@ def _lists(recoil: Recoil) -> dict[str, list]:
 
 
 def _or_null(errors: np.ndarray | None) -> list[float | None] | None:
-    """Return errors for JSON, which has no word for what is not a number."""
+    """Return errors for JSON, with null in place of NaN."""
     if errors is None:
         return None
     return [error if math.isfinite(error) else None for error in errors.tolist()]

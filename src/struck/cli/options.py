@@ -72,7 +72,7 @@ def place(text: str) -> str | tuple[float, ...]:
 
 
 def makers() -> Mapping[str, Callable[..., Body]]:
-    """Return what makes the bodies that have names in the shell."""
+    """Return the constructors of bodies by their names in the shell."""
     from struck import shapes, solids
     from struck.solids import revolution
 
@@ -106,7 +106,7 @@ def makers() -> Mapping[str, Callable[..., Body]]:
 
 
 def arguments_of(maker: Callable[..., Body]) -> tuple[list[str], list[str]]:
-    """Return the names of what a body needs, and of what it may be given besides."""
+    """Return the names of a body's required arguments, and of its optional ones."""
     every = [
         each for each in signature(maker).parameters.values() if each.name not in _NOT_IN_SHELL
     ]

@@ -73,7 +73,7 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
 
 
 def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
-    """Refuse a folder without any of the recordings that stand for those of a plan."""
+    """Refuse a rehearsal folder that holds none of the recordings of a plan."""
     names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
     if any(is_file(folder / name) for name in names):
         return
@@ -93,7 +93,7 @@ def _operator(options: argparse.Namespace, progress: TerminalProgress) -> Operat
 
 
 class Terminal:
-    """Asks and tells a person on standard error, beside the line of progress.
+    """Operator at a terminal: questions and messages on standard error, with the progress line.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class Terminal:
         self._progress, self._waits = progress, waits
 
     def ready(self, text: str) -> None:
-        """Tell what comes, and wait for the Enter key.
+        """Show a message, and wait for the Enter key.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Texts of the shell turned into what happens to a body."""
+"""`struck render`: strikes, scrapes and other excitations from the words of the shell."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 
 def saved(sound: struck.Sound, factor: float) -> str:
-    """Return what saving did to the level of a sound."""
+    """Return a sentence about the change of level by saving a sound."""
     if not sound.peak:
         return ", silent"
     peak = f", peak at {20 * math.log10(sound.peak * factor):.1f} dB of full scale"
@@ -183,7 +183,7 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
 
 
 def touches(options: argparse.Namespace) -> list[Action]:
-    """Return what the options say happens; one strike at the loudest place if nothing does.
+    """Return the excitations of the options; without any, one strike at the loudest place.
 
     Raises
     ------

@@ -205,7 +205,7 @@ def after_attack(strike: Strike, model: ModalModel) -> Strike:
 
 
 def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Samples | None:
-    """Return the sound of a recorded model beside its modes at 1 m; None without a residual."""
+    """Return the residual sound of a strike on a recorded model at 1 m; None without one."""
     if model.residual is None:
         return None
     blow = strike.resolved(model, model.contact(strike.at, strike.direction))

@@ -139,7 +139,7 @@ def require_beside(name: str) -> None:
 
 
 def _folder(folder: Path, limits: ReadingLimits, *, taken: int) -> Callable[[str], bytes]:
-    """Return a reader of the files beside a mesh file, whose sizes count with it."""
+    """Return a reader of the files next to a mesh file, whose sizes count with it."""
 
     def read(name: str) -> bytes:
         nonlocal taken
@@ -195,7 +195,7 @@ _UNPACKED: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
 
 
 def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
-    """Unpack the only mesh of a zip file, with the buffers beside it where it is glTF."""
+    """Unpack the only mesh of a zip file, with its buffers if it is glTF."""
     _require_small_directory(file)
     with zipfile.ZipFile(file) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]

@@ -50,7 +50,7 @@ def _ordinary(status: os.stat_result) -> bool:
 
 
 def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
-    """Return what an ordinary file of at most `most` bytes holds, or raise a FileFormatError."""
+    """Return the content of an ordinary file of at most `most` bytes; else FileFormatError."""
     try:
         with open_ordinary(path) as file:
             size = os.fstat(file.fileno()).st_size

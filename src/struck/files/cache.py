@@ -70,7 +70,7 @@ class Cache:
         self._said: set[str] = set()
 
     def get(self, key: str) -> bytes | None:
-        """Return what was kept under `key`, a SHA-256 in hexadecimal; None when nothing was.
+        """Return the content stored under `key`, a SHA-256 in hexadecimal; None if there is none.
 
         A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
         """
@@ -135,7 +135,7 @@ class Cache:
         return sorted(found, key=lambda entry: entry.used)
 
     def clear(self) -> int:
-        """Remove every entry and what killed processes left; return how many entries went."""
+        """Remove all entries and leftovers of killed processes; return the number of entries."""
         from struck.files.atomic import sweep
 
         sweep(self.folder)
@@ -190,7 +190,7 @@ def user_folder(system: str, environment: Mapping[str, str]) -> Path | None:
 
 
 def _content(path: Path, most: int) -> bytes:
-    """Return what an entry holds; FileFormatError where it is not what its name and seal say."""
+    """Return the content of an entry; FileFormatError if name, seal and content disagree."""
     status = path.lstat()
     if not stat.S_ISREG(status.st_mode):
         raise FileFormatError("it is no ordinary file")

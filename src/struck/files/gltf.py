@@ -35,7 +35,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
 def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Counter[str]]:
-    """Return the surfaces of a file where its nodes put them, and what is left out of it."""
+    """Return the surfaces of a file, placed by its nodes, and counts of the parts left out."""
     header, binary = _opened(source)
     _require_known(header)
     document = _Document(header, _buffers(header, binary, source), limits)
@@ -51,7 +51,7 @@ def read_animation(source: Source, limits: ReadingLimits) -> dict[str, Motion]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """What takes the surface of a node from where the file has it at rest to where it is."""
+    """Motion that takes the surface of a node from its rest position to its place."""
 
     times: NDArray[np.float64]  # (T,), s
     positions: NDArray[np.float64]  # (T, 3), m
@@ -94,7 +94,7 @@ def _require_known(header: dict[str, Any]) -> None:
 
 
 def _buffers(header: dict[str, Any], binary: bytes | None, source: Source) -> list[bytes]:
-    """Return the content of all buffers: of the file itself, or of those beside it."""
+    """Return the content of all buffers, in the file itself or in files next to it."""
     found = []
     for number, buffer in enumerate(header.get("buffers", [])):
         address = buffer.get("uri")
@@ -119,7 +119,7 @@ class _Document:
     limits: ReadingLimits
 
     def left_out(self) -> Counter[str]:
-        """Return how many points and lines stand beside the triangles, by kind."""
+        """Return the numbers of points and lines, which are not triangles, by kind."""
         modes = (
             primitive.get("mode", _TRIANGLES)
             for mesh in self.header.get("meshes", [])

@@ -37,7 +37,7 @@ _OBJ_BESIDE = {"p": "point", "l": "line", "curv": "curve", "surf": "curved patch
 
 
 def parse(path: Path, limits: ReadingLimits) -> Parsed:
-    """Return what a mesh file holds; indices and vertices are not checked yet."""
+    """Return the surfaces of a mesh file, their indices and vertices not checked yet."""
     source = open_source(path, limits)
     _require_content(source)
     try:
@@ -112,7 +112,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Coun
 
 
 def _surfaces(scene: Scene) -> Iterator[Part]:
-    """Yield the triangle surfaces of a file, those of strips too."""
+    """Yield the triangle surfaces of a file, strips included."""
     import trimesh
 
     for name, body in scene.geometry.items():
@@ -214,7 +214,7 @@ def _parse_off(source: Source, _: ReadingLimits) -> tuple[list[Part], Counter[st
 
 
 def _polygons(rows: list[list[str]], count: int) -> list[list[int]]:
-    """Return the corners of `count` polygons at most; what follows them in a line is colour."""
+    """Return the corners of `count` polygons at most; numbers after them in a line are colours."""
     polygons: list[list[int]] = []
     words: list[str] = []
     for row in rows:

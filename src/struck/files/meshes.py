@@ -211,7 +211,7 @@ def load_body(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshPart:
-    """What `part=` may choose in a mesh file.
+    """A part of a mesh file that `part=` may choose.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
 
 
 def body_names(path: str | os.PathLike[str]) -> list[str]:
-    """Return what `part=` calls the bodies of a surface mesh file, none where it holds but one.
+    """Return the names of the bodies of a surface mesh file for `part=`; none if it holds one.
 
     Pieces of an open surface, those that cross each other and crumbs are no bodies of their own.
     """
@@ -368,7 +368,7 @@ def _any_surface(parts: list[Part], part: str | None) -> Mesh:
 
 
 def _choices(parts: list[Part]) -> dict[str, Mesh]:
-    """Return what `part` may name: bodies by the names of their parts, or by number, and parts."""
+    """Return the choices of `part`: bodies by the names of their parts or by number, and parts."""
     surfaces = _surfaces(parts)
     found, names = _sewn(parts, surfaces, _whole(parts, surfaces))
     if names:

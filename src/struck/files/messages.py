@@ -1,4 +1,4 @@
-"""Messages between the program and the process that reads foreign files, and what they carry.
+"""Messages between the program and the process that reads foreign files.
 
 A message is a header in JSON, then raw little-endian arrays. Nothing in it can run: the receiver
 checks its lengths, types and shapes before it takes it.
@@ -55,7 +55,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parsed:
-    """What a surface mesh file holds, not checked yet."""
+    """Contents of a surface mesh file, not checked yet."""
 
     kind: str  # one of `FORMATS`
     parts: list[Part]

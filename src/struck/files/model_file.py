@@ -246,7 +246,7 @@ def _radiating() -> Kind:
 
 
 def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[SurfaceField, ...]:
-    """Return what a file keeps of the sound on the skin; FileFormatError where it is damaged."""
+    """Return the fields on the body's surface in a file; FileFormatError where it is damaged."""
     if plain is None:
         return ()
     arrays = {

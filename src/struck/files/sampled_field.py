@@ -1,4 +1,4 @@
-"""Gains of a model sampled at contacts and listeners: what files of timbre fields hold."""
+"""Gains of a model sampled at contacts and listeners, as files of timbre fields hold them."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ class Container:
         return values
 
     def places(self, name: str) -> Array:
-        """Return places (n, 3) as Cartesian, m; those that change over measurements are refused."""
+        """Return places (n, 3) as Cartesian, m; refuse ones that change over measurements."""
         shape = self.shape(name)
         if len(shape) not in {2, 3} or shape[1] != 3 or shape[2:] not in {(), (1,)}:
             raise FileFormatError(

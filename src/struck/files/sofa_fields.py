@@ -121,7 +121,7 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
 def sampled(
     source: ModalModel | SampledField, contacts: Places | None, listeners: ArrayLike | None
 ) -> SampledField:
-    """Return gains at contacts and listeners; those of a field as they are."""
+    """Return gains at contacts and listeners; a sampled field is returned unchanged."""
     if isinstance(source, SampledField):
         if contacts is not None or listeners is not None:
             raise OptionError("a SampledField has its own contacts and listeners: leave them out")

@@ -95,7 +95,7 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
 
 
 def decoded(data: bytes, ending: str, name: str = "the file") -> wav.Recording:
-    """Return what the bytes of a sound file hold; FileFormatError where they are damaged."""
+    """Return the samples in the bytes of a sound file; FileFormatError if they are damaged."""
     if ending not in _FORMATS or ending == ".wav":
         return wav.decode(data, name)
     soundfile = _soundfile(_FORMATS[ending][0])

@@ -1,4 +1,4 @@
-"""A set of sounds that belong together: one level for all, and a table beside them."""
+"""Sets of sounds: files of one common level, with a table of their names and strikes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def save_set(
     encoding: str | None = None,
     ending: str = ".wav",
 ) -> list[dict[str, Any]]:
-    """Write sounds with one level for all, so that they stay as loud beside each other as they are.
+    """Write sounds with one common level, so that their differences of loudness stay.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ Answer = tuple[dict[str, Any], list[AnyArray]]
 
 
 def main() -> None:
-    """Answer one question after the other, until nobody asks."""
+    """Answer requests one after the other, until standard input ends."""
     limits = ReadingLimits(**json.loads(sys.argv[1]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
     # Standard output is for answers: readers print to nowhere.

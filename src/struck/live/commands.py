@@ -1,4 +1,4 @@
-"""From commands to records: what users' threads say becomes, block by block, what is played.
+"""From commands to records: commands of users' threads become the record of each block.
 
 `Host` is what is played: bodies, voices, touches. A command waits in the `CommandQueue` until the
 feeder fills the next block; then it changes the host, which writes the block's record.
@@ -53,7 +53,7 @@ _LISTENED = 0.25  # s of the strike that sets the loudness
 
 
 class Host:
-    """What is played as the host sees it: bodies, voices, touches, and their records."""
+    """Host of the audio callback: bodies, voices, touches, and the records of blocks."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Host:
         self.error = LastError()
         self._voices = Voices(voices, self.error)
         self._touches: dict[tuple[int, int], tuple[Touching, Notes]] = {}
-        # Sound beside the modes of each body at each point.
+        # Residual sounds of each body at each point.
         self._residuals: dict[tuple[int, int], Blows] = {}
         # States of each body's modes under 1 N and their outputs as of now, and both multiplied.
         self._ringing: dict[int, tuple[Complex, Complex]] = {}
@@ -132,7 +132,7 @@ class Host:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """What recorded bodies could not know of what was done to them, each said once."""
+        """Warnings about excitations that recorded bodies cannot follow, each once."""
         done, many = list(self._done), len(self._bodies) > 1
         every = ((n, unknowns(self._bodies[n].model, [kind])) for n, kind in done)
         told = [f"body {n}: {note}" if many else note for n, notes in every for note in notes]
@@ -243,7 +243,7 @@ class Host:
         return begin
 
     def blow(self, body: str, strike: Strike) -> Callable[[int], None]:
-        """Return what plans a strike, given the sample from which its time counts."""
+        """Return a function that plans a strike, given the sample from which its time counts."""
         number = self._numbers[body]
         blow = PlannedBlow.of(self.body(body), strike, self._rate)
 
@@ -254,7 +254,7 @@ class Host:
         return plan
 
     def rub(self, body: str, rub: Rub) -> Callable[[int], None]:
-        """Return what plans one side of a sustained contact, as `blow` does."""
+        """Return a function that plans one side of a sustained contact, as `blow` does."""
         number, playing = self._numbers[body], rub.begin(self.body(body).model, self._rate)
 
         def begin(_: int) -> None:
@@ -574,7 +574,7 @@ class PlayedBody:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlannedBlow:
-    """A strike as it is played: its force, how modes answer, and its sound beside them at 1 m."""
+    """A planned strike: its force, the drive of each mode, and its residual sound at 1 m."""
 
     drive: Array
     pulse: Samples
@@ -634,7 +634,7 @@ class Notes:
 
 
 def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
-    """Return a listener, or a position (3,); OptionError on what is neither."""
+    """Return a listener, or a position (3,); OptionError for anything else."""
     return listener if is_listener(listener) else position_of(listener)
 
 

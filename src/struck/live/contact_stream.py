@@ -106,7 +106,7 @@ class ContactStream:
             self._decided = end
 
     def _plan(self, events: Events, piece: Contacts, end: float) -> None:
-        """Plan what happens from what was decided to an end, s."""
+        """Plan the events from the end of the last piece to an end, s."""
         blows = self._blows(events, end)
         struck = replace(events, impacts=blows, sustained=()).on().bodies if len(blows) else {}
         plans = [

@@ -30,7 +30,7 @@ _KEPT = 1.5  # s, for which poses are kept: sound that left a body then has arri
 
 
 class EarsMemory(ctypes.Structure):
-    """What the callback hears with; `callback.h` in the core has the same fields."""
+    """Memory of the callback's ears; `callback.h` in the core has the same fields."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("lines", "length", "fine", "paths", "taps")),
@@ -41,7 +41,7 @@ class EarsMemory(ctypes.Structure):
 
 
 class Course:
-    """Poses that something takes over time, told while it is heard; between them it moves evenly.
+    """Poses of a body or listener over time, added while it is heard, with even motion between.
 
     The feeder's thread alone adds to them.
     """
@@ -64,7 +64,7 @@ class Course:
         self._turns = np.concatenate([self._turns[kept], turns])
 
     def go(self, time: float, place: Array | None, turn: Array | None, within: float) -> None:
-        """Go to a pose from a time on, `within` s; what is None stays as it was."""
+        """Go to a pose from a time on, `within` s; a part that is None stays as it was."""
         here, turned = self.last
         here, turned = here if place is None else place, turned if turn is None else turn
         if not within:

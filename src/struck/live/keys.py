@@ -35,7 +35,7 @@ class Keys(Protocol):
 
 
 class NoKeys:
-    """No terminal: nobody types."""
+    """Keys without a terminal: none is ever pressed."""
 
     def pressed(self, seconds: float) -> str:
         """Wait."""
@@ -44,7 +44,7 @@ class NoKeys:
 
 
 def places_by_key(model: ModalModel) -> dict[str, Place]:
-    """Return what each key strikes: digits the named places, letters vertices all over."""
+    """Return the place that each key strikes: digits named places, letters vertices all over."""
     places: dict[str, Place] = {DEFAULT: None}
     places |= dict(zip(_NUMBERS, model.places, strict=False))
     if model.geometry is not None and not model.recorded:

@@ -206,7 +206,7 @@ class Player:
         self._host.touch(number, finger, touching.word(contact, force, velocity), moment)
 
     def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
-        """Return what a touch did so far (its last 60,000 updates), to be rendered offline.
+        """Return the log of a touch so far (its last 60,000 updates), to be rendered offline.
 
         Its times count from when the player began.
 
@@ -219,7 +219,7 @@ class Player:
 
     @property
     def touch_log(self) -> TouchLog:
-        """What the first touch of the first body did so far; see `touch_log_of`."""
+        """Log of the first touch of the first body so far; see `touch_log_of`."""
         return self.touch_log_of()
 
     def dampen(self, at: Place, grip: float, *, body: int | str = 0) -> None:
@@ -286,7 +286,7 @@ class Player:
         self._host.move(self._host.number(body), position, rotation, moment)
 
     def follow(self, contacts: Contacts, *, ended: bool = False) -> None:
-        """Let the bodies of a scene do what the next piece of a log says.
+        """Play the next piece of a contact log: motion and contacts of the scene's bodies.
 
         Its blows and sustained contacts are heard, and its poses taken, some 100 ms later, in which
         the next piece has to come: give 20 to 100 ms at a time, with the same names, of times that
@@ -303,7 +303,7 @@ class Player:
         self._stream.take(contacts, ended=ended)
 
     def simulate(self, simulation: Simulation, control: Control | None = None) -> None:
-        """Let a simulation of the scene run beside it, before it begins; as `struck.play` does."""
+        """Run a simulation together with the player, before it begins; as `struck.play` does."""
         if self._stream is None or self._run is not None:
             raise OptionError("one simulation runs beside each player of its scene: play anew")
         self._run = SimulationRun(simulation, self._stream, control)
@@ -386,7 +386,7 @@ class Player:
 
     @property
     def simulating(self) -> bool:
-        """Whether a simulation runs beside it: not once it exploded, which the next call tells."""
+        """Whether a simulation runs with the player; False once it has exploded."""
         return self._run is not None and self._run.running
 
     @property
@@ -401,7 +401,7 @@ class Player:
 
     @property
     def overdue(self) -> int:
-        """What came for a moment that was over, and was done at once."""
+        """Number of commands whose moment was over, and that were carried out at once."""
         return self._host.queue.overdue + (self._stream.missed if self._stream else 0)
 
     @property
@@ -432,7 +432,7 @@ class Player:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What recorded bodies could not know, and what is silent, as a sound's notes say."""
+        """Warnings about silent bodies and recorded ones, as in a sound's notes."""
         scene = () if self._stream is None else self._stream.scene.notes
         return (*scene, *self._host.unknowns)
 

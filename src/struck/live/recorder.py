@@ -128,7 +128,7 @@ class DeviceRecorder:
         first: int = 0,
         cue: Callable[[], None] = lambda: None,
     ) -> tuple[Single, int]:
-        """Return frames (n, channels) after those skipped, and how often samples were lost."""
+        """Return frames (n, channels) after `skipped` ones, and how often samples were lost."""
         count = skipped + max(1, round(seconds * self.sample_rate))
         samples = np.zeros((count, self.channels), np.float32)
         table = np.array([samples.ctypes.data, count, 0, self.channels, 0])

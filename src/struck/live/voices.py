@@ -50,7 +50,7 @@ class Blows:
 
 
 def _add(blow: Samples, force: Array, now: int) -> bool:
-    """Add what falls in a block; tell whether anything does."""
+    """Add the part of a blow that falls in a block; return whether there is any."""
     begin = max(blow.first - now, 0)
     part = blow.force[max(now - blow.first, 0) : max(now + len(force) - blow.first, 0)]
     force[begin : begin + len(part)] += part
@@ -71,7 +71,7 @@ class Started:
             self._left = self._fade
 
     def end(self) -> None:
-        """Let nothing come any more, at once: for what found no voice, or could not go on."""
+        """End the excitation at once, because it found no voice or could not go on."""
         self._left = 0
 
     def change(self, model: ModalModel) -> None:

@@ -167,7 +167,7 @@ class ModalModel:
 
     @property
     def of_object(self) -> Mask:
-        """Which modes (M,) are the object's, not those that a fit spent on the blow."""
+        """Mask of the object's modes (M,); a fit spends the other ones on the blow."""
         blow = self.provenance.details.get("blow", ())
         return ~np.isin(np.arange(len(self.frequencies)), np.asarray(blow, int))
 

@@ -555,7 +555,7 @@ def _too_fine(survey: Survey, part: ListenerPart) -> Index:
 
 
 def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
-    """Return what the places of listeners cannot tell, and those that it would take."""
+    """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
     notes = []
     around = azimuths_of(survey.places)
     if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:

@@ -253,7 +253,7 @@ def _sums(layers: Complex, values: Complex) -> Complex:
 
 
 def _flows(wave_numbers: float | Array, velocities: Array | Single, air: Air) -> Complex:
-    """Return what single layers carry (F, K): i w times density times outward velocity."""
+    """Return densities of single layers (F, K): i w times density times outward velocity."""
     return np.asarray(1j * air.impedance * wave_numbers * velocities, np.complex128)
 
 

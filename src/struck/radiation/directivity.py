@@ -63,7 +63,7 @@ class RadiatingGains(ShapeGains):
         *,
         near: bool = False,
     ) -> RadiatingGains:
-        """Make gains of a body from what was computed on its skin.
+        """Make gains of a body from the fields computed on its surface.
 
         Modes in no part keep their estimate, alike on all sides.
 
@@ -107,7 +107,7 @@ class RadiatingGains(ShapeGains):
     def over(
         cls, gains: ShapeGains, *, field: Multipoles, near: tuple[SurfaceField, ...] = ()
     ) -> RadiatingGains:
-        """Return gains with a field in place of what is the same in all directions."""
+        """Return gains with a computed field in place of the estimate without directions."""
         return cls(**_parts(gains), field=field, near=near)
 
     @property

@@ -170,7 +170,7 @@ class RadiatedPower:
 
 
 class Heuristic1998:
-    """Van den Doel & Pai 1998, section 3: what is heard of a mode goes with its displacement.
+    """Van den Doel & Pai 1998, section 3: the sound of a mode is proportional to its displacement.
 
     "We will identify the coefficients a_n^S with the vibration amplitudes a_n, scaled with the
     inverse of the distance" (eq. 10 and 11). No interference, no air: relative.
@@ -219,7 +219,7 @@ def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Arr
 
 
 def by_name(name: str) -> Radiation:
-    """Return the estimate of radiation that `name` stands for.
+    """Return the estimate of radiation called `name`.
 
     Parameters
     ----------

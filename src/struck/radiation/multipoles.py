@@ -142,7 +142,7 @@ class Multipoles:
 
     @property
     def levels(self) -> Array:
-        """Root mean square over directions far away, at 1 m (M,): what carries the power."""
+        """Root mean square over far directions, referred to 1 m (M,): the measure of power."""
         return np.sqrt(np.square(np.abs(self._table)).sum(axis=0))
 
     @cached_property
@@ -179,7 +179,7 @@ class Multipoles:
     def joined(
         cls, parts: Sequence[tuple[Index, Multipoles]], outputs: Complex, wave_numbers: Array
     ) -> Multipoles:
-        """Return the field of all M modes of a body, parts of which have those of some numbers.
+        """Return the field of all M modes of a body, joined from fields of some of them.
 
         Of modes in no part the estimates `outputs` (M,) at 1 m are heard, alike on all sides.
         """

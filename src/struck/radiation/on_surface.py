@@ -208,7 +208,7 @@ class PointSources:
         )
 
     def mean_square(self, wave_number: float, flows: Array, dipoles: Complex) -> float:
-        """Return the mean square over all directions of what the sources send there.
+        """Return the mean square pressure of the sources over all directions.
 
         That is the sum of (flow + direction . dipole) exp(-i k direction . position) with the wave
         number k, 1/m, flows (K,) and dipoles (K, 3) in one unit.

@@ -1,4 +1,4 @@
-"""Sound field of a body: which modes boundary elements compute on which mesh, and what it takes.
+"""Sound field of a body: meshes for groups of modes, with forecasts of time and memory.
 
 Each mode gets the coarsest of a few meshes that has at least six elements in its wavelength in air
 and in that of its shape. Modes within 0.1 % share a factorisation.
@@ -46,14 +46,14 @@ _BYTES = 18  # of memory by the square of the elements
 
 
 def computed_at_once(compute: Callable[[], SurfaceField], /, **inputs: object) -> SurfaceField:
-    """Return what is computed, kept nowhere."""
+    """Return the result of `compute`, without storing it."""
     del inputs
     return compute()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FieldPlan:
-    """What is computed: modes by mesh, and by frequency on each."""
+    """Plan of a computed field: modes by mesh, and by frequency on each."""
 
     skin: Skin  # what meets free air
     wall: float  # a depth that almost all of the body has below its skin, m
@@ -102,14 +102,14 @@ class FieldPlan:
                 first = number
 
     def seconds(self, counts: Array) -> float:
-        """About how much time of a processor meshes of so many elements (L,) take."""
+        """Estimated CPU time, s, for meshes of the given element counts (L,)."""
         solves = np.array([len(list(self.groups(modes))) for modes in self.meshed])
         each = counts * (_BY_ELEMENT + _BY_SQUARE * (counts + _SAMPLES)) + _BY_CUBE * counts**3
         return float(solves @ each) + _BY_FACE * len(self.skin.faces) * len(solves)
 
 
 def _require_memory(counts: Array) -> float:
-    """Return the bytes that meshes of so many elements take; SolverError if they are not free."""
+    """Return the bytes for meshes of the given element counts; SolverError if they are not free."""
     needed, free = float(_BYTES * np.square(counts).max(initial=0)), available()
     if free is not None and needed > free:
         raise SolverError(

@@ -67,10 +67,10 @@ class Operator(Protocol):
     """The person who strikes, or who watches a measurement."""
 
     def ready(self, text: str) -> None:
-        """Tell what comes, and return when it may begin."""
+        """Announce the next hit, and return when it may begin."""
 
     def tell(self, text: str) -> None:
-        """Tell what happens."""
+        """Show a message about the present step."""
 
 
 class Nobody:
@@ -94,7 +94,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """Takes of a measurement, and those it refused."""
+    """Takes of a measurement, accepted and refused ones."""
 
     manifest: Path  # for `read_manifest`
     recorded: int  # takes of this run
@@ -110,7 +110,7 @@ def capture(
     operator: Operator | None = None,
     progress: Progress = silent,
 ) -> Outcome:
-    """Make the measurement that a plan describes, or what is missing of it.
+    """Make the measurement of a plan, or the missing part of it.
 
     Parameters
     ----------

@@ -299,7 +299,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturePlan:
-    """Plan of a measurement: what is struck, heard from where, and how often.
+    """Plan of a measurement: contacts, listeners and number of hits.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a take holds that is not the object's: steady tones, lossy coding and a constant offset.
+"""Disturbances of a take: steady tones, lossy coding and a constant offset.
 
 What a lead-in holds as a spectral line, and the end of the take as loud, was there all the time:
 mains hum and its harmonics, a fan, a screen. Each is followed through the take, slowly varying in
@@ -150,7 +150,7 @@ _OFFSET = 2e-3  # mean over the peak that is worth a word
 
 
 def processed(take: Take) -> Iterator[str]:
-    """Yield what was done to a take before it came here, one sentence each."""
+    """Yield a sentence about each processing found in a take: lossy coding, offset."""
     heard = take.samples[~force_channels(take)]
     if not heard.size:
         return

@@ -1,4 +1,4 @@
-"""What a fit leaves of the loudest hit, as attack and noise bands."""
+"""Residual of the loudest hit after a fit, as attack and noise bands."""
 
 from __future__ import annotations
 

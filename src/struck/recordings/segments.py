@@ -92,7 +92,7 @@ _GRID = 32  # lengths are multiples of 1 / this, s: equal ones are transformed t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What a row of gains belongs to: a channel of a hit of a take, each counted from 0."""
+    """The take, hit and channel of a row of gains, each counted from 0."""
 
     take: int
     hit: int

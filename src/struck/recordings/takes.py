@@ -1,4 +1,4 @@
-"""Takes: what was recorded, from files or samples, and where it was struck and heard."""
+"""Takes: recordings from files or samples, with their contacts and listeners."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _require_lossless(path: Path, head: bytes) -> None:
 
 
 def _read_wav(data: bytes, path: Path) -> tuple[wav.Recording | None, str]:
-    """Return what a WAV file holds, or why soundfile has to read it."""
+    """Return the content of a WAV file, or the reason that soundfile has to read it."""
     try:
         return wav.decode(data, str(path)), ""
     except FileFormatError as error:

@@ -1,4 +1,4 @@
-"""Charts: spectra, spectrograms, ringing times and overviews of models, and what all share."""
+"""Charts: spectra, spectrograms, ringing times and overviews of models."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def lighten(axes: Axes) -> None:
 
 
 def colour_bar(figure: Figure, image: QuadMesh | AxesImage, panels: list[Axes], label: str) -> None:
-    """Draw the scale of the colours of an image beside some panels."""
+    """Draw the colour scale of an image next to some panels."""
     bar = figure.colorbar(image, ax=panels, pad=0.01, label=label)
     bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
 

@@ -70,7 +70,7 @@ _BAND = 0.45  # share of its sample rate up to which a recording is complete
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """A model beside a recording of the body, or beside another model.
+    """Comparison of a model with a recording of the body, or with another model.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Comparison:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know of either."""
+        """Warnings about either side."""
         return (*self.model.notes, *self.other.notes)
 
     def summary(self) -> list[str]:
@@ -291,7 +291,7 @@ class Side:
         *,
         begins: float = 0.0,
     ) -> Side:
-        """Take a struck model, heard from beside it unless a listener (3,) is given."""
+        """Make a side of a struck model, heard at 1 m unless a listener (3,) is given."""
         # A model of recordings is as complete as a recording, no more.
         beside = centre_of(model) + place_beside(model)
         place = beside if listener is None else position_of(listener)
@@ -315,7 +315,7 @@ class Side:
 
     @classmethod
     def of_recording(cls, fitted: FittedModes, recording: Sound | None = None) -> Side:
-        """Take fitted modes, with the recording or what they sound like themselves."""
+        """Make a side of fitted modes, with the recording or with their own sound."""
         if recording is None:
             complete_to, longest = np.inf, _SECONDS
             sound = partial(_resynthesised, fitted)
@@ -404,7 +404,7 @@ def _shortened(sound: Sound, seconds: float) -> Sound:
 
 
 def _resynthesised(fitted: FittedModes, seconds: float) -> Sound:
-    """Return what fitted modes sound like in the first channel or two."""
+    """Return the sound of fitted modes in the first channel or two."""
     poles = -np.asarray(fitted.decays) + 2j * np.pi * np.asarray(fitted.frequencies)
     gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))[:2]
     heard = np.flatnonzero(poles.imag < np.pi * _SAMPLE_RATE)

@@ -1,4 +1,4 @@
-"""Contact sheet: pictures of a scene in a row of moments, with what is heard below."""
+"""Contact sheet: pictures of a scene at a row of moments, with the sound below."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _view() -> Array:
 
 
 def _window(bodies: Sequence[Body], contacts: Contacts, view: Array) -> tuple[Array, Array]:
-    """Return the corners (2,) of what must be seen: where bodies begin, and where they touch."""
+    """Return the corners (2,) of the view: the places where bodies begin and where they touch."""
     moving = [body for body in bodies if body.moves] or list(bodies)
     corners = [np.asarray(contacts.position)]
     for body in moving:

@@ -1,4 +1,4 @@
-"""One HTML page that shows and plays what was recorded, the model of it, and the rest."""
+"""One HTML page that shows and plays recordings, the model of them, and the remainder."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def report(fitting: Fitting) -> str:
 
 
 def _asset(name: str) -> str:
-    """Return the text of a file beside this module."""
+    """Return the text of a file in the folder of this module."""
     return (resources.files("struck.report") / name).read_text(encoding="utf-8")
 
 

@@ -59,7 +59,7 @@ class RenderedHit:
 
     @property
     def rest(self) -> Array:
-        """What the modes leave (channels, n)."""
+        """Recording less the modes (channels, n)."""
         return self.original - self.modes
 
     @property
@@ -97,7 +97,7 @@ class RenderedHit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Energies:
-    """Energy of each row of a fit, and of what its modes leave of it."""
+    """Energy of each row of a fit, and of its remainder without the modes."""
 
     signal: Array  # (rows,): sums of squares over the stretch that was fitted
     left: Array  # (rows,): of what the modes leave

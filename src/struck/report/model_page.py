@@ -28,7 +28,7 @@ _ROWS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exhibit:
-    """A body with what a person would see and hear of it."""
+    """A body with its pictures and sounds for a page."""
 
     title: str
     text: str
@@ -39,7 +39,7 @@ class Exhibit:
 
 
 def summary(model: ModalModel) -> list[str]:
-    """Return what a model holds, a line each."""
+    """Return the contents of a model, a line each."""
     material = model.material
     own = model.of_object
     lines = [f"{np.count_nonzero(own)} modes, {_completeness(model)}"]

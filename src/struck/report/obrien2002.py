@@ -107,7 +107,7 @@ class Staged:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Played:
-    """What came of a scene."""
+    """Results of a scene: its sound, notes and files."""
 
     staged: Staged
     scene: Scene

@@ -97,7 +97,7 @@ class Painter:
         return replace(self, view=self.view * half_turn)
 
     def _frame(self) -> Array:
-        """Return the corners (2, 2) of what must be seen, m."""
+        """Return the corners (2, 2) of the view, m."""
         flat = self.surface.points @ self.view[:2].T
         margin = _EXAGGERATION * self.surface.extent * 1.05
         return np.stack([flat.min(axis=0) - margin, flat.max(axis=0) + margin])

@@ -449,7 +449,7 @@ def _after_attack(body: Body) -> list[Action]:
 
 
 def _residuals(body: Body, sample_rate: int) -> tuple[list[tuple[float, Samples]], float]:
-    """Return the times of strikes with what sounds beside their modes at 1 m, and its end, s."""
+    """Return times and residual sounds of strikes at 1 m, and the end of the last, s."""
     strikes = [each for each in body.actions if isinstance(each, Strike)]
     every = [(each.time, residual_of(each, body.sounding, sample_rate)) for each in strikes]
     heard = [(time, part) for time, part in every if part is not None]

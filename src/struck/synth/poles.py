@@ -88,7 +88,7 @@ class Poles:
         return int(np.count_nonzero(self.values == 0))
 
     def steady(self, logarithms: Complex, sample_rate: float) -> Complex:
-        """Return what a constant unit force holds modes at, 0 for recoil, by their logarithms."""
+        """Return the states of modes under a constant unit force, 0 for recoil."""
         held = held_states(logarithms, sample_rate)
         held[self.modes :] = 0
         return held

@@ -341,7 +341,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Agreement:
-    """Fitted modes beside computed ones."""
+    """Agreement of fitted modes with computed ones."""
 
     heard: Array  # (M,), ln f0 of the fitted modes, ascending
     errors: Array  # (M,), their standard errors

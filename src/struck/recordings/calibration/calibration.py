@@ -1,4 +1,4 @@
-"""What a body is made of, from a recording of it and a model of its shape.
+"""Material of a body, from a recording of it and a model of its shape.
 
 2002's future work: "using their measured data for a given object to infer material parameters that
 could then be applied to the geometry of a different object". Frequencies tell E / density and, as
@@ -278,7 +278,7 @@ _SETTLED = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """What a recording tells of a material.
+    """Material constants inferred from a recording, with standard errors.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ class Calibration:
         )
 
     def summary(self) -> list[str]:
-        """Return what was found, a line each, with standard errors."""
+        """Return the results, a line each, with standard errors."""
         stiffness, ratio = self.standard_errors
         young = self.specific_stiffness * self.density / 1e9
         extra, missing = len(self.pairing.extra), len(self.pairing.missing)
