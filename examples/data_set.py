@@ -82,7 +82,7 @@ if __name__ == "__main__":
             refused += [(number, reason)] * bool(reason)
     every = np.concatenate(sounds)
     np.save("sounds.npy", every)
-    with open("labels.csv", "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - as people do
+    with open("labels.csv", "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - the csv module shows it so
         table = csv.DictWriter(file, labels[0])
         table.writeheader()
         table.writerows(labels)

@@ -24,7 +24,7 @@ _STEPS = 40
 
 @checked
 def tuned(
-    body: Any,  # noqa: ANN401 - told what it is where it is none
+    body: Any,  # noqa: ANN401 - anything else is refused by name
     material: Material | str,
     *,
     vary: str,

@@ -129,7 +129,7 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
         return parser.format_help()
     options, unknown = parser.parse_known_args(words)
     if unknown and one:
-        known = [name.lstrip("-") for name in one._option_string_actions]  # noqa: SLF001 - nothing public lists them
+        known = [name.lstrip("-") for name in one._option_string_actions]  # noqa: SLF001 - argparse has no public list
         name = unknown[0].partition("=")[0]
         offer = nearest(name.lstrip("-"), known, "--{}") if name.startswith("-") else ""
         one.error(f"{one.prog} does not take {unknown[0]!r}: {offer}leave it out")

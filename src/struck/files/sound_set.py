@@ -100,7 +100,7 @@ def save_set(
     return rows
 
 
-def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - what a person gave
+def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping or pairs, checked here
     pairs = list(given) if isinstance(given, Iterable) else [given]
     for each in pairs:
         named = isinstance(each, tuple | list) and len(each) == 2
@@ -153,7 +153,7 @@ def _make(folder: Path) -> None:
         ) from error
 
 
-def _told(strike: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever has some of these
+def _told(strike: Any) -> dict[str, Any]:  # noqa: ANN401 - excitations of any kind
     """Return the columns of a strike, numbers of a place with spaces between."""
     told = {}
     for name in _OF_A_STRIKE:
