@@ -71,7 +71,7 @@ def test_a_walk_round_a_body_does_not_click(listener: Mono | Stereo | Binaural) 
 
 
 def test_a_head_ahead_hears_low_sound_as_two_bare_ears_do() -> None:
-    frequencies = np.array([90.0, 170.0, 290.0])
+    frequencies = np.array([50.0, 90.0, 120.0, 170.0, 230.0, 290.0])
     plain = plain_ball(frequencies)
     field = RadiatingGains.of(plain.gains, frequencies, [some_sources(frequencies)])
     low = replace(plain, gains=field)
@@ -80,13 +80,10 @@ def test_a_head_ahead_hears_low_sound_as_two_bare_ears_do() -> None:
         seen: Listener = replace(listener, position=(1.5, 0, 0), facing=(-1, 0, 0))
         samples = render(low, SOFT, listener=seen, seconds=0.5).samples
         spectrum = np.abs(np.fft.rfft(samples * np.hanning(samples.shape[1])))
-        levels.append(spectrum[:, [45, 85, 145]])
+        levels.append(spectrum[:, frequencies.astype(int) // 2])
     ball, kemar = (20 * np.log10(head / bare) for head, bare in (levels[:2], levels[2:]))
     assert np.abs(ball).max() < 1.0
-    # The recordings of KEMAR lose level below 120 Hz, whatever is heard through them.
-    _, responses = Binaural().filters(RATE).toward(np.array([[1.0, 0, 0]]), np.array([1.5]))
-    alone = 20 * np.log10(np.abs(np.fft.rfft(responses[0], RATE)[:, [90, 170, 290]]))
-    np.testing.assert_allclose(kemar, alone, atol=0.5)
+    assert np.abs(kemar).max() < 1.0
 
 
 def test_a_head_shades_what_comes_from_aside() -> None:

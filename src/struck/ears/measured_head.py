@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
+from scipy.interpolate import BSpline
 from scipy.spatial import KDTree
 
 from struck.ears.heads import (
@@ -27,7 +28,7 @@ from struck.ears.heads import (
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
 from struck.errors import FileFormatError, OptionError
 from struck.files.sofa import Container, opened
-from struck.model.arrays import Array, Single, checked
+from struck.model.arrays import Array, Complex, Single, checked
 from struck.model.material import AIR
 
 BUNDLED = ("kemar",)
@@ -94,6 +95,11 @@ _AT_ONCE = 2**21  # values, to bound the memory that long responses take
 _FADE_IN, _FADE_OUT = 0.5, 0.0625  # of the lead, of the whole
 _PASS = 0.9  # of the band that both sample rates hold: above, responses fade out
 _LEVEL_BAND = np.linspace(200, 500, 7)  # Hz, where heads are spheres and loudspeakers work
+_LEVELS, _PHASES = (150.0, 300.0), (300.0, 1500.0)  # Hz, from the sphere's to the set's own
+_LOW = np.linspace(0, 1500, 121)  # Hz, where responses are completed
+_KEPT = np.linspace(1525, 5000, 140)  # Hz, where they stay as they were measured
+_LEAST, _MOST = 0.35, 3.5  # logarithms of factors: losses of 3 dB count, and 30 dB are made up for
+_KNOTS = 0.25e-3  # s, between those of the splines that are added
 _DEGREES, _SMOOTHNESS = 80, 2.5
 
 
@@ -117,7 +123,8 @@ def aligned(
     The time that both ears share is arbitrary in most sets, and in some from one elevation to the
     next (by 0.2 ms in KEMAR's): it is set such that sound comes to the nearer ear as on a rigid
     sphere. The time between the ears stays as it was measured. The level that all responses share
-    is set such that the mean power from 200 to 500 Hz is that on the sphere.
+    is set such that the mean power from 200 to 500 Hz is that on the sphere. Low
+    sound that all lose, the loudspeaker's, is made up for.
     """
     chosen = _chosen(measured.directions, nodes)
     directions, responses = measured.directions[chosen], measured.responses[chosen]
@@ -131,12 +138,51 @@ def aligned(
     starts = np.array_split(onsets - LEAD, len(parts))
     how = measured.sample_rate, sample_rate, lasting
     sampled = [_sampled(part, start, *how) for part, start in zip(parts, starts, strict=True)]
+    delays, found = late - shared - LEAD, gain * np.concatenate(sampled)
     return Aligned(
         directions=directions,
-        delays=late - shared - LEAD,
-        responses=gain * np.concatenate(sampled),
+        delays=delays,
+        responses=found + _low_sound(found, delays, directions, measured.distance, sample_rate),
         gain=gain,
     )
+
+
+def _spectra(responses: Array, sample_rate: float, frequencies: Array) -> Complex:
+    times = np.arange(responses.shape[-1]) / sample_rate
+    phases = np.exp(-2j * np.pi * np.outer(times, frequencies))
+    return np.asarray(responses @ phases, np.complex128)
+
+
+def _low_sound(
+    responses: Array, delays: Array, directions: Array, distance: float, sample_rate: float
+) -> Array:
+    """Return what to add to responses (M, 2, taps) whose loudspeaker loses low sound.
+
+    A head is a sphere there (Xie 2009, J. Audio Eng. Soc. 57(5), 328): one factor for all makes
+    mean levels over directions and ears the sphere's, and mean phases, which a loudspeaker changes
+    farther up. Added are cubic splines by least squares, which hold nothing above. A set that
+    loses less than 3 dB keeps its own.
+    """
+    angles, taps = _angles(directions), responses.shape[-1]
+    there = pressure(_LOW, angles.ravel(), distance).T.reshape(*angles.shape, -1)
+    there *= np.exp(2j * np.pi * delays[..., np.newaxis] * _LOW)
+    here = _spectra(responses, sample_rate, _LOW)
+    powers = (np.square(np.abs(each)).mean(axis=(0, 1)) for each in (there, here))
+    sphere, own = (np.maximum(each, np.finfo(float).tiny) for each in powers)
+    levels = np.clip(0.5 * np.log(sphere / own), -_MOST, _MOST)
+    if levels.max() < _LEAST:
+        return np.zeros(responses.shape)
+    phases = np.angle(np.sum(there * here.conj(), axis=(0, 1)))
+    factors = np.expm1(fading(_LOW, *_LEVELS) * levels + 1j * fading(_LOW, *_PHASES) * phases)
+    knots = np.arange(-3, taps / sample_rate / _KNOTS + 1) * _KNOTS
+    times = np.clip(np.arange(taps) / sample_rate, knots[3], knots[-4])
+    splines = BSpline.design_matrix(times, knots, 3).toarray().T
+    basis = _spectra(splines, sample_rate, np.concatenate([_LOW, _KEPT])).T
+    wanted = np.zeros((len(basis), here[..., 0].size), np.complex128)
+    wanted[: len(_LOW)] = (here * factors).reshape(-1, len(_LOW)).T
+    rows = np.concatenate([basis.real, basis.imag]), np.concatenate([wanted.real, wanted.imag])
+    found = np.linalg.lstsq(*rows, rcond=1e-6)[0]
+    return (found.T @ splines).reshape(responses.shape)
 
 
 def _angles(directions: Array) -> Array:
@@ -174,8 +220,7 @@ def _onsets(responses: Array) -> Array:
 
 def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
     """Return the factor that makes responses relative to the free field."""
-    phases = np.outer(np.arange(responses.shape[-1]), _LEVEL_BAND / measured.sample_rate)
-    here = np.mean(np.abs(responses @ np.exp(-2j * np.pi * phases)) ** 2)
+    here = np.mean(np.abs(_spectra(responses, measured.sample_rate, _LEVEL_BAND)) ** 2)
     angles, counts = np.unique(np.round(_angles(directions), 3), return_counts=True)
     there = np.mean(np.abs(pressure(_LEVEL_BAND, angles, measured.distance)) ** 2, axis=0)
     return math.sqrt(np.average(there, weights=counts) / here)
