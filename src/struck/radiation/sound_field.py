@@ -6,13 +6,15 @@ and in that of its shape. Modes within 0.1 % share a factorisation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from struck.core.machine import GIB, available
+from struck.core.machine import GIB, available, thread_count
 from struck.errors import MeshError, SolverError
 from struck.model.arrays import Array, Index
 from struck.model.gains import Keep, ShapeGains
@@ -173,27 +175,52 @@ def fields_of(
     # Folds and ridges may keep more elements than the plan has.
     counts = np.array([len(mesh.faces) for mesh in meshes], np.float64)
     needed, seconds = _require_memory(counts), plan.seconds(counts)
-    forecast = f"about {seconds:.0f} s of a processor and {needed / 1e9:.2g} GB"
+    together = _at_once(needed)
+    forecast = f"about {seconds:.0f} s of a processor and {together * needed / 1e9:.2g} GB"
     progress(f"{FORECAST}timbre field, {forecast}", 0.0)
     done, every = 0, sum(len(modes) for modes in plan.meshed)
     parts = []
     for mesh, modes in zip(meshes, plan.meshed, strict=True):
         velocities = velocities_on(mesh, gains, plan.skin, modes)
         places = {int(mode): place for place, mode in enumerate(modes)}
-        found = []
+        tasks, found = [], []
         for group in plan.groups(modes):
-            own = velocities[:, [places[int(mode)] for mode in group]]
             given = {
                 "mesh": mesh,
                 "wave_numbers": plan.wave_numbers[group],
-                "velocities": own,
+                "velocities": velocities[:, [places[int(mode)] for mode in group]],
                 "modes": group,
             }
-            found.append(keep(partial(solved, **given), **given))
-            done += len(group)
+            tasks.append(partial(keep, partial(solved, **given), **given))
+        for field in _results(tasks, together):
+            found.append(field)
+            done += len(field.modes)
             progress("timbre field", done / every)
         parts.append(joined(found))
     return parts
+
+
+def _at_once(needed: float) -> int:
+    """Return how many frequencies to solve at once, each in a thread, by the memory they need."""
+    free = available()
+    fitting = thread_count() if free is None else int(free // max(needed, 1.0))
+    return max(min(thread_count(), fitting), 1)
+
+
+def _results(tasks: Sequence[Callable[[], SurfaceField]], together: int) -> Iterator[SurfaceField]:
+    """Yield the results of tasks in their order, some computed at once; none begins after an error.
+
+    A frequency a thread scales better than threads within a factorisation, much of which is serial.
+    """
+    if together == 1:
+        yield from (task() for task in tasks)
+        return
+    threads = ThreadPoolExecutor(together)
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            yield from threads.map(lambda task: task(), tasks)
+    finally:
+        threads.shutdown(cancel_futures=True)
 
 
 def velocities_on(mesh: Mesh, gains: ShapeGains, skin: Skin, modes: Index) -> Array:
