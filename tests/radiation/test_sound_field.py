@@ -14,12 +14,14 @@ import pytest
 import struck
 from struck.analysis.analysis import radiating
 from struck.errors import ContactError, MeshError, OptionError, SolverError
+from struck.files import model_file
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.radiation import sound_field
 from struck.radiation.boundary_elements import Walls
 from struck.radiation.sound_field import FieldPlan, fields_of, velocities_on
 from struck.solids import Block, Tube
+from tests.excitation.recordings import recorded
 from tests.radiation import bodies
 
 BAND = 20.0, 20_000.0
@@ -55,6 +57,60 @@ def test_a_field_is_computed_kept_and_taken_up_again(
     levels = 20 * np.log10(np.abs(shaped(made).outputs) / estimate)
     assert abs(levels[0]) < 4  # the estimate's measured error on blocks is 3 dB
     np.testing.assert_allclose(levels[1:], 0, atol=1e-9)  # out of the band
+
+
+@pytest.fixture(scope="module")
+def sounding(block: struck.ModalModel) -> struck.ModalModel:
+    """Return the block with the field of its first mode, kept near it as well."""
+    return block.radiating(band=(20.0, 1.01 * float(block.natural_frequencies[0])), near=True)
+
+
+def ways(count: int) -> np.ndarray:
+    chance = np.random.default_rng(7).normal(size=(count, 3))
+    return chance / np.linalg.norm(chance, axis=1)[:, None]
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return by mode the root mean square of a difference over that of the other."""
+    return np.sqrt(np.mean(np.abs(one - other) ** 2, axis=0) / np.mean(np.abs(other) ** 2, axis=0))
+
+
+def test_a_scaled_field_is_a_larger_bodys_own(
+    block: struck.ModalModel, sounding: struck.ModalModel
+) -> None:
+    larger = block.scaled(2)
+    band = 20.0, 1.01 * float(larger.natural_frequencies[0])
+    fresh, scaled = larger.radiating(band=band).gains, sounding.scaled(2).gains
+    for distance in (0.11, 0.3, 2.0):  # 1.7 radii and farther
+        places = distance * ways(200)
+        missed = apart(scaled.toward(places)[:, 0], fresh.toward(places)[:, 0])
+        assert missed.max() < 0.01
+
+
+def test_stated_errors_of_the_waves_are_those_beside_the_surface_integral(
+    sounding: struck.ModalModel,
+) -> None:
+    gains = sounding.gains
+    part = gains.near[0]  # there is one for each mesh
+    own = part.modes
+    for distance, stated in ((1.5, gains.field.errors[own, 0]), (1.2, gains.field.errors[own, 1])):
+        places = distance * gains.radius * ways(1000)
+        exact = part.pressure(gains.centre + places, np.arange(len(own)))
+        late = np.exp(1j * part.wave_numbers * distance * gains.radius)
+        missed = apart(gains.field.at(places)[:, own], exact * late)
+        assert np.all(missed < 1.15 * stated)
+        assert np.all(missed > 0.85 * stated)  # it is the error, not only a bound
+    assert np.all(gains.field.errors[own, 0] < 0.02)
+    computed = np.concatenate([each.modes for each in gains.near])
+    assert np.isfinite(gains.field.errors[computed]).all()
+    assert np.isnan(np.delete(gains.field.errors, computed, axis=0)).all()  # estimates have none
+    kept = model_file.from_bytes(model_file.to_bytes(sounding)).gains
+    np.testing.assert_array_equal(kept.field.errors, gains.field.errors)
+
+
+def test_a_recorded_body_is_refused_with_the_way_out() -> None:
+    with pytest.raises(OptionError, match=r"this model has \w+: analyze a body with radiation="):
+        recorded("field").radiating()
 
 
 def solved_again(**given: object) -> None:
