@@ -230,6 +230,17 @@ def test_nobody_listens_within_a_wall_or_a_closed_cavity(bowl: struck.ModalModel
         replace(hollow, near=(field,)).toward(np.zeros((1, 3)))
 
 
+def test_a_hair_off_the_surface_the_sound_is_that_nearby(bowl: struck.ModalModel) -> None:
+    # The elements are larger than the surface's triangles, and cut through the air inside the bowl.
+    surface = bowl.gains.surface
+    (part,) = bowl.gains.near
+    close, off = (surface.centroids + way * surface.face_normals for way in (1e-6, 3e-4))
+    assert part.mesh.locator.holds(close).any()
+    mode = int(part.modes[0])
+    heard, nearby = (bowl.gains.toward(places)[:, 0, mode] for places in (close, off))
+    assert np.abs(heard - nearby).max() < 0.25 * np.abs(nearby).max()
+
+
 RUN = """
 import resource, sys, time
 import struck

@@ -13,10 +13,11 @@ from struck.model.arrays import Array, Complex, Index
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
 from struck.model.mesh import in_space
-from struck.radiation.boundary_elements import SurfaceField
+from struck.radiation.boundary_elements import SurfaceField, edge_length
 from struck.radiation.multipoles import CLOSE, FAR, Multipoles
 
 _SAME = 1e-9  # relative: frequencies closer than this are the same
+_CUT, _AWAY = 0.1, 1e-3  # of an element's edge: that elements cut off, and that places are off them
 _IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
 
 
@@ -182,15 +183,36 @@ class RadiatingGains(ShapeGains):
                 f"field reaches in to {CLOSE * self.field.radius:.3g} m: move it away, or compute "
                 "the field with near=True, which keeps the pressure on the surface as well"
             )
-        if any(part.mesh.locator.holds(places).any() for part in self.near):
-            raise ContactError("a listener is in a cavity of the body that is closed: move it out")
         nearest = min(self.surface.reach, self.radius)
         heard = self.outputs / np.maximum(distances, nearest)[:, None]
         for part in self.near:
             arrivals = np.exp(1j * np.multiply.outer(distances, part.wave_numbers))
             every = np.arange(len(part.modes))
-            heard[:, part.modes] = _IMPULSE * part.pressure(places, every) * arrivals
+            heard[:, part.modes] = (
+                _IMPULSE * part.pressure(_outside(part, places), every) * arrivals
+            )
         return heard
+
+
+def _outside(part: SurfaceField, places: Array) -> Array:
+    """Return places (L, 3) moved out of the elements, which cut corners of the body's surface.
+
+    Raises ContactError where one is deeper in them: so it is in a cavity that is closed.
+    """
+    within = part.mesh.locator.holds(places)
+    if not within.any():
+        return places
+    distances, faces, closest = part.mesh.locator.closest(places[within])
+    edge = edge_length(part.mesh)
+    if distances.max() > _CUT * edge:
+        raise ContactError(
+            f"a listener is {distances.max():.2g} m within the elements of the timbre field, and "
+            f"{_CUT * edge:.2g} m at most is near their surface: it is in a cavity of the body "
+            "that is closed, so move it out"
+        )
+    moved = places.copy()
+    moved[within] = closest + _AWAY * edge * part.mesh.face_normals[faces]
+    return moved
 
 
 def _parts(gains: ShapeGains) -> dict[str, Any]:
