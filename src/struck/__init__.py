@@ -1,4 +1,4 @@
-"""struck: the sounds of physical objects, computed from what they are.
+"""struck: the sounds of physical objects, computed from their shape and material.
 
 1. A body and a material make a model: ``analyze`` a solid, a mesh or a file.
 2. Whatever strikes it makes a sound: ``render`` a ``Strike``, and ``save`` the model.

@@ -1,4 +1,4 @@
-"""Start of the command `struck`: Ctrl-C, and what must be settled before NumPy is imported."""
+"""Start of the command `struck`: Ctrl-C, and settings that NumPy must find when it is imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs: each has its signature, its documentation and one call of what does the work."""
+"""The verbs: each has its signature, its documentation and one call of the code behind it."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def fit(
 
 
 def load(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes.
+    """Read the model at `path`: a ``.struck`` file, or a ``.sofa`` file of gains of modes.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def save(
     path : path
         Its ending tells the kind.
     contacts, listeners : array-like, optional
-        For ``.sofa`` files, where the model is struck and heard: coordinates, m, or names; those
+        For ``.sofa`` files, where the model is struck and heard: (K, 3), m, or names; those
         that were recorded unless given.
 
     Raises
@@ -295,7 +295,7 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
 ) -> Sound:
-    """Return what a listener hears of bodies that are struck, scraped, rolled on, plucked or held.
+    """Return the sound, at a listener, of bodies struck, scraped, rolled on, plucked or held.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class RecordingError(StruckError, ValueError):
 
 
 class FileFormatError(StruckError, ValueError):
-    """A file that is not what it says, or cannot be read or written."""
+    """A file whose content does not fit its format, or which cannot be read or written."""
 
 
 class SimulationError(StruckError, RuntimeError):
@@ -73,7 +73,7 @@ class MissingDependencyError(StruckError, ImportError):
 
 
 class CacheWarning(UserWarning):
-    """Something could not be kept, or was damaged; what was asked for is computed."""
+    """The cache could not keep a result, or a kept one was damaged; the result is computed anew."""
 
 
 class CoreWarning(UserWarning):
@@ -81,7 +81,7 @@ class CoreWarning(UserWarning):
 
 
 class LossWarning(UserWarning):
-    """A file was written that cannot keep all of a model: what it leaves out."""
+    """A file was written whose format cannot hold all of a model: the message lists the losses."""
 
 
 class ScaleWarning(UserWarning):
@@ -89,7 +89,7 @@ class ScaleWarning(UserWarning):
 
 
 class RepairWarning(UserWarning):
-    """A surface was repaired: what was wrong with it, and what was changed."""
+    """A surface was repaired: the message lists its faults and the changes made."""
 
 
 # Names in use elsewhere, and the names here; of several, the first that is known is offered.
@@ -112,7 +112,7 @@ _CALLED = {
 
 
 def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
-    """Return "did you mean ...? " with the known names nearest to a name, or nothing."""
+    """Return "did you mean ...? " with the known names nearest to a name, or "" if none is near."""
     names = list(known)
     plain = name.strip().lower()
     found = [each for each in _CALLED.get(plain, ()) if each in names][:1]

@@ -314,7 +314,7 @@ def discretise(
     repair: bool,
     holes: str | None = None,
 ) -> Discretisation:
-    """Return a body as something that can be cut into elements, once its options fit it."""
+    """Return a body ready to be cut into elements, once its options fit it."""
     require_holes(holes, wall)
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")

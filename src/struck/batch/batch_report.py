@@ -286,7 +286,7 @@ def label_table(name: str, labels: list[Mapping[str, Any]]) -> bytes:
 
 
 def _begins(path: Path, head: bytes) -> bool:
-    """Tell whether a file is there and begins with some bytes."""
+    """Return whether a file is there and begins with some bytes."""
     try:
         with path.open("rb") as file:
             return file.read(len(head)) == head

@@ -55,7 +55,7 @@ class Cluster:
             raise
 
     def free(self) -> bool:
-        """Tell whether some worker has a thread to spare."""
+        """Return whether some worker has a thread to spare."""
         self._look()
         return self._spare()[0] > 0
 
@@ -169,7 +169,7 @@ def task(job: BodyJob, folder: str, run: str) -> dict[str, Any]:
 
 
 def _is_of(run: str, folder: Path) -> bool:
-    """Tell whether a folder is where this run writes."""
+    """Return whether a folder is where this run writes."""
     try:
         return json.loads((folder / PAGES[0]).read_bytes()).get("run") == run
     except (OSError, ValueError, AttributeError):

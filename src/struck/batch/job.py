@@ -89,7 +89,7 @@ def _tell(answers: IO[str], **told: object) -> None:
 
 
 def _answer(asked: bytes, answers: IO[str]) -> None:
-    """Do the job that a pickle of (job, folder, memory) holds, and tell its facts."""
+    """Do the job that a pickle of (job, folder, memory) holds, and write its facts to `answers`."""
     job, folder, memory = pickle.loads(asked)  # noqa: S301 - from who started this process
     allowed = threading.Event()
     threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
@@ -110,7 +110,7 @@ def _answer(asked: bytes, answers: IO[str]) -> None:
 
 
 def _listen(allowed: threading.Event) -> None:
-    """Wait for leave to go on; without anybody who could give it, all of this group ends."""
+    """Wait for the parent's leave to compute; once the parent is gone, end the whole group."""
     while os.read(0, 1) == ALLOWED:
         allowed.set()
     if hasattr(os, "killpg"):

@@ -95,7 +95,7 @@ class Processes:
         self._running: dict[_Worker, _Running] = {}
 
     def free(self) -> bool:
-        """Tell whether another job can be started: one that waits for memory leaves its core."""
+        """Return whether another job can be started: one that waits for memory leaves its core."""
         waiting = sum(each.waits for each in self._running.values())
         return len(self._running) - waiting < self._count and waiting < self._count
 

@@ -105,7 +105,7 @@ class StrikeSet:
                 yield strike, _beside(model, listener)
 
     def _label(self, model: ModalModel, strike: Strike, listener: Array) -> dict[str, Any]:
-        """Return the label of a strike: where and how the body receives it, and who hears it."""
+        """Return the label of a strike: its place and force, and the listener's place."""
         contact = model.contact(strike.at, strike.direction)
         blow = strike.resolved(model, contact)
         return {
@@ -122,7 +122,7 @@ class StrikeSet:
 
 
 def struck_as(model: ModalModel, label: Mapping[str, Any]) -> Sound:
-    """Return the sound of a model that a label tells of."""
+    """Return the sound of a model struck as a label says."""
     strike = Strike(
         at=[label[x] for x in _XYZ if x in label],
         direction=[label[f"direction_{x}"] for x in _XYZ if f"direction_{x}" in label],
@@ -163,7 +163,7 @@ def _random(model: ModalModel, chance: np.random.Generator) -> tuple[Strike, Arr
 def _beside(
     model: ModalModel, listener: Sequence[float] | None, way: Sequence[float] | Array = (1, 0, 0)
 ) -> Array:
-    """Return who was given to listen, else 1 m beyond the body from its centre."""
+    """Return the given listener, or else one 1 m beyond the body from its centre."""
     if listener is not None:
         return np.asarray(listener, np.float64)
     gains = model.gains

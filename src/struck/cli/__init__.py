@@ -95,7 +95,7 @@ def _told(text: str) -> int:
 
 
 def _refused(error: StruckError, words: Sequence[str]) -> int:
-    """Tell an error in one line, and machines in JSON."""
+    """Print an error in one line on standard error and, with --json, as JSON on standard output."""
     complain(str(error))
     if "--json" in words:
         _told(json.dumps({"error": str(error), "kind": type(error).__name__}, indent=2) + "\n")
@@ -175,7 +175,7 @@ class Result:
 
 
 def complain(message: str) -> None:
-    """Tell a person in one line, where there is anywhere to tell it."""
+    """Print a message in one line on standard error, if it is open."""
     with suppress(OSError):
         sys.stderr.write(f"struck: {message}\n")
 

@@ -13,7 +13,7 @@ EXAMPLES = ("--json",)
 
 
 def declare(_parser: argparse.ArgumentParser) -> None:
-    """Declare nothing: `struck materials` takes no options of its own."""
+    """Add no options: `struck materials` has none of its own."""
 
 
 def run(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:

@@ -1,4 +1,4 @@
-"""Who listens, as people say it in the shell."""
+"""Options of the shell for listeners: their position, their heads and the room."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
 
 
 def place(text: str) -> str | tuple[float, ...]:
-    """Return the coordinates that "0.1,0,0.02" tells, else a name of a place."""
+    """Return a place's coordinates from text such as "0.1,0,0.02"; other text is a place's name."""
     try:
         return tuple(map(float, text.split(",")))
     except ValueError:
@@ -226,7 +226,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
 
 
 def listener(options: argparse.Namespace) -> Listener | ArrayLike | None:
-    """Return who was asked for.
+    """Return the listener that the options ask for.
 
     Raises
     ------

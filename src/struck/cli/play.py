@@ -99,7 +99,7 @@ def _require_counts(options: argparse.Namespace) -> None:
 def _played(
     player: Player, models: list[struck.ModalModel], options: argparse.Namespace
 ) -> tuple[int, float]:
-    """Play until somebody ends it; return how often was struck, and for how long, s."""
+    """Play until the person or the clock ends it; return the number of strikes and the time, s."""
     from struck.live.keys import Robot, busy_thread, places_by_key, terminal_keys
 
     robot = Robot(player, models, strikes=options.strikes, scrapes=options.scrapes)

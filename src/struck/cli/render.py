@@ -147,7 +147,7 @@ def _model(options: argparse.Namespace) -> struck.ModalModel:
 
 
 def _heard(options: argparse.Namespace) -> dict[str, Any]:
-    """Return length, rate and who listens, as `struck.render` takes them."""
+    """Return length, rate and listener of a sound, as `struck.render` takes them."""
     return {
         "seconds": options.seconds,
         "sample_rate": options.rate,

@@ -166,7 +166,7 @@ def _sound(scene: Scene, heard: Mapping[str, Any]) -> Sound:
 
 
 def _ears(options: argparse.Namespace) -> Listener | None:
-    """Return who hears it; a bare position is an ear in the scene."""
+    """Return the listener; a bare position is an ear in the scene."""
     someone = listener(options)
     if someone is None or is_listener(someone):
         return someone

@@ -183,7 +183,7 @@ def entry(name: str) -> Callable[..., Any] | None:
 
 
 def compiled(name: str) -> Callable[..., Any]:
-    """Return a compiled loop for which there is nothing else.
+    """Return a function of the compiled core that has no equivalent in Python.
 
     Raises
     ------

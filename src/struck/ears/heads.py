@@ -63,7 +63,7 @@ class Head(Protocol):
         ...
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters; work that takes long is done here, and kept."""
+        """Return the head's filters at a `sample_rate`, Hz; long work is done here, and kept."""
         ...
 
 
@@ -135,7 +135,7 @@ class SphereHead:
             )
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        """Return the head's filters (kept, once made); OptionError outside 4 to 384 kHz."""
         require_rate(sample_rate, _HIGHEST_RATE)
         return _sphere_filters(self.radius, self.ear_angle, sample_rate)
 
@@ -157,7 +157,7 @@ class WoodworthHead:
         _require_radius(self.radius)
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        """Return the head's filters (kept, once made); OptionError outside 4 to 384 kHz."""
         require_rate(sample_rate, _HIGHEST_RATE)
         return _woodworth_filters(self.radius, sample_rate)
 
@@ -179,7 +179,7 @@ class SimpleHead:
         _require_radius(self.radius)
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return its filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        """Return the head's filters (kept, once made); OptionError outside 4 to 384 kHz."""
         require_rate(sample_rate, _HIGHEST_RATE)
         return _simple_filters(self.radius)
 

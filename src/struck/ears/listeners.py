@@ -47,7 +47,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, name: str, course: Course3) -> Trajectory:
-        """Return the trajectory of a `Course3`.
+        """Return the trajectory of a `course`, called `name` in messages.
 
         Raises
         ------
@@ -96,7 +96,7 @@ def ascending(name: str, times: ArrayLike) -> Array:
 
 
 def is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
-    """Tell (times, points) from a point: its second part is a list."""
+    """Return whether a position is a table (times, points) rather than one point."""
     return isinstance(course, tuple) and len(course) == 2 and not np.isscalar(course[1])
 
 
@@ -144,17 +144,17 @@ class Listener(Protocol):
         ...
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return the filters of the head; `brief` ones, cut short, for playing live."""
+        """Return the head's filters at a `sample_rate`, Hz; `brief` ones, cut short, play live."""
         ...
 
 
 def is_listener(listener: object) -> TypeGuard[Listener]:
-    """Tell a listener from a bare position."""
+    """Return whether an object is a listener, and not a bare position."""
     return callable(getattr(listener, "filters", None))
 
 
 def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
-    """Return a bare position (3,); OptionError on anything else."""
+    """Return a listener's bare position (3,), m; OptionError on other values."""
     if isinstance(listener, str):
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m, or Stereo")
     position = numbers("listener", listener)
@@ -206,7 +206,7 @@ class Mono:
         return np.zeros((1, 3))
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return filters that change nothing."""
+        """Return identity filters: one ear, and the sound unchanged."""
         del sample_rate, brief
         return Unchanged(ears=1)
 
@@ -311,7 +311,7 @@ class Binaural:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unchanged:
-    """Filters that change nothing."""
+    """Identity filters: sound passes them unchanged."""
 
     ears: int
 

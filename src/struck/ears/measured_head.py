@@ -444,7 +444,7 @@ class MeasuredHead:
 
     @classmethod
     def read(cls, path: str | Path) -> MeasuredHead:
-        """Return the head of a SOFA file.
+        """Return the measured head in the SOFA file at `path`.
 
         Raises
         ------
@@ -466,9 +466,9 @@ class MeasuredHead:
         return self.measured.references
 
     def prepared(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return its filters (kept, once made), brief ones for playing live.
+        """Return the head's filters (kept, once made), `brief` ones for playing live.
 
-        Raises OptionError unless the sample rate is from 4 to 768 kHz.
+        Raises OptionError unless `sample_rate` is from 4 to 768 kHz.
         """
         require_rate(sample_rate, 768000)
         how = (BRIEF,) if brief else ()

@@ -60,7 +60,7 @@ class Emitter:
     field: str | None = None
 
     def holds(self, place: Array, time: float) -> bool:
-        """Tell whether a place, m (3,), is inside the body at a time, s."""
+        """Return whether a place, m (3,), is inside the body at a time, s."""
         moment = np.array([time])
         distance = float(np.linalg.norm(place - self.centre.at(moment)[0]))
         if self.surface is None or not isinstance(self.centre, Carried):
@@ -231,7 +231,7 @@ def aside(radius: float) -> Array:
 
 
 def _level(ahead: Array, up: Array) -> Array:
-    """Return the part of a direction across `up`, or of x, or of y, where that is nothing."""
+    """Return the part of a direction across `up`; of the x or y axis where it is along `up`."""
     for direction in (ahead, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
         across = direction - up * (direction @ up) / max(up @ up, 1e-30)
         if np.linalg.norm(across) > 1e-6 * max(np.linalg.norm(ahead), 1.0):
@@ -315,7 +315,7 @@ class Propagation:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves."""
+        """Whether neither the body nor its sources move."""
         return not (self._pose.moves or self._sources.moves)
 
     @property

@@ -142,7 +142,13 @@ class Room:
         return np.repeat(self.volume / np.array(self.size), 2)
 
     def absorptions(self) -> Array:
-        """Return the absorbed share of the energy, wall by wall and band by band: (6, 7)."""
+        """Return the absorbed share of the energy, wall by wall and band by band: (6, 7).
+
+        Raises
+        ------
+        OptionError
+            When not all walls, or others, are given.
+        """
         walls = self.walls if isinstance(self.walls, Mapping) else dict.fromkeys(WALLS, self.walls)
         if set(walls) != set(WALLS):
             raise OptionError(f"walls are given for {', '.join(walls)}: give {', '.join(WALLS)}")
@@ -150,7 +156,7 @@ class Room:
 
     @checked
     def require_inside(self, positions: ArrayLike, name: str) -> None:
-        """Refuse places (..., 3), m, outside the room; `name` is the noun for them in the error.
+        """Refuse `positions` (K, 3), m, outside the room; `name` is their noun in the error.
 
         Raises
         ------
@@ -214,11 +220,11 @@ class Room:
 
     @checked
     def reverberation_time(self, formula: str = "eyring") -> Array:
-        """Return the `statistical_time` of decay to expect in each of `BANDS`, s: (7,)."""
+        """Return the T60 by a `formula`, "eyring" or "sabine", in each of `BANDS`, s: (7,)."""
         return statistical_time(self.volume, self.areas, self.absorptions(), formula)
 
     def expected_reverberation(self, seed: int = 0) -> Reverberation:
-        """Return the reverberation to expect of these walls by Eyring's formula.
+        """Return the reverberation of these walls by Eyring's formula, its noise from a `seed`.
 
         Raises
         ------

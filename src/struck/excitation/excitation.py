@@ -91,7 +91,7 @@ class Excitation(Protocol):
     """An excitation of a body: immutable, and the same each time for the same seed."""
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Pushing:
-        """Begin on a model at sample number `start` (may be negative: a prelude).
+        """Begin on a `model` at sample number `start` (negative: a prelude) of `sample_rate`, Hz.
 
         Raises
         ------
@@ -196,11 +196,11 @@ class Hold:
         require_at_least_zero(grip=self.grip, time=self.time, patch=self.patch)
 
     def holds_at(self, time: float) -> bool:
-        """Tell whether it holds at a time, s."""
+        """Return whether it holds at a time, s."""
         return self.time <= time < self.time + (np.inf if self.seconds is None else self.seconds)
 
     def raised(self, model: ModalModel) -> Array:
-        """Return by how much it raises each decay, 1/s (M,); of R products (R M,), as expanded.
+        """Return the rise of each decay of a `model`, 1/s (M,); of R products (R M,), as expanded.
 
         Raises
         ------

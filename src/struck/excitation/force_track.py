@@ -155,7 +155,7 @@ class ForceTrack:
         return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
-        """Return the force at another sample rate, N, without frequencies above its half."""
+        """Return the force at a `sample_rate`, Hz, in N, without frequencies above its half."""
         own = np.asarray(self.force, np.float64) * self.gain
         ahead, values = _resampled(own, float(self.sample_rate or sample_rate), sample_rate)
         given = Samples(first=round(self.time * sample_rate) - ahead, force=values)

@@ -109,7 +109,7 @@ class Tool:
         object.__setattr__(self, "kernel", kernel)
 
     def window(self, sample_rate: float) -> Array:
-        """Return the window that smooths loads: weights of this sample and earlier ones."""
+        """Return the window (n,) that smooths loads at a `sample_rate`, Hz; its sum is 1."""
         if self.kernel is None:
             hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
             return np.asarray(hann / hann.sum(), np.float64)

@@ -220,7 +220,7 @@ class Pluck:
         return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
-        """Return the force, N."""
+        """Return the force at a `sample_rate`, Hz, in N."""
         first = int(np.floor(self.time * sample_rate))
         release = (self.time + self.rise) * sample_rate
         numbers = np.arange(first, int(np.ceil(release)) + LEAD, dtype=np.float64)

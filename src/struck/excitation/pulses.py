@@ -132,7 +132,7 @@ def _sine_spectrum(power: float) -> Callable[[Array], Array]:
 
 
 def _gaussian_spectrum(cycles: Array) -> Array:
-    """Return exp(-y^2) Re erf(x + i y) / erf(x), written with w(z) so that nothing overflows."""
+    """Return exp(-y^2) Re erf(x + i y) / erf(x), written with w(z) so that no term overflows."""
     rise = np.sqrt(2) * np.pi * cycles / _GAUSSIAN_WIDTHS
     cut = np.exp(-(_EDGE**2) - 2j * _EDGE * rise) * wofz(1j * _EDGE - rise)
     return (np.exp(-(rise**2)) - cut.real) / erf(_EDGE)

@@ -1,4 +1,4 @@
-"""Scrapes and rolls: something hard is dragged, or something round rolls, over a rough body."""
+"""Scrapes and rolls: a hard tip is dragged, or a ball rolls, over a rough body."""
 
 from __future__ import annotations
 
@@ -109,7 +109,10 @@ class Scrape:
         return rubbing.start(round(self.time * sample_rate), start)
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Reader:
-        """Return the reader of the surface along a path."""
+        """Return the reader of the surface along a `path`.
+
+        It is that of a `load`, N, on a `model` and of samples at a `sample_rate`, Hz.
+        """
         del path, load
         tool = Tool(
             roughness=self.roughness, striker=self.striker, radius=self.radius, seed=self.seed
@@ -225,7 +228,7 @@ class Roll:
         return _GRAVITY * self.mass if self.mass is not None else self.load or 0.0
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Envelope:
-        """Return the reader of surface and roller together along a path."""
+        """Return the reader of surface and roller together; see `struck.Scrape.reader`."""
         surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
         material = self.material
         if isinstance(material, str):

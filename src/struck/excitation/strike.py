@@ -181,7 +181,7 @@ class Strike:
         return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def pulse(self, blow: Blow, sample_rate: float) -> Samples:
-        """Return the band-limited samples of its force, the burst of noise apart."""
+        """Return the band-limited force of a `blow`, N, at a `sample_rate`, Hz, but for noise."""
         return sampled(
             self.shape,
             impulse=blow.impulse,

@@ -333,7 +333,7 @@ class Touching:
         return bool(self._line.at(self.now)[_PRESSED] == 0.0 == self._line.high[_PRESSED])
 
     def _rests(self, length: int, pressed: Array) -> bool:
-        """Tell whether a block is silent, smoothing included; count silent samples."""
+        """Return whether a block is silent, smoothing included; count silent samples."""
         if pressed.any():
             self._still = 0
             return False
@@ -422,7 +422,7 @@ class TouchLog:
         return Replay(self, model, sample_rate, start=start)
 
     def place(self, number: int) -> tuple[Array | None, Array | None]:
-        """Return the point (D,) and direction (3,) of an update; None where it tells none."""
+        """Return update `number`'s point (D,), m, and direction (3,); None if not logged."""
         points, directions = self.places(np.array([number]))
         return (
             None if points is None else points[0],
@@ -430,13 +430,13 @@ class TouchLog:
         )
 
     def places(self, numbers: Index) -> tuple[Array | None, Array | None]:
-        """Return the points (K, D) and directions (K, 3) of updates; None where they tell none."""
+        """Return the points (K, D) and directions (K, 3) at `numbers` (K,); None if not logged."""
         given = (self.points, self.directions)
         points, ways = (None if rows is None else np.asarray(rows)[numbers] for rows in given)
         return points, ways
 
     def moves(self) -> Mask:
-        """Tell which updates (K,) have another place or direction than the one before."""
+        """Return which updates (K,) have another place or direction than the one before."""
         moved = np.zeros(len(np.asarray(self.times)), np.bool_)
         moved[0] = True
         for rows in (

@@ -1,4 +1,4 @@
-"""Who may talk to the server: one browser of this machine, which was given the address.
+"""Admission to the server: one browser of this machine, to which the address was given.
 
 Any page that a browser shows can send requests to this machine. So each must name this server as
 its host, come from its own page, and bring a cookie that only the address with the token sets.
@@ -127,7 +127,7 @@ class Admission:
         return None
 
     def _welcomed(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
-        """Return the answer to one who brings the token, or neither token nor cookie."""
+        """Return the answer to a browser that brings the token, or neither token nor cookie."""
         query = parse_qs(scope["query_string"].decode("ascii", "replace"))
         tokens = query.get("token", [])
         if scope["path"] == "/" and any(self._is_token(token) for token in tokens):

@@ -166,7 +166,7 @@ class Jobs:
 
 
 def main() -> None:
-    """Compute the objects that lines of standard input name, and tell of it on standard output."""
+    """Compute the objects named by lines of standard input; write progress to standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     every = {thing.name: thing for thing in things()}
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")

@@ -157,7 +157,7 @@ def _folder(folder: Path, limits: ReadingLimits, *, taken: int) -> Callable[[str
 
 
 def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
-    """Unpack one gz, bz2 or xz file; its name without that ending tells the format."""
+    """Unpack one gz, bz2 or xz file; its name without that ending gives the format inside."""
     kind = kind_of(path.stem)
     chunks = _UNPACKED[path.suffix[1:].lower()](file)
     data = gathered(chunks, limits, packed=file.tell)

@@ -68,12 +68,12 @@ def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Tell whether there is an ordinary file, also of a name that is too long to be one."""
+    """Return whether there is an ordinary file, also of a name that is too long to be one."""
     return os.path.isfile(path)  # noqa: PTH113 - Path raises there
 
 
 def is_folder(path: str | os.PathLike[str]) -> bool:
-    """Tell whether there is a folder, also of a name that is too long to be one."""
+    """Return whether there is a folder, also of a name that is too long to be one."""
     return os.path.isdir(path)  # noqa: PTH112 - Path raises there
 
 
@@ -135,7 +135,7 @@ def writable(
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Tell whether two names lead to one file, also where it does not exist yet."""
+    """Return whether two names lead to one file, also where it does not exist yet."""
     try:
         return os.path.realpath(one) == os.path.realpath(other) or one.samefile(other)
     except (OSError, ValueError):
@@ -209,7 +209,7 @@ def _kept_text(path: Path) -> str:
 
 
 def _is_gone(process: int) -> bool:
-    """Tell whether no process has that number; never on Windows, where asking would end it."""
+    """Return whether no process has that number; False on Windows, where asking would end it."""
     if os.name == "nt":
         return False
     try:

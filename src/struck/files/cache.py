@@ -90,7 +90,7 @@ class Cache:
         return content
 
     def put(self, key: str, content: bytes) -> None:
-        """Keep `content` under a SHA-256 in hexadecimal, where that is possible."""
+        """Keep `content` under a `key`, a SHA-256 in hexadecimal, where the disk allows it."""
         from struck.files.atomic import write_bytes  # only where something is kept
 
         path = self._path(key)
@@ -107,7 +107,7 @@ class Cache:
         self._trim(path)
 
     def discard(self, key: str, reason: str) -> None:
-        """Remove a damaged entry, count it, and warn once."""
+        """Remove the damaged entry of a `key`, count it, and warn once of the `reason`."""
         self.damaged += 1
         with suppress(OSError):
             self._path(key).unlink()
@@ -117,7 +117,7 @@ class Cache:
         )
 
     def say(self, kind: str, text: str) -> None:
-        """Warn, once for each kind."""
+        """Warn with a `text`, once for each `kind` of warning."""
         if kind not in self._said:
             self._said.add(kind)
             warnings.warn(text, CacheWarning, stacklevel=3)
@@ -213,7 +213,7 @@ def _seal(key: str, content: bytes) -> bytes:
 
 
 def _removed(path: Path) -> bool:
-    """Remove a file, and tell whether it is gone; another process may be reading it."""
+    """Remove a file; return whether it is gone, as another process may be reading it."""
     try:
         path.unlink(missing_ok=True)
     except OSError:

@@ -227,7 +227,7 @@ class _Document:
         return np.concatenate(points), np.concatenate(faces)
 
     def _numbers(self, number: int, *, columns: int) -> NDArray[np.float64]:
-        """Return an accessor's numbers (N, columns): of a view or nothing, some replaced."""
+        """Return an accessor's numbers (N, columns): its view or zeros, and sparse values."""
         accessor = self.header["accessors"][number]
         count, kind = accessor["count"], _NUMBERS[accessor["componentType"]]
         if _COLUMNS[accessor["type"]] != columns:

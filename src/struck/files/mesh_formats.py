@@ -175,7 +175,7 @@ def _announced_by_ply(data: bytes) -> Counter[str]:
 
 
 def _reason(error: BaseException, printed: str = "") -> str:
-    """Return the message of a reader's error in brackets, or nothing for errors of Python."""
+    """Return the message of a reader's error in brackets, or "" for errors of Python itself."""
     speaks = isinstance(error, ValueError | OSError) or type(error).__module__ != "builtins"
     said = f"{error} {printed}" if speaks else printed
     told = " ".join(said.split())[:140]

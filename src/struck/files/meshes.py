@@ -233,7 +233,7 @@ class MeshPart:
 
 @checked
 def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tuple[MeshPart, ...]:
-    """Tell which bodies a mesh file holds, before anything is computed.
+    """Return the bodies that a mesh file holds, by number, before any is analyzed.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ def _chosen(
 
 
 def _apart(surfaces: list[Mesh]) -> bool:
-    """Tell whether parts are closed bodies; else they are patches of one surface."""
+    """Return whether parts are closed bodies; else they are patches of one surface."""
     return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
 
 
@@ -502,7 +502,7 @@ def _one_kind(found: ElementBlocks, metre: float) -> VolumeMesh:
 
 
 def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
-    """Leave out nodes without elements: they would move for nothing."""
+    """Return a volume mesh without the nodes that no element uses."""
     count = elements.shape[1]
     if count != len(ELEMENTS[kind].nodes):
         raise MeshError(f"its {kind} elements have {count} nodes each: export the mesh again")

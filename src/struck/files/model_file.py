@@ -373,7 +373,7 @@ def model_path(
 
 
 def is_model(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file's ending is one of `ENDINGS`."""
+    """Return whether a file's ending is one of `ENDINGS`."""
     return Path(path).suffix.lower() in ENDINGS
 
 
@@ -506,14 +506,14 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
 
 
 def _recoil_to_json(recoil: Recoil | None) -> dict[str, Any]:
-    """Return recoil as a JSON object under its key; nothing without it, as files always were."""
+    """Return recoil as a JSON object under its key; an empty object for models without it."""
     if recoil is None:
         return {}
     return {"recoil": {each.name: _list(getattr(recoil, each.name)) for each in fields(Recoil)}}
 
 
 def _chart_to_json(chart: Chart | None) -> dict[str, Any]:
-    """Return a chart as a JSON object under its key; nothing without it, as files always were."""
+    """Return a chart as a JSON object under its key; an empty object for models without it."""
     if chart is None:
         return {}
     outline = _list(chart.outline)

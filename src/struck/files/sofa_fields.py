@@ -196,7 +196,24 @@ def save_sofa_responses(
 
 @checked
 def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
-    """Read the responses of a SOFA file of convention GeneralFIR-E."""
+    """Read impulse responses from a SOFA file of convention GeneralFIR-E.
+
+    Parameters
+    ----------
+    path : str or path
+        The file; its Data.IR has the shape (listeners, 1, samples, contacts).
+
+    Returns
+    -------
+    Responses
+
+    Raises
+    ------
+    FileFormatError
+        When the file cannot be read, is damaged or of another convention.
+    MissingDependencyError
+        When h5py is not installed.
+    """
     with opened(path) as file:
         file.require_convention(CONVENTIONS[1])
         listeners, (contacts, _) = _listeners_of(file), _contacts_of(file)

@@ -68,7 +68,7 @@ class Sound:
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> Sound:
-        """Read a sound file: WAV (32-bit float, 24 or 16 bit), or FLAC, OGG, AIFF or MP3.
+        """Read the sound file at `path`: WAV (32-bit float, 24 or 16 bit), FLAC, OGG, AIFF or MP3.
 
         A file that `save` wrote comes back in its own unit, by the factor in its comment; of any
         other 1.0 is full scale.
@@ -146,7 +146,7 @@ class Sound:
         return factor
 
     def encoded(self, factor: float, ending: str = ".wav", encoding: str = "float32") -> bytes:
-        """Return the bytes of a sound file that holds the samples times a factor."""
+        """Return a file's bytes: samples times `factor`; `ending` and `encoding` as in `save`."""
         from struck.files.sound_formats import encoded
 
         recording = wav.Recording(

@@ -1,4 +1,4 @@
-"""The process that reads foreign files, so that nothing they do can harm the program.
+"""The process that reads foreign files, so that a hostile one cannot harm the program.
 
 Started by `guard`; asked on standard input, answers on standard output, ends with either.
 """

@@ -1,4 +1,4 @@
-"""What the audio device calls for each block: the core's callback, without Python, lock or wait.
+"""The audio device's callback for each block, in the core: without Python, lock or wait.
 
 It takes the next record of host commands from the ring, lets a function of the core compute the
 block, limits it and hands it over. Everything it touches hangs on one structure, its `userData`;

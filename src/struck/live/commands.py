@@ -456,7 +456,7 @@ class CommandQueue:
         return self._clock() - self._emptied
 
     def have_room(self) -> bool:
-        """Tell whether one more command fits; where not, it counts as refused."""
+        """Return whether one more command fits; where not, it counts as refused."""
         with self._lock:
             room = len(self._waiting) < MOST_COMMANDS
             self.refused += not room
@@ -595,7 +595,7 @@ class PlannedBlow:
 
     @property
     def first(self) -> int:
-        """Number of the first sample that anything is heard of it."""
+        """Number of the first sample at which the blow is heard."""
         begun = self.pulse.first
         return begun if self.residual is None else min(begun, self.residual.first)
 
@@ -634,7 +634,7 @@ class Notes:
 
 
 def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is no listener
-    """Return a listener, or a position (3,); OptionError for anything else."""
+    """Return a listener, or a position (3,); OptionError on other values."""
     return listener if is_listener(listener) else position_of(listener)
 
 

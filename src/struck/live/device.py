@@ -132,7 +132,7 @@ def _candidates() -> Iterator[str]:
 
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
-    """Discard what ALSA and JACK write to file descriptor 2 while they probe for devices."""
+    """Discard the messages of ALSA and JACK on file descriptor 2 while they probe for devices."""
     if sys.stderr is not None:
         sys.stderr.flush()
     try:
@@ -152,17 +152,33 @@ def silenced() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """An audio device that can play, record or both."""
+    """An audio device that can play, record or both.
 
-    number: int  # as PortAudio counts; valid until it is closed
+    Parameters
+    ----------
+    number : int
+        As PortAudio counts; valid until PortAudio is closed.
+    name, host : str
+        Its name, and the sound system that reaches it: "ALSA", "Core Audio" ...
+    outputs, inputs : int
+        Channels.
+    sample_rate : float
+        The default one, Hz.
+    output_latency, input_latency : float
+        The lowest that the device recommends, s.
+    default : bool
+        Whether it is the default device for playing, or for recording.
+    """
+
+    number: int
     name: str
-    host: str  # the system through which it is reached: "ALSA", "Core Audio" ...
-    outputs: int  # channels
+    host: str
+    outputs: int
     inputs: int
-    sample_rate: float  # by default, Hz
-    output_latency: float  # the lowest that the device recommends, s
+    sample_rate: float
+    output_latency: float
     input_latency: float
-    default: bool  # whether it is the default for playing, or for recording
+    default: bool
 
     def __str__(self) -> str:
         usual = ", default" if self.default else ""
@@ -225,7 +241,7 @@ class Stream:
         self._do("Pa_StopStream", "stop")
 
     def close(self) -> bool:
-        """Close it; False where the device no longer answers: then `keep` what it was given."""
+        """Close the stream; return False, and `keep` its memory, if the device does not answer."""
         if self._handle is None:
             return True
         handle, self._handle = self._handle, None
@@ -335,11 +351,11 @@ class PortAudio:
         )
 
     def device(self, wanted: int | str | None = None) -> Device:
-        """Return the device to play on, by number or part of its name; None: the default one."""
+        """Return the `wanted` device to play on, by number or name; None: the default one."""
         return choose(self.devices(), wanted)
 
     def recorder(self, wanted: int | str | None = None) -> Device:
-        """Return the device to record from, chosen as by `device`."""
+        """Return the `wanted` device to record from, chosen as by `device`."""
         return choose(self.recorders(), wanted, what="record")
 
     def open(
@@ -356,7 +372,8 @@ class PortAudio:
         """Open a stream of interleaved float32 samples; it does not run yet.
 
         `callback` and `data` are addresses, of a `PaStreamCallback` and its `userData`, which must
-        outlive the stream. It records on the same device; without `channels` it only records.
+        outlive the stream, at `sample_rate`, Hz, `block` samples a call. It records `inputs`
+        channels on the same `device`; without `channels` it only records.
         """
         chosen = self.device(device) if channels else self.recorder(device)
         there = self.devices() if channels else self.recorders()

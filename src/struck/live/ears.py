@@ -90,7 +90,7 @@ def _quaternions(rotations: Array) -> Array:
 
 
 class Following:
-    """Pose of a listener who moves to where the player says."""
+    """Pose of a listener that moves to the places set on the player."""
 
     moves = True
 
@@ -322,6 +322,6 @@ class LiveEars:
 
 
 def _middle(body: Body) -> Array:
-    """Return a body's centre, m (3,); but for rounding the origin, where turning is nothing."""
+    """Return a body's centre, m (3,), with coordinates that are rounding errors set to 0."""
     centre = centre_of(body.model)
     return np.where(np.abs(centre) < _NOTHING, 0.0, centre)

@@ -1,4 +1,4 @@
-"""Who plays: keys of a terminal as they are typed, or a robot that strikes at random."""
+"""Players of bodies: keys of a terminal as they are typed, or a robot that strikes at random."""
 
 from __future__ import annotations
 

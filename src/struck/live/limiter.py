@@ -1,4 +1,4 @@
-"""A limiter between synthesis and a person's ears: nothing above the ceiling, ever.
+"""A limiter between synthesis and a person's ears: no sample exceeds the ceiling, ever.
 
 It looks ahead: samples leave late by `delay`, so the gain can fall before a peak instead of on it.
 With r(n) = min(1, ceiling / loudest channel at n), each sample's gain takes four steps:
@@ -105,7 +105,7 @@ def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 -
 
 
 def is_closed(state: Array) -> bool:
-    """Return whether nothing is heard any more."""
+    """Return whether the sound has faded out completely."""
     return bool(state[OPENING] == 0.0)
 
 

@@ -54,7 +54,8 @@ class Player:
     order and as far apart as it was said. What has a `moment` comes at that moment of the player's
     clock instead, to the sample.
 
-    Its arguments are those of `struck.play`, with the outlet where sound leaves.
+    Its parameters are those of `struck.play`: `models` (B of them), and the `outlet` where sound
+    leaves, an audio device or a test; a listener is a place (3,), m, or has one.
     """
 
     def __init__(
@@ -146,7 +147,7 @@ class Player:
             self._host.strike(self._host.number(body), blow, moment)
 
     def start(self, excitation: Excitation, *, body: int | str = 0) -> Started:
-        """Start any excitation; its `time` counts from now.
+        """Start any excitation of a `body`; its `time`, s, counts from now.
 
         Returns
         -------
@@ -206,7 +207,7 @@ class Player:
         self._host.touch(number, finger, touching.word(contact, force, velocity), moment)
 
     def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
-        """Return the log of a touch so far (its last 60,000 updates), to be rendered offline.
+        """Return the log of a `finger` on a `body` (its last 60,000 updates), to render offline.
 
         Its times count from when the player began.
 
@@ -244,7 +245,7 @@ class Player:
         self._host.dampen(self._host.number(body), at, grip)
 
     def change(self, model: ModalModel, *, body: int | str = 0) -> None:
-        """Let a body go on as another, such as one of another material; it may ring meanwhile.
+        """Replace a body's `model`, say by one of another material; it may ring meanwhile.
 
         Raises
         ------
@@ -303,7 +304,10 @@ class Player:
         self._stream.take(contacts, ended=ended)
 
     def simulate(self, simulation: Simulation, control: Control | None = None) -> None:
-        """Run a simulation together with the player, before it begins; as `struck.play` does."""
+        """Run a simulation together with the player, before it begins; as `struck.play` does.
+
+        `control` is that of `struck.play`. Raises OptionError when a simulation runs already.
+        """
         if self._stream is None or self._run is not None:
             raise OptionError("one simulation runs beside each player of its scene: play anew")
         self._run = SimulationRun(simulation, self._stream, control)
@@ -321,7 +325,7 @@ class Player:
         self.listen(listener)
 
     def listen(self, listener: Listener | ArrayLike, *, moment: float | None = None) -> None:
-        """Set the listener, as `listener` does; with a moment as `move` has it."""
+        """Set the listener, or its place (3,), m; at a `moment` of the clock, s, or now."""
         self._require_playing()
         self._host.listen(listening(listener), moment)
 
@@ -337,7 +341,7 @@ class Player:
         self._host.volume = decibels
 
     def begin(self) -> None:
-        """Let it be heard; `struck.play` has done that. Where it fails, nothing of it stays."""
+        """Start the sound, as `struck.play` has done already; on failure, undo all of the start."""
         try:
             self._feeder.start()
             atexit.register(self.stop)
@@ -552,7 +556,7 @@ class Feeder:
         self._started = True
 
     def stop(self) -> None:
-        """Join the thread, if it ever began; raise what `fill` raised, if it did."""
+        """Join the feeder's thread, if it ever began; raise the exception of `fill`, if any."""
         self._stopping = True
         if not self._started:
             return

@@ -101,7 +101,7 @@ class DeviceRecorder:
     def record(
         self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
     ) -> Sound:
-        """Record some seconds; call `cue` once `lead_in` seconds of them are recorded."""
+        """Record a `take` of some seconds; call `cue` once `lead_in` seconds of it are recorded."""
         del take
         skipped = round(SETTLING * self.sample_rate)
         samples, lost = self.frames(
@@ -128,7 +128,11 @@ class DeviceRecorder:
         first: int = 0,
         cue: Callable[[], None] = lambda: None,
     ) -> tuple[Single, int]:
-        """Return frames (n, channels) after `skipped` ones, and how often samples were lost."""
+        """Return frames (n, channels) after `skipped` ones, and how often samples were lost.
+
+        `seconds` is their duration; `cue` is called after the `first` frames; `way_out` ends the
+        message of the error when the device stops.
+        """
         count = skipped + max(1, round(seconds * self.sample_rate))
         samples = np.zeros((count, self.channels), np.float32)
         table = np.array([samples.ctypes.data, count, 0, self.channels, 0])

@@ -99,7 +99,7 @@ class Started:
 
 
 class LastError:
-    """The last exception in the feeder's thread, kept for whoever plays."""
+    """The last exception in the feeder's thread, kept until the person's thread asks for it."""
 
     def __init__(self) -> None:
         self._last: Exception | None = None
@@ -200,7 +200,7 @@ class Voices:
 
 
 def _write(voice: _Voice, number: int, record: Record, steady: Mapping[int, Complex]) -> bool:
-    """Write the next block of a voice; tell whether the voice is free afterwards."""
+    """Write the next block of a voice; return whether the voice is free afterwards."""
     push = voice.pushing.advance(record.forces.shape[1])
     if push is not None:
         _require_sound(push, voice.drive, record.drives.shape[1])

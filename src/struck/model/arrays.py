@@ -143,7 +143,7 @@ _BITS = 1023  # of the largest whole number that fits one of double precision
 
 
 def checked(made: Made) -> Made:
-    """Let a function or class refuse arguments that are nothing its annotations name.
+    """Make a function or class refuse arguments whose types do not fit its annotations.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def _is_whole(value: Any) -> bool:  # noqa: ANN401 - any object
 
 
 def _is_numbers(value: object) -> bool:
-    """Tell whether a value is a number, or a list or an array of numbers."""
+    """Return whether a value is a number, or a list or an array of numbers."""
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         try:
             value = np.asarray(value)

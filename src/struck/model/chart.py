@@ -83,7 +83,7 @@ class Chart:
         round_about: Array | None,
         heights: tuple[float, float] = (0.0, 0.0),
     ) -> Chart:
-        """Return the chart that a pitch, a surface, or both tell.
+        """Return the chart given by a pitch, a surface, or both.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Chart:
         return cls(pitch=told, around=around, outline=outline)
 
     def places(self, points: Array) -> Array:
-        """Return where contacts (K, D) lie, m (K, 3)."""
+        """Return the places, m (K, 3), of contacts with coordinates `points` (K, D)."""
         placed = points * self.pitch
         flat = np.zeros((len(points), 3))
         if not self.around:

@@ -21,7 +21,7 @@ class Damping(Protocol):
     """A damping law: the decay rate of each mode from its frequency."""
 
     def decays(self, frequencies: ArrayLike) -> Array:
-        """Return the decay rates d (1/s, amplitude exp(-d t)) of natural frequencies in Hz."""
+        """Return decay rates d (M,), 1/s, for exp(-d t), at natural `frequencies` (M,), Hz."""
         ...
 
 
@@ -148,7 +148,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Each:
-    """The decay rate of each mode of one body, whatever made it."""
+    """The decay rate of each mode of one body, from any law of damping."""
 
     rates: Array  # (M,), 1/s
 

@@ -13,10 +13,18 @@ _NEAR = 1e-2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exponentials:
-    """Decaying exponentials: channel c is the sum over modes of Im[g_c exp(s t)]."""
+    """Decaying exponentials: channel c is the sum over modes of Im[g_c exp(s t)].
 
-    poles: AnyComplex  # (M,): s = -d + 2 pi i f, 1/s
-    gains: AnyComplex  # (C, M): g, in the unit of the samples; channels of all segments in order
+    Parameters
+    ----------
+    poles : array (M,)
+        s = -d + 2 pi i f, 1/s.
+    gains : array (C, M)
+        g, in the unit of the samples; channels of all segments in order.
+    """
+
+    poles: AnyComplex
+    gains: AnyComplex
 
     @classmethod
     def silence(cls, channels: int) -> Exponentials:
@@ -39,11 +47,11 @@ class Exponentials:
         return np.asarray(-self.poles.real, float)
 
     def of(self, modes: Index | Mask) -> Exponentials:
-        """Return some of the modes."""
+        """Return the exponentials of some `modes`, numbers (K,) or a mask (M,)."""
         return Exponentials(poles=self.poles[modes], gains=self.gains[:, modes])
 
     def joined(self, poles: AnyComplex) -> Exponentials:
-        """Return a copy with more modes, of gain 0."""
+        """Return a copy with more `poles` (K,), 1/s, of gain 0."""
         silent = np.zeros((len(self.gains), len(poles)), complex)
         return Exponentials(
             poles=np.concatenate((self.poles, poles)), gains=np.hstack((self.gains, silent))

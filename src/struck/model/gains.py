@@ -125,7 +125,10 @@ class Gains(ABC):
 
     @abstractmethod
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+        """Return the gains of chosen `modes` (K,) of a body with other frequencies (K,), Hz.
+
+        `size` and `density` are ratios to the present ones.
+        """
 
     @abstractmethod
     def at(self, points: Array, directions: Array) -> Array:
@@ -315,7 +318,22 @@ class ShapeGains(Gains):
         radiation: Radiation,
         formula: TransverseShapes | None = None,
     ) -> ShapeGains:
-        """Make gains whose outputs `radiation` computes."""
+        """Make gains whose outputs `radiation` computes.
+
+        Parameters
+        ----------
+        surface : Mesh
+            N points.
+        shapes : array (N, 3, M)
+            Mode shapes at the points, kg^(-1/2).
+        frequencies : array (M,)
+            Hz.
+        centre : array (3,)
+            About which the body radiates, m.
+        radiation : Radiation
+        formula : TransverseShapes, optional
+            The shapes in closed form, which contacts then use.
+        """
         return cls(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
@@ -331,7 +349,7 @@ class ShapeGains(Gains):
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
 
     def weighted(self, modes: Index, factors: Array) -> ShapeGains:
-        """Return the gains of some modes, shapes and outputs each times a factor (K,)."""
+        """Return the gains of some `modes` (K,), shapes and outputs each times `factors` (K,)."""
         formula = self.formula
         return replace(
             self,

@@ -45,7 +45,7 @@ def document(title: str, body: str, *, style: str = "") -> str:
 
 
 def picture(text: str, figure: Figure) -> str:
-    """Return a figure as an image within the page, with `text` for readers who cannot see it."""
+    """Return a figure as an image within the page, with `text` for blind readers."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
     encoded = base64.b64encode(data.getvalue()).decode("ascii")

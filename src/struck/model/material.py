@@ -83,6 +83,8 @@ class Material:
     ) -> Material:
         """Make a material from Lame's constants, Pa (lambda and mu of 2002, Table 1).
 
+        `first` is lambda and `shear` mu; `density`, kg/m^3, `damping` and `name` as in the class.
+
         Raises
         ------
         MaterialError
@@ -142,7 +144,7 @@ class Material:
 
     @checked
     def damped(self, damping: Damping) -> Material:
-        """Return a copy with other losses."""
+        """Return a copy with another law of `damping`."""
         return replace(self, damping=damping)
 
     @property

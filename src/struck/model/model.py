@@ -125,7 +125,7 @@ class ModalModel:
         """Make a model of undamped modes.
 
         The material's damping gives the decays, `radiation` the outputs; modes below `lowest` Hz
-        are dropped and counted; `places` are contacts by name, m.
+        are dropped and counted; `places` are contacts (3,) by name, m.
         """
         kept = np.flatnonzero(modes.frequencies >= lowest)
         below = len(modes.frequencies) - len(kept)
@@ -208,7 +208,7 @@ class ModalModel:
     def contacts(
         self, points: Array, directions: Array | None = None
     ) -> tuple[Array, Array, Array, Index | None]:
-        """Return contacts found as `contact` does.
+        """Return contacts at `points` (K, D), found as by `contact`, pushed in `directions`.
 
         They are points (K, D), unit pushes and normals (K, 3), and the faces (K,) that they lie on,
         None where there are none.
@@ -228,7 +228,7 @@ class ModalModel:
 
     @checked
     def damped(self, damping: Damping) -> ModalModel:
-        """Return a copy with other losses; overdamped modes are dropped and counted.
+        """Return a copy with other `damping`; overdamped modes are dropped and counted.
 
         The noise of a residual decays by the law, too; its attack stays.
         """
@@ -518,7 +518,7 @@ def _require_body(model: ModalModel) -> None:
 
 
 def _chart(model: ModalModel) -> Chart | None:
-    """Return where the contacts of recordings lie: as given, or as their units tell."""
+    """Return the chart of recorded contacts: as given, or from the units in coordinate names."""
     from struck.model.chart import Chart  # computed bodies need none
 
     chart, names = model.chart, model.coordinates

@@ -50,7 +50,7 @@ class Provenance:
     def extended(
         self, *, references: tuple[str, ...] = (), dropped: tuple[str, ...] = (), **details: object
     ) -> Provenance:
-        """Return a copy with more references (each once), losses and details."""
+        """Return a copy with more references (each once), `dropped` losses and details."""
         fresh = tuple(key for key in references if key not in self.references)
         return replace(
             self,
@@ -123,7 +123,7 @@ class TerminalProgress:
 
 
 def _share(fraction: float, passed: float) -> str:
-    """Return the percentage done and, once it means something, the time that is left."""
+    """Return the percentage done and, once it can be estimated, the time that is left."""
     if not fraction:
         return ""
     left = passed * (1 / fraction - 1)

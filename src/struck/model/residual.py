@@ -75,7 +75,7 @@ class Residual:
             )
 
     def damped(self, damping: Damping) -> Residual:
-        """Return a copy whose noise decays by another law; its attack stays."""
+        """Return a copy whose noise decays by another law of `damping`; its attack stays."""
         decays = damping.decays(np.sqrt(self.edges[1:] * np.maximum(self.edges[:-1], 1.0)))
         return replace(self, decays=np.maximum(decays, _SLOWEST))
 
@@ -86,7 +86,7 @@ class Residual:
         return sum(each.nbytes for each in arrays)
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
-        """Return the sound beside the modes, from `lead` before they set in on (n,), read-only.
+        """Return the residual sound (n,), from `lead` before the onset of the modes on, read-only.
 
         Parameters
         ----------

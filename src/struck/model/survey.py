@@ -109,7 +109,24 @@ class Survey:
         symmetry: str = "none",
         calibrated: bool = False,
     ) -> Survey:
-        """Take gains, and their errors, (P, Q, M) of every contact heard by every listener."""
+        """Make a survey of every contact heard by every listener.
+
+        Parameters
+        ----------
+        contacts, listeners : array (P, D), (Q, 3)
+            Coordinates as in the class, and places, m.
+        gains, errors : array (P, Q, M)
+            With their standard errors.
+        frequencies : array (M,)
+            Hz.
+        centre, symmetry, calibrated
+            As in the class.
+
+        Raises
+        ------
+        OptionError
+            On gains of another shape, or as the class.
+        """
         gains = np.asarray(gains)
         if gains.ndim != 3:
             raise OptionError(f"gains have shape {gains.shape}: give (contacts, listeners, modes)")

@@ -548,7 +548,7 @@ def _notes(survey: Survey, unmeasured: Index, worst: float) -> tuple[str, ...]:
 
 
 def _too_fine(survey: Survey, part: ListenerPart) -> Index:
-    """Return the modes whose listeners cannot tell each other's sound."""
+    """Return the modes whose gain at a listener is not predicted by the other listeners."""
     if part.waves.errors is None or len(survey.places) - len(part.inside.places) < _ENOUGH:
         return np.zeros(0, np.int64)
     return np.flatnonzero(part.waves.errors > _UNTOLD)

@@ -189,7 +189,7 @@ class TimbreTable(RecordedGains):
 
     @classmethod
     def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
-        """Make the timbre table of a survey.
+        """Make the timbre table of a survey in a coordinate `system`, "spherical" or "cartesian".
 
         A distance at which there is one listener alone is heard alike in all directions: as a point
         inside the body.
@@ -262,7 +262,7 @@ class TimbreTable(RecordedGains):
         return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
 
     def motion(self, points: Array) -> Array:
-        """Return the part of the gains that only contacts know, the largest of each mode 1.
+        """Return the factor of gains at `points` (K, D) that depends on the contact alone (K, M).
 
         Gains (P, Q) of a mode come nearest to a product of real drives (P,) and outputs (Q,) where
         the drives are the leading eigenvector of Re(G G*). All products of a mode move alike.

@@ -179,7 +179,7 @@ class _Problem:
         return evidence, np.asarray(found, np.complex128)
 
     def foretold(self, modes: Index, chosen: Mask, noise: float, found: Complex) -> Array:
-        """Return the error of each listener by all others over what was heard, by energy."""
+        """Return each mode's error when each listener is predicted by the others, by energy."""
         design = self.design[modes if len(self.design) > 1 else [0]][:, :, chosen]
         heard, weights = self.outputs.T[modes], self.weights[modes]
         inverses = np.linalg.inv(self._damped(chosen, noise)[modes])

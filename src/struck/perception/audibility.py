@@ -34,7 +34,7 @@ def audible(
     listener: ArrayLike | None = None,
     level: float | None = None,
 ) -> ModalModel:
-    """Return a model of the modes that are heard anywhere (see `struck.api.audible`)."""
+    """Return a model of the modes that are heard anywhere (see `struck.audible`)."""
     hearing = HeardModel.at(model, listener, level)
     intensities = _intensities(model, contacts, hearing)
     cases = intensities.reshape(-1, intensities.shape[2])

@@ -147,7 +147,7 @@ def sonic_distance(
     level: float | None = None,
     method: str = "erb",
 ) -> float:
-    """Return how different two impacts sound, dB (see `struck.api.sonic_distance`)."""
+    """Return the difference between two impacts as heard, dB (see `struck.sonic_distance`)."""
     if method not in METHODS:
         raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
     hearing = HeardModel.at(a, listener, level)

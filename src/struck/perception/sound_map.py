@@ -170,7 +170,7 @@ class SoundMap:
 
     @checked
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map as parameters, whole or not at all: a safetensors file.
+        """Write the map to a `path`, whole or not at all: a safetensors file of parameters.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class SoundMap:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SoundMap:
-        """Read a map that `save` wrote.
+        """Read the sound map that `save` wrote to a `path`.
 
         Raises
         ------
@@ -206,7 +206,7 @@ def sound_map(
     listener: ArrayLike | None = None,
     level: float | None = None,
 ) -> SoundMap:
-    """Choose how few contacts are enough, and which sounds where (see `struck.api.sound_map`)."""
+    """Choose the fewest contacts that cover a body, and their sounds (see `struck.sound_map`)."""
     wanted = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
     require_number("threshold_db", threshold_db, 0.1, wanted=wanted)
     surface = surface_of(model)

@@ -1,4 +1,4 @@
-"""A sound map as samples: a WAV file for each stored contact, and a list of who sounds where."""
+"""A sound map as samples: a WAV file for each stored contact, and a list of its users."""
 
 from __future__ import annotations
 

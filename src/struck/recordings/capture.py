@@ -64,7 +64,7 @@ class Recorder(Protocol):
 
 
 class Operator(Protocol):
-    """The person who strikes, or who watches a measurement."""
+    """The person or program that strikes the body, or watches a measurement."""
 
     def ready(self, text: str) -> None:
         """Announce the next hit, and return when it may begin."""
@@ -74,7 +74,7 @@ class Operator(Protocol):
 
 
 class Nobody:
-    """An operator who looks at nothing and is not waited for."""
+    """An operator without a screen or keyboard: shows no text and never waits."""
 
     def ready(self, text: str) -> None:
         """Return at once."""
@@ -162,7 +162,7 @@ class _Session:
         self._last: Point | None = None
 
     def points(self) -> Iterator[Point]:
-        """Yield the points in order; with P+Q those that follow once the first are recorded."""
+        """Yield the points in order; for plans P+Q, the second part once the first is recorded."""
         plan = self._plan
         if plan.pairs == "all":
             yield from plan.every()
@@ -298,7 +298,7 @@ class TakeLog:
         return self._manifest.path
 
     def has(self, point: Point, hit: int) -> bool:
-        """Tell whether a take is there; RecordingError where its file belongs to other places."""
+        """Return whether a take is recorded; RecordingError if its file is of other places."""
         entries = {entry.file: entry for entry in self._manifest.entries}
         entry = entries.get(point.file(hit))
         if entry is None:

@@ -47,7 +47,7 @@ _SHOWN = 300  # bytes of a program's standard error
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hooks:
-    """Programs with their arguments, none where nothing is to be run.
+    """Programs, with their arguments, that are run during a capture; empty for none.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Hooks:
                 )
 
     def _outcome(self, arguments: list[str], environment: dict[str, str], said: IO[bytes]) -> str:
-        """Run a program; return its failure, or nothing."""
+        """Run a program; return its failure as text, "" for none."""
         program = arguments[0]
         if Path(program).name != program:  # one with folders is as seen from the plan
             program = str(self.folder / program)
@@ -223,7 +223,7 @@ class SurveyPlan:
 
     @property
     def rest(self) -> Index:
-        """Contact and listener of those that follow (at most Q, 2).
+        """Contact and listener of the takes that follow the choice of the pivot (at most Q, 2).
 
         Raises
         ------
@@ -246,7 +246,7 @@ class SurveyPlan:
 
 
 def _generic(places: Array, symmetry: str) -> int:
-    """Return the number of a listener in whose direction every mode sends something."""
+    """Return the number of the listener least likely to stand where some mode is silent."""
     distances = np.linalg.norm(places, axis=1)
     directions = places / np.where(distances > 0, distances, np.inf)[:, None]
     if symmetry == "axial":
@@ -284,7 +284,7 @@ class Point:
         return f"{self.name}_{hit}.wav"
 
     def facts(self, hit: int) -> dict[str, str]:
-        """Return its `PLACES` for programs, as text; x, y, z are those of the first channel."""
+        """Return the point's `PLACES` for programs, as text; x, y, z are of the first channel."""
         axes = [*zip("uv", self.contact, strict=False)]
         if self.listeners:
             axes += zip("xyz", self.listeners[0], strict=True)
@@ -463,7 +463,7 @@ def _require_distinct(values: Iterable[object], what: str) -> None:
 
 @checked
 def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
-    """Read a plan from a TOML file.
+    """Read the capture plan at `path`, a TOML file.
 
     Raises
     ------

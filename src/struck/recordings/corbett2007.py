@@ -24,7 +24,7 @@ _DOWNWARD, _UPWARD = 27.0, 15.0  # slopes below and above a masker, dB per Bark
 
 
 def audible(frequencies: Array, decays: Array, amplitudes: Array) -> NDArray[np.bool_]:
-    """Return which modes (M,) are heard beside the others: by the threshold in quiet and masking.
+    """Return which modes (M,) are audible: over the threshold in quiet and not masked.
 
     A mode's level is that of its mean power over 200 ms, the largest amplitude counting as 90 dB
     SPL. A stronger mode that is heard masks levels 10 dB below its own, less 27 dB per Bark
@@ -359,7 +359,7 @@ def _channels(samples: Array, name: str, shortest: int, sample_rate: float) -> A
 
 
 def by_corbett2007(segments: Sequence[Segment], budget: int | None) -> Exponentials:
-    """Fit segments by the method of 2007; of `budget` modes at most, those of most energy.
+    """Fit segments by the method of 2007; keep at most `budget` modes, the strongest by energy.
 
     The gate is used where all have a lead-in of a window, 46 ms; the budget is not the paper's.
     """

@@ -127,7 +127,7 @@ _LEFT_FROM, _LEFT, _LASTS = 1.0, 0.3, 2.0  # Hz from a tone, of its amplitude, a
 
 
 def of_hum(tones: Array, ringing: Exponentials) -> Mask:
-    """Return which modes (M,) are what is left of tones (K, 2) that were taken out."""
+    """Return which modes (M,) are remainders of tones (K, 2) of hum that were subtracted."""
     near = np.abs(ringing.frequencies[:, None] - tones[:, 0]) < _LEFT_FROM
     sizes = np.abs(ringing.gains).max(axis=0, initial=0.0)
     faint = sizes[:, None] < _LEFT * tones[:, 1]

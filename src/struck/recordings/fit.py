@@ -105,7 +105,9 @@ def fit_recordings(
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
 ) -> Fitting:
-    """Fit a model to recordings of one object; see `struck.fit`.
+    """Fit a model to recordings of one object, with a report on the fit.
+
+    The parameters are those of `struck.fit`.
 
     Returns
     -------
@@ -258,7 +260,7 @@ def _require_modes(
 
 
 def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
-    """Return what is to be said of takes that are refused together: which are modal alone."""
+    """Return the sentence, for takes refused together, that names the ones modal alone."""
     alone = {"method": told["method"], "budget": told["budget"]}
     verdicts = [fit_poles(take, **alone).verdict for take in takes]
     modal = [Path(take.name).name for take, each in zip(takes, verdicts, strict=True) if each.modal]
@@ -383,7 +385,7 @@ def _middle(errors: Array | None, own: Mask) -> float | None:
 def files_read(
     recordings: Recording | Sequence[Recording], manifest: str | os.PathLike[str] | None
 ) -> list[str | os.PathLike[str]]:
-    """Return all files that a fit reads, those named by a manifest or in a folder, too."""
+    """Return all files that a fit reads, including the files named by a manifest or in a folder."""
     several = [recordings]
     if isinstance(recordings, Sequence) and not isinstance(recordings, str):
         several = recordings

@@ -313,7 +313,7 @@ def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
 def _compared(
     gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
 ) -> Iterator[tuple[Index, Index]]:
-    """Yield rows of known hits and those of the next hit at the same listeners."""
+    """Yield, hit by hit, the rows already in the table and the next hit's at their listeners."""
     energies = np.where(np.abs(gains) > _SURE * errors, np.abs(gains) ** 2, 0.0).sum(axis=1)
     numbers = np.unique(hits)
     loudness = [energies[hits == number].sum() for number in numbers]

@@ -426,7 +426,7 @@ class TomlTable:
         ]
 
     def require_known(self) -> None:
-        """Raise FileFormatError on keys that nobody asked for."""
+        """Raise FileFormatError on keys that the format does not have."""
         strange = sorted(set(self._values) - set(self._known))
         if strange:
             raise self.error(
@@ -439,7 +439,7 @@ class TomlTable:
 
 
 def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
-    """Return a list of finite numbers, of one of some lengths; FileFormatError on anything else."""
+    """Return a list of finite numbers, of one of some lengths; FileFormatError on other values."""
     if (
         not (isinstance(found, list) and len(found) in counts)
         or not all(map(_is_number, found))

@@ -136,7 +136,7 @@ def _window_size(sample_rate: float, length: int) -> int:
 
 
 def _smooth_but_for_lines(powers: Array) -> Array:
-    """Average over neighbours, but keep tones: what stands 6 dB over the local median."""
+    """Average over neighbouring bins, but keep tones: bins 6 dB over the local median."""
     broad = median_filter(powers, (1, 31), mode="nearest")
     toned = powers > 4 * broad
     calm = uniform_filter1d(np.where(toned, broad, powers), 9, axis=1, mode="nearest")

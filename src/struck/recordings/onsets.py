@@ -1,4 +1,4 @@
-"""Hits in a take: when something was struck, and from where on it rings freely.
+"""Hits in a take: their onsets, and the moment from which the body rings freely.
 
 A hit is a rise of many frequency bands at once, also where the tail of the last hit is louder as a
 whole: bands in which that tail is over show it. The moment itself is the steepest rise nearby.
@@ -136,7 +136,7 @@ def _band_powers(channel: Array, size: int, step: int, take: Take) -> Array:
 
 
 def _steepest(take: Take, around: Index) -> Iterator[int]:
-    """Yield the sample of the steepest rise near each, apart from those without one."""
+    """Yield the sample of the steepest rise near each candidate, where there is one."""
     size = max(1, round(_BLOCK * take.sample_rate))
     reach = round(_REACH * take.sample_rate)
     apart = round(_APART / 2 * take.sample_rate)
@@ -228,7 +228,7 @@ def lead_in(take: Take, hits: Sequence[Hit]) -> Array:
 
 
 def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
-    """Yield what is wrong with a take, one sentence each."""
+    """Yield the faults of a take, one sentence each."""
     yield from _forces(take)
     yield from _clipping(take)
     yield from processed(take)
@@ -245,7 +245,7 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
 
 
 def _ending(take: Take, before: Array) -> Iterator[str]:
-    """Yield what the end of a take beside its lead-in tells: cut short, or gain control."""
+    """Yield faults that a take's end shows next to its lead-in: cut short, or gain control."""
     softest = _softest(take)
     levels = np.maximum(_levels(take.samples, take.sample_rate), softest)
     quiet = _level(before)

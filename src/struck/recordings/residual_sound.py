@@ -129,7 +129,7 @@ def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> tuple[R
 
 
 def _clear_of(floor: Array, samples: Array, sample_rate: float, edges: Array) -> Array:
-    """Return energies in bands less those of noise of this power (B,); 0 where noise may be all."""
+    """Return energies in bands (B,) less the noise's; 0 where noise could account for all of it."""
     energies = band_energies(samples, sample_rate, edges)
     noise = floor * min(len(samples), round(HEARD * sample_rate))
     return np.where(energies > _OVER_NOISE * noise, energies - noise, 0.0)

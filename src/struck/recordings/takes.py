@@ -64,13 +64,13 @@ class Take:
     @classmethod
     @checked
     def of(cls, sound: Sound, name: str = "the take") -> Take:
-        """Take a sound."""
+        """Return a sound as a take, called `name` in messages."""
         return cls(samples=sound.samples.astype(float), sample_rate=sound.sample_rate, name=name)
 
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> Take:
-        """Read a WAV, FLAC or AIFF file.
+        """Read the take at `path`, a WAV, FLAC or AIFF file.
 
         Raises
         ------
@@ -219,7 +219,7 @@ def _is_force(channel: Array, sample_rate: int) -> bool:
 
 
 Recording = str | os.PathLike[str] | Sound | Take
-"""What can be fitted: a file, or samples."""
+"""A recording that can be fitted: the path of a file, a Sound or a Take."""
 _ONE = (str, os.PathLike, Sound, Take)
 
 
@@ -330,7 +330,7 @@ def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take
 
 
 def take_of(recording: Recording, name: str) -> Take:
-    """Return a take: itself, that of a sound with a name of its own, or what a file holds."""
+    """Return a recording as a take: itself, of a sound under this name, or read from a file."""
     if isinstance(recording, Take):
         return recording
     return Take.of(recording, name) if isinstance(recording, Sound) else Take.load(recording)

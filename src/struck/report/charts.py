@@ -53,7 +53,16 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
 
 @checked
 def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
-    """Draw a body, its first modes, and the spectrum of a sound (else how long modes ring)."""
+    """Draw a body, its first modes, and the spectrum of a sound, or else the decays of its modes.
+
+    Parameters
+    ----------
+    model : ModalModel
+    sound : Sound, optional
+        Of the model.
+    title : str, optional
+        Above the picture.
+    """
     if not len(model.frequencies) and model.recoil is None:
         sound = None  # nothing is heard
     title = _title(model) if title is None else title

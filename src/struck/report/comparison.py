@@ -164,7 +164,7 @@ class Comparison:
         return _page(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> None:
-        """Write the page, whole or not at all.
+        """Write the HTML page of the comparison to a `path`, whole or not at all.
 
         Raises
         ------
@@ -189,7 +189,7 @@ def compare(
     widest: float = 1.25,
     progress: Progress = silent,
 ) -> Comparison:
-    """Compare a model with a recording of the body, or another model (see `struck.api.compare`)."""
+    """Compare a model with a recording of the body, or another model (see `struck.compare`)."""
     blow = strike or Strike()
     modes = len(model.frequencies)
     theirs = _other_side(other, against, blow, listener, recording, modes=modes, progress=progress)
@@ -251,7 +251,7 @@ def _other_side(
     modes: int,
     progress: Progress,
 ) -> Side:
-    """Return the side that a model is compared with; parameters are those of `compare`."""
+    """Return the second side of a comparison, a model or a recording; parameters as `compare`."""
     if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
         other = model_file.load_model(other)
     if isinstance(other, ModalModel):
@@ -354,7 +354,7 @@ class Side:
 
     @property
     def audible(self) -> Array:
-        """How far each mode can be expected to be heard beside the loudest, 0 to 1 (M,)."""
+        """How audible each mode is next to the loudest, by energy, 0 to 1 (M,)."""
         slowest = np.maximum(self.partials.decays, 1e-3 * self.partials.frequencies)
         energies = np.square(self.partials.amplitudes) / slowest
         quietest = 10 ** (_QUIETEST / 10) * energies.max()
@@ -362,14 +362,14 @@ class Side:
 
     @property
     def levels(self) -> Array:
-        """Amplitudes in dB; NaN for modes that are silent beside the loudest (M,)."""
+        """Amplitudes in dB; NaN for modes that are silent next to the loudest (M,)."""
         amplitudes = self.partials.amplitudes
         loud = amplitudes > _SILENT * amplitudes.max()
         return 20 * np.log10(np.where(loud, amplitudes, np.nan))
 
     # `factor`: by which frequencies of `beside` exceed those here.
     def lonely(self, modes: Index, beside: Side, factor: float) -> Index:
-        """Return the unpaired modes that `beside` should have: those within its complete band."""
+        """Return the unpaired modes that lie within the other side's complete band."""
         known = self.partials.frequencies[modes] <= beside.complete_to / factor
         heard = beside.computed or self.audible[modes] >= 0.5
         return modes[known & heard]

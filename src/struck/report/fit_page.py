@@ -57,7 +57,7 @@ _SHORTER = 0.1  # a sound may lack this much of its end without a word, s
 
 @checked
 def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
-    """Write the page, whole or not at all.
+    """Write the HTML page of a `fitting` to a `path`, whole or not at all.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
 
 @checked
 def report(fitting: Fitting) -> str:
-    """Return a page that needs no other file.
+    """Return the HTML page of a `fitting`, which needs no other file.
 
     It says how well modes explain the recordings, plays hits as recorded and as fitted, and shows
     their spectra, every mode with its errors, gains over contact and listener, and every take.
@@ -376,7 +376,7 @@ def take_table(fitted: Fitted, recorded: Recorded, energies: Energies) -> list[l
 
 
 def short_names(recorded: Recorded) -> list[str]:
-    """Return the names of takes without folders, where that tells them apart."""
+    """Return the names of takes without folders, where all names remain different."""
     names = [take.name for take in recorded.takes]
     short = [PurePath(name).name or name for name in names]
     return short if len(set(short)) == len(set(names)) else names

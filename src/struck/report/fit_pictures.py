@@ -1,4 +1,4 @@
-"""Pictures of a fit, and the hits it plays: as recorded, as fitted, and what the modes leave."""
+"""Pictures of a fit, and the hits it plays: as recorded, as fitted, and the residual."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Energies:
         return cls(signal=signal, left=left)
 
     def ratio(self, rows: Sequence[int]) -> float:
-        """Return signal to residual of some rows, dB; infinite where nothing is left."""
+        """Return signal to residual of some rows, dB; infinite where the residual is zero."""
         chosen = list(rows)
         signal, left = float(self.signal[chosen].sum()), float(self.left[chosen].sum())
         return 10 * np.log10(signal / left) if left > 0 else np.inf
@@ -291,7 +291,7 @@ _SAME = 1e-6
 
 
 def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
-    """Draw how far the gains of each mode are from a product, %, those not measured apart."""
+    """Draw how far each mode's gains are from a product of contact and listener, %."""
     figure = chart(WIDE, 3.2)
     axes = figure.subplots()
     kinds = ((~unmeasured, "o", BLUE, "measured"), (unmeasured, "x", ORANGE, "not measured"))
@@ -339,7 +339,7 @@ def levels_at(survey: Survey, side: int) -> Array:
 
 
 def named(places: Array) -> list[str]:
-    """Return coordinates (n, D) as text, without the last digits of what should be 0."""
+    """Return coordinates (n, D) as text, with rounding errors about zero written as 0."""
     step = max(float(np.abs(places).max()), 1e-300) * _SAME
     tidy = np.round(places / step) * step + 0.0
     return [", ".join(f"{value:.3g}" for value in place) for place in tidy]

@@ -184,7 +184,7 @@ def _blow(time: float = 0.0) -> Strike:
 
 
 def _thrown(blows: int, first: float, restitution: float) -> Sequence[Strike]:
-    """Return the blows of what bounces: `first` s between two of them, less each time."""
+    """Return the strikes of a ball that bounces: `first` s between two blows, less each time."""
     gaps = first * restitution ** np.arange(blows)
     times, places = np.cumsum(gaps) - first, ("top", "+x", "bottom", "-y")
     return [
@@ -385,7 +385,15 @@ LIST = "list.txt"  # of the files that were made
 
 
 def gallery(folder: Path, progress: Progress = silent) -> Path:
-    """Compute models, sounds, pictures and pages into a folder; return the first page."""
+    """Compute models, sounds, pictures and pages into a `folder`; return the first page.
+
+    `progress` is called with each stage's name and the fraction done.
+
+    Raises
+    ------
+    FileFormatError
+        When the folder cannot be made.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -401,7 +409,7 @@ def gallery(folder: Path, progress: Progress = silent) -> Path:
 
 
 def _page_of_scenes(folder: Path, progress: Progress) -> Mapping[str, str]:
-    """Write the page of the five scenes of 2002; nothing where MuJoCo is not installed."""
+    """Write the page of the five scenes of 2002, if MuJoCo is installed."""
     if find_spec("mujoco") is None:
         return {}
     head = f'<p>{html.escape(SCENES_INTRODUCTION)}</p><nav><a href="index.html">{_TITLE}</a></nav>'

@@ -1,4 +1,4 @@
-"""Models and sounds told to people: a few lines of text, or one HTML page that plays."""
+"""Models and sounds shown to people: a few lines of text, or one HTML page that plays."""
 
 from __future__ import annotations
 

@@ -321,7 +321,7 @@ def _slices(model: ModalModel) -> Figure:
 
 
 def _brightness(model: ModalModel, centre: Array, line: Array, across: int, up: int) -> Array:
-    """Return centroids (n, n), Hz, on a plane through the centre; NaN where nothing is known."""
+    """Return centroids (n, n), Hz, on a plane through the centre; NaN where none is known."""
     places = np.tile(centre, (len(line) ** 2, 1))
     places[:, across] += np.tile(line, len(line))
     places[:, up] += np.repeat(line, len(line))

@@ -101,7 +101,7 @@ class Staged:
 
     @property
     def ears(self) -> Binaural:
-        """Who listens."""
+        """The listener of the scenes."""
         return Binaural(position=self.listener, facing=(0.0, 1.0, 0.0))
 
 
@@ -226,7 +226,7 @@ def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
 
 
 def scenes_page(folder: Path, progress: Progress = silent) -> str:
-    """Make all scenes at preview accuracy, and return the HTML of what shows and plays them."""
+    """Make all scenes at preview accuracy, and return the HTML that shows and plays them."""
     sections = []
     for name, make in SCENES.items():
         staged = make(folder, "preview")

@@ -24,7 +24,7 @@ _SILENT = "#d9d9d9"
 
 @checked
 def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
-    """Draw the brightness of a sound map, and beside it, where `cells`, that of what it plays."""
+    """Draw a body's brightness and, with `cells`, that of the stored sounds of its `sound_map`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 

@@ -218,7 +218,7 @@ class Scene:
         object.__setattr__(self, "gravity", gravity)
 
     def posed(self, contacts: Contacts) -> Scene:
-        """Return the scene with its bodies where the poses of a log say.
+        """Return the scene with its bodies at the poses of a log of `contacts`.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Contacts of rigid bodies and their motion: all that a simulation has to tell.
+"""Contacts of rigid bodies and their motion: the whole interface to a simulation.
 
 Every simulation, script or hand-written table speaks through `Contacts`: one row for each point of
 contact and step, in the names and the sense of NVIDIA Isaac's raw contact data (``time dt body0
@@ -36,6 +36,8 @@ class Poses:
         Where the origin of the body's own coordinates is in the world, m.
     rotation : array-like (N, 4)
         Unit quaternions (w, x, y, z) from the body's coordinates to the world's.
+    notes : tuple of str
+        On rows that were left out.
 
     Raises
     ------
@@ -78,6 +80,11 @@ class Poses:
             s.
         position, rotation : array-like (T, B, 3), (T, B, 4)
             As in the class.
+
+        Raises
+        ------
+        OptionError
+            On arrays of other shapes.
         """
         places, turns = numbers("position", position), numbers("rotation", rotation)
         if places.ndim != 3 or turns.shape != (*places.shape[:2], 4):
@@ -126,6 +133,8 @@ class Contacts:
         Number of the point of contact, the same from step to step, where the simulation has one.
     poses : Poses or None
         Where the bodies are; None: where the scene says.
+    notes : tuple of str
+        On rows that were changed or left out.
 
     Raises
     ------
@@ -182,7 +191,7 @@ class Contacts:
 
     @classmethod
     def of_motion(cls, names: Sequence[str], poses: Poses) -> Contacts:
-        """Return a log without contacts, of bodies that move."""
+        """Return a log without contacts, of bodies with `names` that move along `poses`."""
         nothing, whole = np.zeros((0, 3)), np.zeros(0, np.int64)
         return cls(
             names=names,
@@ -195,7 +204,7 @@ class Contacts:
         )
 
     def chosen(self, rows: Index | Mask) -> Contacts:
-        """Return some of the rows, with all names and poses."""
+        """Return the contacts of some `rows`, numbers (R,) or a mask (K,), with all poses."""
         some = {name: getattr(self, name) for name in _COLUMNS}
         parts = {n: None if v is None else np.asarray(v)[rows] for n, v in some.items()}
         return replace(self, **parts)

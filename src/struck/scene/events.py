@@ -241,7 +241,7 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
 
 
 def _stands(scene: Scene, contacts: Contacts) -> Mask:
-    """Tell which bodies of a log (B,) neither move nor turn, as their poses say."""
+    """Return which bodies of a log (B,) neither move nor turn, as their poses say."""
     stands, poses = np.zeros(len(contacts.names), np.bool_), contacts.poses
     if poses is not None and len(poses.time):
         bodies, firsts, counts = np.unique(poses.body, return_index=True, return_counts=True)
@@ -341,7 +341,7 @@ def _sums(groups: Index, values: Array) -> Array:
 
 
 def _means(groups: Index, weights: Array, values: Array) -> Array:
-    """Return weighted means over groups (G, D); plain ones where nothing has a weight."""
+    """Return weighted means over groups (G, D); plain ones where all weights are zero."""
     weights = np.maximum(weights, _TINY)
     return _sums(groups, values * weights[:, None]) / np.bincount(groups, weights)[:, None]
 

@@ -59,7 +59,7 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
 ) -> Sound:
-    """Return the sound of bodies at a listener (see `struck.api.render`)."""
+    """Return the sound of bodies at a listener (see `struck.render`)."""
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
@@ -108,7 +108,7 @@ def _excited(
 def _bodies(
     model: ModalModel | Body | Sequence[Body], excitations: Action | Sequence[Action]
 ) -> Sequence[Body]:
-    """Return the bodies that sound, to at least one of which something happens."""
+    """Return the bodies that sound; OptionError unless at least one of them is excited."""
     if isinstance(model, ModalModel):
         bodies: Sequence[Body] = (Body(model=model, excitations=excitations),)
     else:
@@ -413,7 +413,7 @@ class DrivenBody:
         self._steady = poles.steady(poles.values / self.sample_rate, self.sample_rate)
 
     def _length(self, at_least: float) -> int | None:
-        """Return how many samples the sound has, None as long as something still pushes."""
+        """Return the sound's length in samples, None while an excitation still pushes."""
         now = self._now / self.sample_rate
         if not (self._waiting or self._pushings):
             heard = np.abs(self._resonators.states(0) * self.outputs)
@@ -460,7 +460,7 @@ def _residuals(body: Body, sample_rate: int) -> tuple[list[tuple[float, Samples]
 def _add_residuals(
     samples: Array, residuals: Sequence[tuple[float, Samples]], distances: Callable[[float], Array]
 ) -> None:
-    """Add residuals to samples (rows, n), at distances (rows,), m, that a time, s, tells."""
+    """Add residuals to samples (rows, n), at distances (rows,), m, given by a function of time."""
     for time, part in residuals:
         begin, end = max(part.first, 0), min(part.first + len(part.force), samples.shape[1])
         if begin < end:

@@ -273,7 +273,7 @@ class Playing:
 def loaded(
     pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body]
 ) -> Sequence[SustainedContact]:
-    """Return the contacts of a pair that last and in which something moves."""
+    """Return the sustained contacts of a pair, in which a contact point moves."""
     every = np.flatnonzero(touches.rest >= 0)
     parts = np.split(every, np.flatnonzero(np.diff(touches.rest[every])) + 1)
     found = (_one(pair, touches, contacts, bodies, part) for part in parts if len(part))
@@ -283,7 +283,7 @@ def loaded(
 def _one(
     pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body], mine: Index
 ) -> SustainedContact | None:
-    """Return one contact that lasts; None where nothing moves."""
+    """Return one sustained contact; None where its contact point rests."""
     rows = pair.rows[mine]
     steps = np.round((contacts.time[rows] - contacts.time[rows[0]]) / touches.step)
     step = np.unique(steps, return_inverse=True)[1].astype(np.int64)

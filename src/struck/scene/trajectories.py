@@ -294,7 +294,7 @@ class _Touch:
 
 
 def _paired(scene: Scene, names: Sequence[str], leaps: Sequence[_Leap]) -> tuple[list[_Touch], int]:
-    """Return contacts for leaps, and how many leaps nothing explains."""
+    """Return contacts for leaps, and the number of leaps that no contact explains."""
     open_leaps = sorted(leaps, key=lambda leap: -leap.flight.mass * np.linalg.norm(leap.change))
     used: set[int] = set()
     touches, lost = [], 0
@@ -362,7 +362,7 @@ def _answer(leap: _Leap, other: int, impulse: Array, leaps: Sequence[_Leap]) -> 
 
 
 def _gives_way(body: Body, impulse: Array) -> bool:
-    """Tell whether a body would visibly leap under an impulse."""
+    """Return whether a body would visibly leap under an impulse."""
     mass = body.model.mass
     if body.fixed or body.model.supported or mass is None:
         return False
@@ -430,7 +430,7 @@ def _seen(body: Body, moment: Array, places: Array) -> Array:
 
 
 def _carried(scene: Scene, names: Sequence[str], flight: _Flight, bent: Array) -> Sequence[_Touch]:
-    """Return rows of the frames in which something carries a body."""
+    """Return the frames in which another body carries this one."""
     frame, gravity = flight.frame, float(np.linalg.norm(scene.gravity))
     loads = np.linalg.norm(bent, axis=1) > _CARRIED * gravity * frame**2
     rows, last = [], None

@@ -81,12 +81,12 @@ class RectangularSection:
         return 1.2, 1.1
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the closed surface of a bar along x from 0 to `length` m."""
+        """Return the surface of a bar along x from 0 to `length` m, with edges of `spacing`, m."""
         plan = rectangle(length, self.width, spacing, corner=(0.0, -self.width / 2))
         return slab(*plan, self.thickness)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
-        """Return the solid of a bar, and the rotation that lays it along x."""
+        """Return the solid of a bar of a `length`, m, and the rotation that lays it along x."""
         return Block(size=(length, self.width, self.thickness)), UPRIGHT
 
 
@@ -155,11 +155,11 @@ class RoundSection:
         return (7 + 20 * share) / 6, (6 + 12 * share) / 6
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the closed surface of a bar along x from 0 to `length` m."""
+        """Return the surface of a bar along x from 0 to `length` m, with edges of `spacing`, m."""
         return sleeve(length, self.radius, self.bore, spacing)
 
     def solid(self, length: float) -> tuple[Tube, Turn]:
-        """Return the solid of a bar, and the rotation that lays it along x."""
+        """Return the solid of a bar of a `length`, m, and the rotation that lays it along x."""
         return Tube(length=length, radius=self.radius, wall=self.wall or self.radius), ALONG_X
 
 
@@ -214,12 +214,12 @@ class GivenSection:
         return 1 / self.shear_coefficient, 1 / self.shear_coefficient
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the closed surface of an equivalent rectangular bar."""
+        """Return the surface of an equivalent bar of a `length`, m, with edges of `spacing`, m."""
         alike = RectangularSection(width=self.area / self.height, thickness=self.height)
         return alike.skin(length, spacing)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
-        """Refuse: constants alone are no body.
+        """Refuse a solid of a `length`, m: constants alone are no body.
 
         Raises
         ------

@@ -306,6 +306,8 @@ class PolygonMembrane(Shape):
     def l_shape(cls, *, side: float, thickness: float, tension: float) -> PolygonMembrane:
         """Make the L-shape: three squares of a `side`, m, in the quadrant x, y > 0.
 
+        `thickness`, m, and `tension`, N/m, as in the class.
+
         Raises
         ------
         OptionError

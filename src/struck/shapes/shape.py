@@ -84,7 +84,7 @@ class Shape(ABC):
 
     @abstractmethod
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz.
+        """Return every mode of a `material` up to `highest` Hz.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class Shape(ABC):
     def modes(
         self, material: Material, band: tuple[float, float] = BAND, *, none: bool = False
     ) -> Modes:
-        """Return the modes within the band with the surface; `none` may be there, or must not.
+        """Return the modes of a `material` within a band, Hz, and the surface; `none` allows none.
 
         Raises
         ------

@@ -233,7 +233,7 @@ class Tube:
         return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra; arguments as of `Block`."""
+        """Return curved 20-node hexahedra; see `struck.solids.Block.volume_mesh`."""
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
         around, along, through = finer_around(
             counts, round_sizes(self.length, self.radius, self.wall), finer

@@ -69,7 +69,7 @@ def signed_area(polygon: Array) -> float:
 
 
 def contains(edges: Ends, points: Array) -> Mask:
-    """Tell which points (K, 2) lie inside an odd number of loops, given by all their edges."""
+    """Return which points (K, 2) lie inside an odd number of loops, given by all their edges."""
     inside = np.zeros(len(points), bool)
     for a, b in zip(*edges, strict=True):
         spans = (a[1] <= points[:, 1]) != (b[1] <= points[:, 1])
@@ -262,7 +262,7 @@ _BEND = 0.5  # rad; the corner in the middle of a stride leaves its quadrilatera
 
 
 def _strides_of_two(steps: Array, sharp: Mask, size: float) -> Mask:
-    """Tell where an edge and the next one are short, alike, nearly in line, off sharp corners."""
+    """Return where an edge and the next one are short, alike, nearly in line, off sharp corners."""
     lengths = np.linalg.norm(steps, axis=1)
     following = np.roll(lengths, -1)
     alike = np.maximum(lengths, following) < 2 * np.minimum(lengths, following)
@@ -341,7 +341,7 @@ def inner_angles(corners: Array) -> Array:
 
 
 def _between_edges(triangles: Index, boundary: Boundary, vertex: Index) -> Mask:
-    """Tell where both sides at the chosen vertex are boundary: no refinement opens that angle."""
+    """Return where both sides at the chosen vertex are boundary: no refinement opens that angle."""
     on_boundary = np.isin(keys(sides(triangles)), keys(boundary.ends))
     rows = np.arange(len(triangles))
     return on_boundary[rows, vertex] & on_boundary[rows, vertex - 1]

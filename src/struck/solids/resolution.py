@@ -260,7 +260,7 @@ class Cost:
 
     @property
     def is_high(self) -> bool:
-        """Tell whether a person should say so first."""
+        """Whether the cost is so high that a person should agree first."""
         return self.seconds > MANY_SECONDS or self.memory > MANY_BYTES
 
     @property
@@ -346,7 +346,7 @@ class Forecast:
         asked: bool = True,
         recoils: bool = False,
     ) -> str:
-        """Return a warning about the scale, or nothing; raise OptionError where it must be wrong.
+        """Return a warning about the scale, or ""; raise OptionError where the scale must be wrong.
 
         `highest`, Hz, is the end of the band, which a person has `asked` for or not; a body that is
         held has lower modes, one that `recoils` is heard without any. The `nodes` are those of

@@ -162,7 +162,7 @@ class Revolution:
         return MappingProxyType({name: np.array([r, 0.0, z]) for name, (r, z) in points.items()})
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra, without a pole on the axis; arguments as of `Block`."""
+        """Return curved 20-node hexahedra, no pole; see `struck.solids.Block.volume_mesh`."""
         begun = self.elements or self._counts(accuracy)
         around, along, through = finer_around(begun, self._sizes, finer)
         counts = Counts(around=around, along=along, through=through)

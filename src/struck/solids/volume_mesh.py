@@ -98,7 +98,7 @@ class VolumeMesh:
         )
 
     def straight(self) -> Mask:
-        """Tell which elements have all their mid-edge nodes halfway (E,)."""
+        """Return which elements have all their mid-edge nodes halfway (E,)."""
         if not self.element.edges:
             return np.ones(len(self.elements), bool)
         pairs = self.nodes[self.elements[:, np.array(self.element.edges)]]
@@ -108,7 +108,7 @@ class VolumeMesh:
         return np.asarray((bow <= 1e-10 * length).all(axis=1))
 
     def jacobians(self, points: Array, chosen: Index | slice = slice(None)) -> Array:
-        """Return dx/dxi at reference `points` (q, 3) of the `chosen` elements: (E, q, 3, 3)."""
+        """Return dx/dxi, m, at reference `points` (q, 3) of the `chosen` elements: (E, q, 3, 3)."""
         return np.einsum(
             "qnr,end->eqdr",
             self.element.gradients(points),
@@ -134,7 +134,7 @@ class VolumeMesh:
         return widest / len(self.elements)
 
     def chunks(self, size: int = 4096) -> Iterator[slice]:
-        """Yield slices of elements small enough to work on at a time."""
+        """Yield slices of at most `size` elements, to work on at a time."""
         for start in range(0, len(self.elements), size):
             yield slice(start, start + size)
 
@@ -164,7 +164,7 @@ class VolumeMesh:
         return np.hstack(pairs).T
 
     def surface(self) -> tuple[Mesh, Index]:
-        """Return the boundary as triangles through all its nodes, and their numbers."""
+        """Return the boundary as triangles through all its nodes, and the nodes' numbers (N,)."""
         sides = [sides for sides in self.boundary_sides() if len(sides)]
         triangles = np.vstack([_triangles(each, self.nodes) for each in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)

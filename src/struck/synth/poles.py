@@ -1,4 +1,4 @@
-"""Poles of bodies and checks of all that resonators are given, before anything changes."""
+"""Poles of bodies, and checks of all arguments of resonators before any state changes."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def require_pushes(
 
 
 def _add_up(arrays: Sequence[Array], most: float) -> bool:
-    """Tell whether the sum of all squares lies below a number, which tells much in little time."""
+    """Return whether the sum of all squares lies below a bound, which clears most arguments."""
     every = np.concatenate(arrays)
     return bool(np.vdot(every, every) < most)
 

@@ -1,1 +1,1 @@
-"""Fitted modes against computed ones: which is which, and what the body is made of."""
+"""Fitted modes against computed ones: which pairs are one mode, and which material the body has."""

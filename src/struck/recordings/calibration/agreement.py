@@ -82,7 +82,7 @@ _NEIGHBOURS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hypotheses:
-    """H hypotheses side by side on what a recording and a model have in common."""
+    """H hypotheses on the factor, Poisson's ratio and shares by which two sets of modes differ."""
 
     shifts: Array  # (H,), ln of the factor from computed to fitted frequencies
     ratios: Array  # (H,), Poisson's

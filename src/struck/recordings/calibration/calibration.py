@@ -121,7 +121,7 @@ def _decays(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
 
 
 def _errors(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
-    """Return relative errors of the frequencies: those of the fit, or the scatter of the others."""
+    """Return relative errors of the frequencies: the fit's for paired modes, else the scatter."""
     errors = np.full(len(model.natural_frequencies), pairs.scatter)
     stated = partials.frequency_errors[pairs.fitted] / partials.frequencies[pairs.fitted]
     errors[pairs.computed] = np.where(stated > 0, stated, np.nan)
@@ -218,7 +218,7 @@ class _Task:
         return residuals, np.stack([np.ones_like(chosen), chosen], axis=1)
 
     def weighed(self, design: Array, scatter: float) -> tuple[Array, Array]:
-        """Return weights (P,) and the normal matrix without what was assumed."""
+        """Return weights (P,) of pairs and the normal matrix without the prior."""
         weights = 1 / np.maximum(self.variances + scatter**2, _LEAST**2)
         return weights, (design * weights[:, None]).T @ design
 
@@ -446,7 +446,14 @@ def calibrated(
 
 @checked
 def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
-    """Return the material of a model from which another can be inferred.
+    """Return the material of a model, if a body's true material can be inferred from it.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Computed, of the body as measured.
+    size_error : float
+        Standard error of the body's size, relative.
 
     Raises
     ------

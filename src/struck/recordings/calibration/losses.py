@@ -125,7 +125,7 @@ class Losses:
 
 
 def losses(frequencies: ArrayLike, decays: ArrayLike, errors: ArrayLike | None = None) -> Losses:
-    """Find the law of damping that modes follow; those that do not decay are left out.
+    """Find the law of damping that modes follow; modes that do not decay are left out.
 
     A constant loss tangent, one with external losses (1998, eq. 12 and 13), Rayleigh damping (2002,
     eq. 9), or a free curve, by tenfold cross-validation. Natural frequencies (n,) in Hz, decays and

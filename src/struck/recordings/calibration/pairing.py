@@ -125,7 +125,7 @@ def _improved(agreement: Agreement, cases: Hypotheses, rounds: int) -> Hypothese
 
 
 def _decided(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
-    """Pair what is likelier paired than not, over all hypotheses weighted by probability."""
+    """Pair fitted with computed modes, where the probability over all hypotheses exceeds 50 %."""
     evidence = agreement.under(cases)
     weights, best, certainty = _weights(cases, evidence.likelihoods)
     likely: Array = (weights[:, None, None] * evidence.over_modes()).sum(axis=0)
@@ -168,7 +168,7 @@ def _weights(cases: Hypotheses, likelihoods: Array) -> tuple[Array, int, float]:
 def _confidences(
     likely: Array, logarithms: Array, rows: Index, columns: Index, scatter: float
 ) -> Array:
-    """Return how likely each fitted mode is the computed one, or one that it cannot be told from.
+    """Return the probability that each fitted mode is its computed one, or one of equal frequency.
 
     A round body has its modes two by two at one frequency: which of both is heard does not matter.
     """

@@ -59,7 +59,7 @@ class Candidates:
         )
 
     def distinct(self, resolved: float, share: float) -> Candidates:
-        """Return the strongest of those within `resolved` Hz or this share of their widths."""
+        """Return the strongest of poles closer than `resolved` Hz or a share of their widths."""
         frequencies, widths = self.poles.imag / (2 * np.pi), -self.poles.real / (2 * np.pi)
         open_ = np.ones(len(self.poles), bool)
         kept = []

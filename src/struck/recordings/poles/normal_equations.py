@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt steps of the poles of each group, and what each mode alone explains."""
+"""Levenberg-Marquardt steps of the poles of each group, and the energy that each mode explains."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def normal_equations(
 
 
 def damped(poles: AnyComplex) -> AnyComplex:
-    """Return poles with decay rates bounded by what can be told from a click and from a tone."""
+    """Return poles with decay rates bounded: slower than a click, faster than an endless tone."""
     fastest = np.minimum(FASTEST, np.maximum(np.abs(poles.imag) / (2 * LEAST_Q), 2 * SLOWEST))
     return -np.minimum(np.maximum(-poles.real, SLOWEST), fastest) + 1j * poles.imag
 

@@ -100,7 +100,7 @@ def orthonormalised(vectors: AnyComplex) -> tuple[AnyComplex, AnyComplex]:
 
 
 def without(vectors: AnyComplex, basis: AnyComplex) -> AnyComplex:
-    """Return vectors (N, K) less what orthonormal ones (M, K) explain."""
+    """Return vectors (N, K) less their projection on orthonormal ones (M, K)."""
     return vectors - (vectors @ basis.conj().T) @ basis
 
 

@@ -158,7 +158,7 @@ def overlapping(poles: AnyComplex, duration: float, coupled: float = _COUPLED) -
 
 
 def labelled(coupling: Array, threshold: float, most: int) -> Index:
-    """Return the group number of each mode: those coupled (M, M) beyond a threshold, in chains.
+    """Return the group number of each mode: modes coupled (M, M) beyond a threshold share one.
 
     Where more than `most` would belong together, their threshold is doubled.
     """

@@ -99,13 +99,13 @@ class Fitted:
     notes: tuple[str, ...] = ()
 
     def heard_in(self, row: int) -> tuple[Array, Array]:
-        """Return samples (n,) of one row from its time on: as recorded, and what was fitted."""
+        """Return samples (n,) of one row from its time on: as recorded, and as fitted."""
         segment, channel = self._segment(row)
         original = segment.samples[channel]
         return original, self.ringing(row, self.rows[row].time, len(original))
 
     def ringing(self, row: int, time: float, length: int) -> Array:
-        """Return what was fitted to a row, from a time of its take on, s, also backwards (n,)."""
+        """Return `length` fitted samples of a row (n,) from a time, s, on; before its onset too."""
         segment, _ = self._segment(row)
         poles, gains = self.heard.poles, self.heard.gains[self.order[row]]
         shifted = gains * np.exp(poles * (time - self.rows[row].time))
@@ -186,7 +186,7 @@ def _weak(segments: list[Segment], heard: Exponentials) -> Mask:
 
 
 def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> AnyComplex:
-    """Subtract from each hit's gains what still rings of the hit before."""
+    """Subtract from each hit's gains the ringing that is left of the hit before."""
     own = gains.copy()
     last: dict[tuple[int, int], int] = {}
     for row, what in enumerate(rows):
@@ -282,7 +282,7 @@ def search(
 
 
 def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) -> Exponentials:
-    """Search once more what a fit leaves: where modes were dropped, better ones may be found."""
+    """Search for modes once more in the residual, which may replace modes that were dropped."""
     least = significance(len(ringing.gains), _LIKELY)
     more = _within(
         segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
@@ -298,7 +298,7 @@ def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) 
 def _looked(
     segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int | None
 ) -> Exponentials:
-    """Look once, and fit what was found together with what was known."""
+    """Search the residual for modes once, and fit them together with the known ones."""
     spare = round(_SPARE * budget) if budget else None
     masked = _masked(segments) if budget else segments
     found = look(masked, [segment.residual(ringing) for segment in segments])
@@ -332,7 +332,7 @@ def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
 
 
 def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | None) -> Exponentials:
-    """Fit old and new modes together and drop those that explain nothing."""
+    """Fit old and new modes together and drop modes that explain no energy."""
     ringing = refine(segments, ringing, sweeps=1, steps=0)
     if most is not None:
         ringing = prune(segments, ringing, budget=most)
@@ -342,7 +342,7 @@ def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | Non
 
 
 def _paired(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
-    """Split pairs, and pairs within pairs; under a budget only those that beat slowly."""
+    """Split modes into close pairs, twice; under a budget once, and into slowly beating pairs."""
     for _ in range(1 if budget else 2):
         more = split(segments, ringing, fastest=_BEATING if budget else np.inf)
         if more.count == ringing.count:
@@ -353,7 +353,7 @@ def _paired(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
 
 
 def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
-    """Drop a few of the weakest at a time, and let the others take over what they can."""
+    """Drop the weakest modes a few at a time down to a budget, refitting the others each time."""
     while budget and ringing.count > budget:
         fewer = max(budget, int(_STEP * ringing.count))
         ringing = refine(segments, prune(segments, ringing, budget=fewer), sweeps=2)
@@ -361,7 +361,7 @@ def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
 
 
 def _masked(segments: Sequence[Segment]) -> list[Segment]:
-    """Raise the noise to what lies far below its surroundings: under a budget it has no chance."""
+    """Raise the noise to a level far below each band's sound: a budget ignores faint modes."""
     return [
         replace(
             each, noise=each.noise.raised(_FAINT * each.samples, each.sample_rate, _SURROUNDINGS)
@@ -478,7 +478,7 @@ def _by_evidence(
     hits: list[list[Hit]],
     doubts: list[list[Hit]],
 ) -> Fitted:
-    """Fit with those of the doubtful hits that explain more than their gains cost."""
+    """Fit with the sure hits and with each doubtful hit that explains more than its gains cost."""
     every = fit(hits, "")
     if not every.verdict.modal:  # with fewer hits it explains no more
         return every
@@ -504,7 +504,7 @@ def _ended(hits: list[Hit], take: Take) -> list[Hit]:
 
 
 def _is_proven(every: Fitted, without: Fitted, take: int, hit: Hit) -> bool:
-    """Return whether a hit of a take is needed beside the sure ones."""
+    """Return whether a doubtful hit of a take explains energy that the sure hits leave."""
     rate = every.segments[0].sample_rate
     rows = [
         row

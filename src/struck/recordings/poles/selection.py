@@ -1,4 +1,4 @@
-"""Selection of modes: what no other explains is kept, pairs are split, redundant modes dropped."""
+"""Selection of modes: unique ones are kept, close pairs split, redundant ones dropped."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _colour(segments: Sequence[Segment], frequencies: Array) -> Array:
 def prune(
     segments: Sequence[Segment], ringing: Exponentials, *, budget: int | None = None
 ) -> Exponentials:
-    """Drop modes that noise or other modes could stand for, and the weakest beyond a budget."""
+    """Drop modes that noise or other modes could explain, and the weakest beyond a budget."""
     least = significance(len(ringing.gains))
     duration = max(segment.duration for segment in segments)
     while ringing.count:
@@ -218,7 +218,7 @@ _ALIKE, _LOUD = 0.03, 2.0
 
 
 def weed(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
-    """Drop weak modes whose neighbours explain as much alone, but for what noise would."""
+    """Drop weak modes that their neighbours replace with a residual no larger than the noise."""
     duration = max(segment.duration for segment in segments)
     ringing = _uncrowded(segments, ringing)
     for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:

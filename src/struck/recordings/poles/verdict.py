@@ -1,4 +1,4 @@
-"""Verdict on a fit: whether something was struck, which hits are real, which modes the blow's."""
+"""Verdict on a fit: whether a body rings at all, which hits are real, which modes the blow's."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ _UNKNOWN = 0.3  # of its decay, or of what a take of that length can show
 
 
 def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
-    """Return which modes (M,) stand for the blow of the hits, not for the object.
+    """Return which modes (M,) are of the hits' blow, not of the object.
 
     The push is over after twice the time to the loudest moment, as that of a half-sine is. What
     has gone by 40 dB in twice the push is of the blow, too, and all where but noise follows.
@@ -159,7 +159,7 @@ def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
 
 
 def vague(segments: Sequence[Segment], decays: Array, errors: Array) -> Mask:
-    """Return which modes have decays (M,), 1/s, that these standard errors hardly tell."""
+    """Return which modes' decay rates (M,), 1/s, are below a few of their standard errors."""
     duration = max(segment.duration for segment in segments)
     return errors > _UNKNOWN * np.maximum(decays, 1 / duration)
 

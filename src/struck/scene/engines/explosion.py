@@ -104,7 +104,7 @@ def _require_gains(name: str, times: Array, gains: Array, fastest: Array) -> Non
 
 
 def free_masses(model: mujoco.MjModel, links: Sequence[Link]) -> Array:
-    """Return masses of links that nothing but contacts and gravity moves, kg; else infinite."""
+    """Return masses of links moved by contacts and gravity alone, kg; infinite for all others."""
     import mujoco
 
     masses = np.full(len(links), np.inf)
@@ -156,7 +156,7 @@ def _width(model: mujoco.MjModel, link: Link) -> float:
 
 
 def dead(model: mujoco.MjModel) -> list[str]:
-    """Return a note where nothing rebounds by the solver settings of the file."""
+    """Return a note on bodies that cannot rebound by the solver settings of the file."""
     kinds: dict[tuple[float, ...], str] = {}
     for geom in range(model.ngeom):
         if touches(model, geom):

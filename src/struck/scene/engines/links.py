@@ -180,7 +180,7 @@ def touches(model: mujoco.MjModel, geom: int) -> bool:
 
 
 def _sounding(model: mujoco.MjModel, geoms: Index) -> list[int]:
-    """Return the meshes that are only seen, or else whatever touches."""
+    """Return the visible meshes that do not collide, or else the geometries that collide."""
     seen = [g for g in geoms if model.geom_type[g] == _MESH and not touches(model, int(g))]
     return [int(g) for g in (seen or [g for g in geoms if touches(model, int(g))] or geoms)]
 

@@ -38,6 +38,8 @@ class MujocoRecorder:
     Parameters
     ----------
     model : mujoco.MjModel
+    links : sequence of Link, optional
+        The bodies that are logged; all that can touch, unless given.
 
     Examples
     --------
@@ -72,7 +74,7 @@ class MujocoRecorder:
         return self._model
 
     def step(self, data: mujoco.MjData) -> None:
-        """Record contacts and positions of bodies; call it after each `mujoco.mj_step`.
+        """Record contacts and positions of bodies in `data`; call it after each `mujoco.mj_step`.
 
         Raises
         ------
@@ -94,7 +96,7 @@ class MujocoRecorder:
             self._place(data, time)
 
     def place(self, data: mujoco.MjData) -> None:
-        """Note where bodies are before the first step."""
+        """Note where the bodies in `data` are before the first step."""
         self._place(data, data.time)
 
     def _place(self, data: mujoco.MjData, time: float) -> None:
@@ -114,10 +116,9 @@ class MujocoRecorder:
 
         Parameters
         ----------
-        materials, models, walls, fixed, roughness, mute
-            As for `struck.simulate`.
-        band, accuracy, damping, cache, progress
-            As for `struck.analyze`.
+        **sounds
+            materials, models, walls, fixed, roughness and mute as for `struck.simulate`; band,
+            accuracy, damping, cache and progress as for `struck.analyze`.
 
         Raises
         ------
@@ -176,7 +177,7 @@ class MujocoRecorder:
         return True
 
     def _require_sane(self, data: mujoco.MjData, time: float) -> None:
-        """Refuse a state that MuJoCo warned of, or faster than anything is."""
+        """Refuse a state that MuJoCo warned of, or an impossibly fast one."""
         warned = data.warning.number[self._warnings].any()
         require_slow(time, data.qvel, data.xpos, warned=bool(warned))
 

@@ -45,7 +45,7 @@ class StepLog:
         self._rows.append(rows)
 
     def due(self, time: float) -> bool:
-        """Tell whether bodies are to be placed at a time, s, though nothing touches."""
+        """Return whether bodies are to be placed at a time, s, without a contact."""
         return time - self._last >= 1 / _POSES - 1e-9
 
     def pose(self, time: float, places: Array, turns: Array) -> None:

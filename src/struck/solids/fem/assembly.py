@@ -152,7 +152,7 @@ class Displacements:
         return np.concatenate([own, self.added.gradients(points) @ inverse * signs], axis=2)
 
     def held(self, nodes: Mask) -> Mask:
-        """Return which functions move nothing but nodes (N,) that are held."""
+        """Return which basis functions (F,) move only nodes (N,) that are held."""
         if self.added is None:
             return nodes
         held = np.zeros(self.count, bool)

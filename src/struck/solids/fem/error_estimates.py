@@ -49,7 +49,7 @@ def _missing(
 
 
 def _is_reduced(mesh: VolumeMesh) -> bool:
-    """Tell whether fewer points carry the stiffness than would integrate it."""
+    """Return whether fewer points carry the stiffness than would integrate it."""
     return mesh.kind.startswith("hex")
 
 

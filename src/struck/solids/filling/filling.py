@@ -42,7 +42,7 @@ class Accuracy:
     error: float  # relative, that the frequencies of most modes shall keep
 
     def coarser(self) -> Accuracy:
-        """Return a third of the nodes: the difference tells the error."""
+        """Return an accuracy with a third of the nodes, for estimates of the mesh's error."""
         return replace(self, nodes=self.nodes // 3, most=self.most // 3, thin=self.thin // 3)
 
 
@@ -154,7 +154,7 @@ def filled(
 def filled_coarsely(
     given: FilledBody | WalledSheet, accuracy: str = "standard"
 ) -> tuple[Filling, ...]:
-    """Fill a body with about a third of the nodes; return nothing when so few cannot follow it."""
+    """Fill a body with about a third of the nodes; return () when so few cannot follow it."""
     goal = accuracy_named(accuracy)
     _require_cavity(given)
     body, goal = _as_it_is(given, goal)
@@ -209,7 +209,7 @@ def nodes_for(body: Body, spacing: float) -> float:
 
 
 def _is_layer(body: Body, spacing: float) -> bool:
-    """Tell whether a lattice puts one layer of elements into walls."""
+    """Return whether a lattice puts one layer of elements into walls."""
     return not body.is_solid and spacing > body.thickness
 
 
@@ -269,7 +269,7 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
 
 
 def _next_accuracy(goal: Accuracy) -> str:
-    """Return the option that asks for the next finer accuracy, or nothing at the finest."""
+    """Return the option that asks for the next finer accuracy, or "" at the finest."""
     finer = next((name for name, other in ACCURACIES.items() if other.thin > goal.thin), None)
     return f"accuracy='{finer}', " if finer else ""
 
@@ -369,7 +369,7 @@ def _unreached(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
 
 
 def _whole(cells: Cells) -> tuple[Cells, int]:
-    """Leave out pieces that are nothing but crumbs, and count their tetrahedra."""
+    """Leave out crumbs, pieces of a few tetrahedra, and count their tetrahedra."""
     mesh = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4")
     labels = pieces_of(mesh)
     sizes = np.bincount(labels)

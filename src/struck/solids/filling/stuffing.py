@@ -236,7 +236,7 @@ class Cells:
 
     @property
     def alone(self) -> list[int]:
-        """The surfaces beyond which nothing is."""
+        """The surfaces that do not join another body."""
         return [each for each in range(self.depths.shape[1]) if each not in self.joined]
 
     def edges(self) -> Index:

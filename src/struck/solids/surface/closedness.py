@@ -246,7 +246,7 @@ class Shells:
         return np.bincount(self.inner, minlength=len(self.volumes))
 
     def outward(self) -> tuple[Shells, int]:
-        """Turn inside-out bodies over, with all that lies in them; tell how many there were."""
+        """Turn inside-out bodies over, with all surfaces inside them; return how many."""
         wrong = (self.depths == 0) & (self.volumes < 0)
         turned = wrong.copy()
         turned[self.inner[wrong[self.around]]] = True
@@ -255,7 +255,7 @@ class Shells:
         return replace(self, mesh=mesh, volumes=volumes), int(np.count_nonzero(wrong))
 
     def bounding(self) -> Mask:
-        """Tell which pieces part material from air, where none cross (P,)."""
+        """Return which pieces part material from air, where none cross (P,)."""
         winding = np.bincount(
             self.inner, weights=np.sign(self.volumes)[self.around], minlength=len(self.volumes)
         )
@@ -329,7 +329,7 @@ def _patches(mesh: Mesh, chosen: Index) -> Index:
 
 
 def _sides(mesh: Mesh, parts: Mesh, patches: Index) -> tuple[Mask, Mask]:
-    """Tell whether there is material above and below each part (F,), by one face a patch."""
+    """Return whether there is material above and below each part (F,), by one face a patch."""
     order = np.argsort(-parts.areas, kind="stable")
     _, first = np.unique(patches[order], return_index=True)
     largest = order[first]
@@ -406,7 +406,7 @@ def _two(triangles: Array, first: Index) -> Array:
 def _may_meet(
     triangles: Array, boxes: Array, origins: Array, normals: Array, extent: float
 ) -> Mask:
-    """Tell whether each triangle may meet another, given by its box, plane and one corner."""
+    """Return whether each triangle may meet another, given by its box, plane and one corner."""
     margin = _ROUNDING * extent
     lowest, highest = extremes(triangles)
     apart = (lowest > boxes[1] + margin) | (highest < boxes[0] - margin)

@@ -177,7 +177,7 @@ _ROUNDING = 1e-9
 
 
 def inside(mesh: Mesh, lattice: Lattice) -> Mask:
-    """Tell which lattice points the surface winds around (N,): corners first, then centres."""
+    """Return which lattice points the surface winds around (N,): corners first, then centres."""
     region = _regions(mesh, lattice)
     asked, answer = np.arange(len(region)), np.arange(len(region))
     free = region > 0
@@ -191,7 +191,7 @@ def inside(mesh: Mesh, lattice: Lattice) -> Mask:
 
 
 def has_rims(mesh: Mesh) -> bool:
-    """Tell whether faces do not cancel along some edge, so that the winding number drifts."""
+    """Return whether faces do not cancel along some edge, so that the winding number drifts."""
     return bool(edges_of(mesh.faces).balance.any())
 
 

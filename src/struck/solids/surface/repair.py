@@ -236,7 +236,7 @@ class Crossing:
 
 
 def _matters(crossing: Crossing, shells: Shells, record: RepairLog) -> bool:
-    """Tell whether crossing faces take a new surface; where not, say that they stay."""
+    """Return whether crossing faces require a new surface; where not, record that they stay."""
     if not len(crossing.pairs):
         return False
     faces = counted(len(np.unique(crossing.pairs)), "face")
@@ -499,7 +499,7 @@ def solid_shells(surface: Mended, solid: Mask, record: RepairLog) -> Shells:
 
 
 def without_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
-    """Drop the pieces that lie within the material and cross nothing."""
+    """Drop the pieces that lie within the material and cross no other piece."""
     kept = shells.bounding()
     kept[shells.labels[pairs]] = True
     hidden = int(np.count_nonzero(~kept))

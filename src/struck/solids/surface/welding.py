@@ -157,7 +157,7 @@ _LARGE = 0.1  # of the body's extent, from which on a cut-out needs no vertices 
 
 
 def is_feature(rim: Array, *, extent: float) -> bool:
-    """Tell whether an opening with the corners `rim` (n, 3) is meant: round, or straight-edged."""
+    """Return whether an opening, corners `rim` (n, 3), is meant: round, or straight-edged."""
     # Holes of scans are ragged: their rims follow the triangles that are left.
     centred = rim - rim.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
@@ -251,7 +251,7 @@ def _bad(faces: Index) -> int:
 
 
 def lines(mesh: Mesh) -> Mask:
-    """Tell which faces are lines but for rounding (F,)."""
+    """Return which faces are lines but for rounding (F,)."""
     corners = mesh.points[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     return 2 * mesh.areas <= _THINNEST_FACE * longest**2
@@ -291,7 +291,7 @@ class _Split:
         }
 
     def remove(self, number: int) -> bool:
-        """Take a face of no area out; tell whether it has to wait for others."""
+        """Take out a face without area; return whether it has to wait for others."""
         if not self.kept[number]:
             return False
         a, b, c = self._from_longest(number)

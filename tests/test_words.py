@@ -1,0 +1,181 @@
+"""Plain words: first lines of docstrings name their nouns, public names say all a caller needs."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "src/struck"
+
+# Words in whose place a noun should stand: a reader who does not know the thing cannot fill them.
+VAGUE = re.compile(
+    r"\b(?:what|those|told|tells?|so many|stands? for|beside|as may be"
+    r"|(?:any|no|some)(?:body|thing)|who(?:m|ever)?|whatever)\b",
+    re.IGNORECASE,
+)
+
+SHAPE = re.compile(r"\(\s*[\w+*`/ -]+(?:,\s*[\w+*/. -]*)+\)")
+UNIT = re.compile(
+    r"\b(?:m|mm|s|ms|kg|g|N|Pa|Hz|kHz|dB|J|K|1/s|m/s|rad/s|units?|relative|ratios?|factors?"
+    r"|shares?|fraction|seconds|bytes|GiB|times|pixels|cents|degrees|samples?|probability)\b"
+    r"|%|0 to 1"
+)
+SECTION = re.compile(
+    r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[\w ]*\n-+$|\Z)", re.MULTILINE | re.DOTALL
+)
+# Docstrings may refer to those of another public name.
+REFERENCE = re.compile(r"(?:parameters\s+are\s+those\s+of|\bsee)\s+`(struck\.[\w.]+)`")
+ARRAYS = re.compile(r"\b(?:Array(?:Like)?|Index|Mask|Complex|Single)\b")
+NUMBERS = re.compile(r"\bfloat\b|\bArray")
+MANY = 380
+
+
+@cache
+def docstrings() -> list[tuple[str, str]]:
+    """Return places and first lines of the docstrings of modules, classes, functions and fields."""
+    found = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        found += [(f"{name}:{line}", text) for line, text in documented(path)]
+    return found
+
+
+def documented(path: Path) -> Iterator[tuple[int, str]]:
+    nodes: list[Any] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while nodes:
+        node = nodes.pop()
+        kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        nodes += [each for each in node.body if isinstance(each, kinds)]
+        inside = node.body if isinstance(node, ast.Module | ast.ClassDef) else node.body[:1]
+        for each in inside:
+            text = each.value if isinstance(each, ast.Expr) else None
+            if isinstance(text, ast.Constant) and isinstance(text.value, str):
+                yield each.lineno, inspect.cleandoc(text.value).splitlines()[0]
+
+
+def test_first_lines_name_their_nouns() -> None:
+    lines = docstrings()
+    assert len(lines) > 3_000
+    assert not [f"{place} {line}" for place, line in lines if VAGUE.search(line)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Of one thing, and of another beside it.",
+        "What a player was told and has not done yet.",
+        "Return what a constant unit force ends in, less than nothing (points,).",
+        "Return which modes without a partner are told by `beside` to be none of its body's.",
+        "Queue of wishes that somebody has.",
+    ],
+)
+def test_a_riddle_is_marked(line: str) -> None:
+    assert VAGUE.search(line)
+
+
+@cache
+def public() -> dict[str, Any]:
+    """Return what the stubs of the rooms offer, each once, with the public methods of classes."""
+    found: dict[str, Any] = {}
+    for stub in sorted(PACKAGE.rglob("__init__.pyi")):
+        room = ".".join(stub.parent.relative_to(PACKAGE.parent).parts)
+        for statement in ast.parse(stub.read_text(encoding="utf-8")).body:
+            for alias in statement.names if isinstance(statement, ast.ImportFrom) else ():
+                value = getattr(importlib.import_module(room), alias.asname or alias.name)
+                if inspect.isclass(value) or inspect.isfunction(value):
+                    found[f"{room}.{alias.asname or alias.name}"] = value
+    once = {value: name for name, value in reversed(found.items())}
+    methods = {
+        f"{name}.{key}": getattr(value, "__func__", value)
+        for owner, name in once.items()
+        if inspect.isclass(owner)
+        for key, value in vars(owner).items()
+        if not key.startswith("_")
+    }
+    names = {name: value for value, name in once.items()}
+    return names | {key: value for key, value in methods.items() if inspect.isfunction(value)}
+
+
+def owner_of(name: str) -> type | None:
+    """Return the public class of a method."""
+    owner = public().get(name.rpartition(".")[0])
+    return owner if inspect.isclass(owner) else None
+
+
+def parameters(value: Any) -> dict[str, str]:  # noqa: ANN401 - a function or a class
+    """Return names and annotations of what a call is given; nothing for protocols and errors."""
+    made = not inspect.isclass(value) or not (
+        getattr(value, "_is_protocol", False) or issubclass(value, Exception)
+    )
+    return {
+        each.name: str(each.annotation)
+        for each in (inspect.signature(value).parameters.values() if made else ())
+        if each.name not in {"self", "cls"} and not each.name.startswith("_")
+    }
+
+
+def raised(function: Callable[..., Any]) -> set[str]:
+    """Return the errors that a function's own statements raise."""
+    source = textwrap.dedent(inspect.getsource(inspect.unwrap(function)))
+    return set(re.findall(r"^\s+raise (\w+Error)\(", source, re.MULTILINE))
+
+
+def explanation(value: Any) -> str:  # noqa: ANN401 - a function or a class
+    """Return a docstring, after it that of the name to which it refers for parameters."""
+    text = inspect.getdoc(value) or ""
+    other = REFERENCE.search(text)
+    return text + "\n\n" + (inspect.getdoc(public().get(other[1])) or "") if other else text
+
+
+@cache
+def gaps(name: str) -> list[str]:
+    """Return what a docstring leaves out."""
+    value, found = public()[name], []
+    text, given = explanation(value), parameters(value)
+    sections = "".join(SECTION.findall(text)) + "".join(re.findall(r"`[^`]+`", text))
+    said = text if owner_of(name) else sections
+    found += [f"parameter {each}" for each in given if not re.search(rf"\b{each}\b", said)]
+    returned = getattr(value, "__annotations__", {}).get("return", "")
+    kinds = " ".join([*given.values(), str(returned)])
+    found += ["shapes"] if ARRAYS.search(kinds) and not SHAPE.search(text) else []
+    found += ["units"] if NUMBERS.search(kinds) and not UNIT.search(text) else []
+    if not inspect.isclass(value):
+        found += [f"error {each}" for each in raised(value) if each not in text]
+    return found
+
+
+def is_explained(name: str) -> bool:
+    """Return whether a docstring is whole, or a method's is in its protocol or parent class."""
+    owner, method = owner_of(name), name.rpartition(".")[2]
+    if not gaps(name) or owner is None:
+        return not gaps(name)
+    kin = (each for each in public() if each.endswith(f".{method}") and each != name)
+    parents = [
+        each
+        for each in kin
+        if (other := owner_of(each))
+        and (getattr(other, "_is_protocol", False) or other in owner.__mro__)
+    ]
+    return any(not gaps(each) for each in parents)
+
+
+def test_docstrings_of_public_names_say_all_a_caller_needs() -> None:
+    assert len(public()) > MANY
+    assert not {name: gaps(name) for name in public() if not is_explained(name)}
+
+
+def test_a_gap_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    from struck.model.damping import Rayleigh
+
+    monkeypatch.setattr(Rayleigh.decays, "__doc__", "Return the decay rates.")
+    assert "parameter frequencies" in gaps.__wrapped__("struck.Rayleigh.decays")
+    assert "shapes" in gaps.__wrapped__("struck.Rayleigh.decays")
