@@ -838,7 +838,8 @@ def _verbs(folder: Path) -> dict[str, Call]:
             given={
                 "model": bar(),
                 "other": sound(),
-                "strike": struck.Strike(at=ON),
+                "at": ON,
+                "strike": struck.Strike(),
                 "listener": (0.0, 1.0, 0.0),
             },
             dear=True,

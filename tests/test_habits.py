@@ -198,6 +198,35 @@ def test_a_wrong_use_is_told_its_value_its_bound_and_a_way_out(
     assert "Traceback" not in text
 
 
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        (("compare", "b.struck", "w.wav", "-o", "out.png"), "pages end in .html"),
+        (("show", "b.struck", "-o", "out.html"), "pictures end in .png"),
+        (("sound-map", "b.struck", "-o", "out.wav"), "pictures end in .png"),
+        (("fit", "w.wav", "-o", "new.struck", "--report", "out.png"), "pages end in .html"),
+        (("fit", "w.wav", "-o", "out.wav"), "models end in .struck"),
+        (("export", "b.struck", "-o", "out.txt"), "files of a model's data end in .sofa"),
+        (("render", "b.struck", "-o", "out.struck"), "sounds end in .wav"),
+        (("simulate", "no_scene.xml", "-o", "out.png"), "sounds end in .wav"),
+        (("analyze", TUBE, "--material", "steel", "-o", "out.html"), "models end in .struck"),
+        (("radiate", "b.struck", "-o", "out.wav"), "models end in .struck"),
+    ],
+)
+def test_outputs_have_the_endings_of_their_kind(
+    words: tuple[str, ...],
+    kind: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    before = set(folder.iterdir())
+    assert main(words) == 2
+    assert kind in capsys.readouterr().err
+    assert set(folder.iterdir()) == before
+
+
 def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None:
     made = struck.load(folder / "b.struck")
     before = struck.render(made, struck.Strike(), seconds=0.1)

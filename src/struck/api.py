@@ -227,14 +227,17 @@ def fit(
     told = {name: given[name] for name in given if name not in {"recordings", "report"}}
 
     from struck.files.atomic import writable
+    from struck.model.html import PAGES
     from struck.recordings.fit import files_read, fit_recordings
 
-    page = None if report is None else writable(report, unlike=files_read(recordings, manifest))
+    if report is not None:
+        used = files_read(recordings, manifest)
+        writable(report, unlike=used, endings=PAGES, kind="pages")
     fitting = fit_recordings(recordings, **told)
-    if page is not None:
+    if report is not None:
         from struck.report.fit_page import save_report
 
-        save_report(fitting, page)
+        save_report(fitting, report)
     return fitting.model
 
 
@@ -326,11 +329,6 @@ def render(
     OptionError, ContactError
         On nothing to render, arguments outside their bounds, gains that are not finite, pushes that
         never end where no length is said; on a contact off the body, or a listener inside one.
-
-    Notes
-    -----
-    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
-    points are convolved with it in closed form, all else goes through `struck.synth.Resonators`.
     """
     from struck.scene import render as offline
 
@@ -502,6 +500,7 @@ def compare(
     model: ModalModel,
     other: Other,
     *,
+    at: Place = None,
     strike: Strike | None = None,
     against: Strike | None = None,
     listener: ArrayLike | None = None,
@@ -517,9 +516,9 @@ def compare(
     other : path, Sound, Take, ModalModel or FittedModes
         A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
         or anything with `frequencies`, `decays` and `gains`.
-    strike, against : Strike, optional
-        Where and with what the model is struck, from which the levels of its modes follow:
-        ``Strike()`` unless given. And the same for another model; as `strike` unless given.
+    at, strike, against : place, Strike, Strike, optional
+        Where and with what both are struck: the model's loudest place, and ``Strike()``, unless
+        given. And another model, where it is struck otherwise.
     listener : array-like (3,), optional
         In the coordinates of each model, m; beside it unless given.
     recording : Sound, optional
@@ -530,7 +529,7 @@ def compare(
     Returns
     -------
     Comparison
-        The validation of 2002, section 5, for any body.
+        The validation of 2002, section 5, for any body. Its summary tells where both were struck.
 
     Raises
     ------

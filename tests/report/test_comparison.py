@@ -19,6 +19,7 @@ from struck.recordings.poles.search import search
 from struck.recordings.segments import Segment
 from struck.report.comparison import HEADINGS, Comparison, compare
 from struck.shapes import Bar
+from struck.solids import Block
 
 Array = NDArray[np.float64]
 
@@ -73,6 +74,34 @@ def test_levels_are_those_of_the_contacts() -> None:
     )
     assert found.cents == pytest.approx(np.zeros(len(orders)), abs=1e-9)
     assert any("absolute" in line for line in found.summary())
+
+
+def test_equal_bodies_are_equal_wherever_they_are_struck() -> None:
+    """Elements of one block, whose loudest places lie apart, and one of another size."""
+    block, band = Block(size=(0.2, 0.05, 0.01)), (20, 5000)
+    model, finer = (
+        struck.analyze(block, "steel", accuracy=each, band=band) for each in ("preview", "standard")
+    )
+    apart = compare(model, finer, strike=Strike(), against=Strike())
+    assert np.abs(apart.level_differences).max() > 3
+    for at in (None, "vertex:3", (0.04, 0.01, 0.005)):
+        found = compare(model, finer, at=at)
+        assert np.abs(found.level_differences).max() < 0.7
+        larger = compare(model, model.scaled(1.5), at=at, strike=Strike(impulse=0.01))
+        assert np.ptp(larger.level_differences) < 1e-6
+        where = model.contact(at).point
+        for side, place in ((larger.model, where), (larger.other, 1.5 * where)):
+            told = ", ".join(f"{value:.4g}" for value in np.round(place, 9) + 0.0)
+            assert f"({told}) m" in side.struck
+            assert f"the {side.name} is {side.struck}" in larger.summary()
+
+
+def test_a_recording_is_said_to_be_of_the_strike(bar: ModalModel) -> None:
+    alone, told = compare(bar, modes_of(bar)), compare(bar, modes_of(bar), at="end")
+    assert "taken to be of that strike" in alone.other.struck
+    assert "give at=" in alone.other.struck
+    assert "give at=" not in told.other.struck
+    assert "struck at end" in told.model.struck
 
 
 def test_a_longer_pulse_dulls_the_model(bar: ModalModel) -> None:
@@ -184,6 +213,8 @@ def test_what_does_not_belong_is_refused(
     sound = Sound(samples=np.zeros(100, np.float32), sample_rate=RATE)
     with pytest.raises(OptionError, match="against="):
         compare(bar, modes_of(bar), strike=END, against=END)
+    with pytest.raises(OptionError, match=r"at is 'end' and .* give the place once"):
+        compare(bar, bar, at="end", strike=END)
     with pytest.raises(OptionError, match="recording="):
         compare(bar, bar, strike=END, recording=sound)
     with pytest.raises(ContactError, match="wakes none of"):
@@ -193,3 +224,5 @@ def test_what_does_not_belong_is_refused(
     monkeypatch.setattr(Comparison, "page", lambda _: "pictures take a second")
     with pytest.raises(FileFormatError):
         compare(bar, bar, strike=END).save_page(tmp_path / "nowhere" / "page.html")
+    with pytest.raises(FileFormatError, match=r"pages end in .html, .htm, as x.html"):
+        compare(bar, bar, strike=END).save_page(tmp_path / "x.png")

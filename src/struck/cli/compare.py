@@ -15,6 +15,7 @@ from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files.atomic import writable
 from struck.files.model_file import is_model
+from struck.model.html import PAGES
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = (
-    "bell.struck real_bell.wav --strike rim -o bell.html",
-    "bell.struck thicker_bell.struck --strike rim --against rim",
+    "bell.struck real_bell.wav --at rim -o bell.html",
+    "bell.struck thicker_bell.struck --at rim -o difference.html",
 )
 
 
@@ -32,13 +33,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model")
     parser.add_argument("other", help="sound file of the body, struck once or more; or a model")
     parser.add_argument(
+        "--at",
         "--strike",
         metavar="PLACE",
         type=place,
-        help="where the model is struck: name, vertex:N or x,y,z in m; the loudest unless given",
+        help="where both are struck: name, vertex:N or x,y,z in m; the loudest place unless given",
     )
     parser.add_argument(
-        "--against", metavar="PLACE", type=place, help="the same for another model; as --strike"
+        "--against", metavar="PLACE", type=place, help="where another model is struck instead"
     )
     parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
     parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
@@ -50,11 +52,15 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
     read = [options.model, options.other]
     _require_order(*read)
-    output = None if options.output is None else writable(options.output, unlike=read)
+    output = (
+        None
+        if options.output is None
+        else writable(options.output, unlike=read, endings=PAGES, kind="pages")
+    )
     found = compare(
         struck.load(options.model),
         options.other,
-        strike=Strike(at=options.strike),
+        at=options.at,
         against=None if options.against is None else Strike(at=options.against),
         listener=options.listener,
         progress=progress,
@@ -98,6 +104,7 @@ def _facts(found: Comparison) -> dict[str, object]:
         "extra": theirs.frequencies[found.extra].tolist(),
         "level_offset": found.level_offset,
         "explained": found.explained,
+        "strikes": {side.name: side.struck for side in (found.model, found.other)},
         "notes": list(found.notes),
     }
 

@@ -58,7 +58,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck export`."""
     output = writable(
-        options.output or Path(options.model).with_suffix(".sofa"), unlike=[options.model]
+        options.output or Path(options.model).with_suffix(".sofa"),
+        unlike=[options.model],
+        endings=(".sofa",),
+        kind="files of a model's data",
     )
     listeners = options.listeners
     for each in listeners or ():

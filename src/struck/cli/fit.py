@@ -15,6 +15,7 @@ from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
 from struck.files.model_file import model_path
+from struck.model.html import PAGES
 from struck.model.provenance import TerminalProgress
 from struck.recordings.fit import Fitting, files_read, fit_recordings
 from struck.report.fit_page import save_report
@@ -74,7 +75,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     several = options.recordings
     read = files_read(several, options.manifest)
     output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)
-    report = writable(options.report, unlike=[*read, output]) if options.report else None
+    report = None
+    if options.report:
+        used = [*read, output]
+        report = writable(options.report, unlike=used, endings=PAGES, kind="pages")
     fitting = fit_recordings(
         several[0] if len(several) == 1 else several,
         modes=_budget(options.modes),

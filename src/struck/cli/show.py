@@ -17,7 +17,7 @@ from struck.model.chart import Chart
 from struck.model.provenance import TerminalProgress
 from struck.recordings import read_plan
 from struck.report import grid_picture
-from struck.report.charts import save
+from struck.report.charts import PICTURES, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck show`."""
     output = writable(
-        options.output or Path(options.model).with_suffix(".png"), unlike=[options.model]
+        options.output or Path(options.model).with_suffix(".png"),
+        unlike=[options.model],
+        endings=PICTURES,
+        kind="pictures",
     )
     if Path(options.model).suffix == ".toml":
         save(_planned(options.model, options.pitch), output)

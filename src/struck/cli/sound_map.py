@@ -12,6 +12,7 @@ from struck.files.atomic import writable
 from struck.model.arrays import Array
 from struck.model.provenance import TerminalProgress
 from struck.perception.wav_bank import write_bank
+from struck.report.charts import PICTURES
 from struck.report.charts import save as save_picture
 from struck.report.sound_map_picture import sound_map_picture
 
@@ -38,7 +39,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck sound-map`."""
     path = Path(options.model)
     picture = options.output or path.with_name(f"{path.stem}_map.png")
-    output, parameters = writable(picture, unlike=[path]), None
+    output, parameters = writable(picture, unlike=[path], endings=PICTURES, kind="pictures"), None
     if options.parameters:
         parameters = writable(options.parameters, unlike=[path, output])
     model = struck.load(path)

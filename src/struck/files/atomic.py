@@ -14,7 +14,7 @@ import secrets
 import stat
 import sys
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -115,10 +115,27 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         ) from error
 
 
+def require_ending(path: str | os.PathLike[str], endings: Sequence[str], kind: str) -> None:
+    """Raise FileFormatError where a name does not end as files of that `kind` do."""
+    ending = Path(path).suffix.lower()
+    if ending not in endings:
+        raise FileFormatError(
+            f"{os.fspath(path)} ends in {ending!r}: {kind} end in {', '.join(endings)}, as "
+            f"{Path(path).stem or 'file'}{endings[0]}"
+        )
+
+
 def writable(
-    path: str | os.PathLike[str], *, unlike: Iterable[str | os.PathLike[str]] = ()
+    path: str | os.PathLike[str],
+    *,
+    unlike: Iterable[str | os.PathLike[str]] = (),
+    endings: Sequence[str] = (),
+    kind: str = "files",
 ) -> Path:
-    """Return a path to write, after refusing folders and the files `unlike` that are in use."""
+    """Return a path to write, after refusing folders and the files `unlike` that are in use.
+
+    Names that do not end in one of the `endings` that files of its `kind` have are refused too.
+    """
     target = Path(path)
     if is_folder(target):
         raise FileFormatError(f"{target} is a folder: give the name of a file in it")
@@ -131,6 +148,8 @@ def writable(
                 f"{target}{same} is read or written as well, and would be replaced: give another "
                 "name"
             )
+    if endings:
+        require_ending(path, endings, kind)
     return target
 
 

@@ -33,6 +33,8 @@ td, th { padding: .15rem .8rem; text-align: right; }
 th { position: sticky; top: 0; background: #fff; border-bottom: 1px solid #bbb; }
 """
 
+PAGES = (".html", ".htm")  # endings of their files
+
 
 def document(title: str, body: str, *, style: str = "") -> str:
     """Return an HTML page with a title (text), a body (HTML) and CSS besides `STYLE`."""

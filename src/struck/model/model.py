@@ -83,6 +83,11 @@ class ModalModel:
     residual, recoil, provenance
         What recordings, and free computed bodies, have beside their modes; method, versions, what
         was dropped, references.
+
+    Notes
+    -----
+    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse, by gains g, decays d and
+    frequencies f.
     """
 
     frequencies: Array

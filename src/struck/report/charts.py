@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import FileFormatError
-from struck.files.atomic import write_bytes
+from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
 from struck.model.gains import ShapeGains
@@ -31,7 +30,7 @@ RANGE = 90.0  # levels shown below the strongest, dB
 _BANDS = 1200
 _TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 _SHORTEST = 0.1  # sounds are padded to this length before their spectrum is drawn, s
-_ENDINGS = (".png", ".pdf", ".svg")
+PICTURES = (".png", ".pdf", ".svg")
 _HEARING = 2e-5  # Pa
 _MODES = 5  # mode shapes in an overview
 
@@ -89,11 +88,9 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure as .png, .pdf or .svg, whole or not at all."""
-    ending = Path(path).suffix.lower()
-    if ending not in _ENDINGS:
-        raise FileFormatError(f"{path} ends in {ending!r}: pictures end in {', '.join(_ENDINGS)}")
+    require_ending(path, PICTURES, "pictures")
     data = io.BytesIO()
-    figure.savefig(data, format=ending[1:])
+    figure.savefig(data, format=Path(path).suffix[1:].lower())
     write_bytes(path, data.getvalue())
 
 

@@ -18,12 +18,14 @@ from struck.ears.listeners import position_of
 from struck.errors import ContactError, OptionError, RecordingError
 from struck.excitation.strike import Strike
 from struck.files import model_file
-from struck.files.atomic import write_bytes
+from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Index, checked
+from struck.model.contact import Place
 from struck.model.exponentials import samples
-from struck.model.html import document, picture, table
-from struck.model.model import ModalModel
+from struck.model.gains import ShapeGains
+from struck.model.html import PAGES, document, picture, table
+from struck.model.model import LOUDEST, ModalModel
 from struck.model.provenance import Progress, silent
 from struck.recordings.calibration.agreement import FittedModes, Partials
 from struck.recordings.calibration.pairing import Pairing, explains, paired
@@ -124,6 +126,7 @@ class Comparison:
             f"{len(self.missing)} of the model should be in the {name} and are not",
             f"{len(self.extra)} of the {name} should be in the model and are not",
         ]
+        lines += [f"the {side.name} is {side.struck}" for side in (self.model, self.other)]
         if not self.explained:
             lines.append("caution: random modes would agree as well; this may be another body")
         lines += [f"note: {note}" for note in self.notes]
@@ -169,8 +172,9 @@ class Comparison:
         Raises
         ------
         FileFormatError
-            When the file cannot be written.
+            When the file cannot be written, or its name does not end as a page's.
         """
+        require_ending(path, PAGES, "pages")
         write_bytes(path, self.page().encode())
 
     def _repr_html_(self) -> str:
@@ -182,6 +186,7 @@ def compare(
     model: ModalModel,
     other: Other,
     *,
+    at: Place = None,
     strike: Strike | None = None,
     against: Strike | None = None,
     listener: ArrayLike | None = None,
@@ -190,13 +195,48 @@ def compare(
     progress: Progress = silent,
 ) -> Comparison:
     """Compare a model with a recording of the body, or another model (see `struck.compare`)."""
-    blow = strike or Strike()
-    modes = len(model.frequencies)
-    theirs = _other_side(other, against, blow, listener, recording, modes=modes, progress=progress)
+    blow, modes = _blow(at, strike), len(model.frequencies)
+    if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
+        other = model_file.load_model(other)
+    if isinstance(other, ModalModel):
+        if recording is not None:
+            raise OptionError("recording= belongs to fitted modes: another model is rendered")
+        theirs = Side.of_model(
+            "other model", other, against or _same_place(blow, model, other), listener
+        )
+    else:
+        theirs = _recorded_side(other, against, recording, modes=modes, progress=progress)
+        way = "" if strike or at is not None else "; give at= or strike= if you know"
+        theirs = replace(
+            theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
+        )
     mine = Side.of_model("model", model, blow, listener, begins=theirs.begins)
     audible = None if theirs.computed else np.maximum(mine.audible, _DOUBT)
     pairing = paired(theirs.partials, model, widest=widest, audible=audible)
     return _compared(mine, theirs, pairing, explained=explains(theirs.partials, model, pairing))
+
+
+def _blow(at: Place, strike: Strike | None) -> Strike:
+    """Return the strike on the model, at a place that one of the two arguments tells."""
+    if strike is None or at is None:
+        return strike or Strike(at=at)
+    if strike.at is not None:
+        raise OptionError(f"at is {at!r} and strike.at is {strike.at!r}: give the place once")
+    return replace(strike, at=at)
+
+
+def _same_place(strike: Strike, model: ModalModel, other: ModalModel) -> Strike:
+    """Return the strike at the same place of another model, by name or by shares of its box."""
+    surface, named = other.gains, isinstance(strike.at, str) and ":" not in strike.at
+    if model.geometry is None or other.geometry is None or not isinstance(surface, ShapeGains):
+        return strike  # recorded coordinates, or each its own place
+    if named and strike.at != LOUDEST:
+        return strike
+    contact = model.contact(strike.at, strike.direction)
+    (low, high), (least, most) = model.geometry.bounds, other.geometry.bounds
+    shares = (contact.point - low) / np.maximum(high - low, np.finfo(float).tiny)
+    _, _, nearest = surface.locator.closest((least + shares * (most - least))[None])
+    return replace(strike, at=nearest[0], direction=contact.direction)
 
 
 def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) -> Comparison:
@@ -241,23 +281,15 @@ def _texts(values: Array, form: str) -> Sequence[str]:
 # The two sides: a model that is struck, or a recording with its modes.
 
 
-def _other_side(
-    other: Other,
+def _recorded_side(
+    other: FittedModes | Sound | Take | str | os.PathLike[str],
     against: Strike | None,
-    strike: Strike,
-    listener: ArrayLike | None,
     recording: Sound | None,
     *,
     modes: int,
     progress: Progress,
 ) -> Side:
-    """Return the second side of a comparison, a model or a recording; parameters as `compare`."""
-    if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
-        other = model_file.load_model(other)
-    if isinstance(other, ModalModel):
-        if recording is not None:
-            raise OptionError("recording= belongs to fitted modes: another model is rendered")
-        return Side.of_model("other model", other, against or strike, listener)
+    """Return the side of a recording or fitted modes; parameters are those of `compare`."""
     if against is not None:
         raise OptionError("against= tells how another model is struck: a recording was struck once")
     if not isinstance(other, Sound | Take | str | os.PathLike):
@@ -279,6 +311,7 @@ class Side:
     seconds: float  # for how long it is worth hearing
     sound: Callable[[float], Sound]  # makes its sound, of a length in s at most
     begins: float = 0.0  # when amplitudes count, s after the strike began; 0: when it is over
+    struck: str = ""  # where and how it was struck, in words
     notes: tuple[str, ...] = ()  # what a person should know of it
 
     @classmethod
@@ -311,6 +344,7 @@ class Side:
             seconds=_SECONDS,
             sound=lambda seconds: render(model, strike, seconds=seconds, listener=place),
             begins=begins,
+            struck=_struck_at(model, strike),
         )
 
     @classmethod
@@ -390,6 +424,18 @@ def _amplitudes(model: ModalModel, strike: Strike, listener: Array, begins: floa
             f"a strike at {place} m wakes none of {len(poles)} modes: strike another place"
         )
     return amplitudes
+
+
+def _struck_at(model: ModalModel, strike: Strike) -> str:
+    """Return the place, the impulse and the duration of a strike in words."""
+    contact = model.contact(strike.at, strike.direction)
+    blow = strike.resolved(model, contact)
+    name = strike.at if isinstance(strike.at, str) else LOUDEST if strike.at is None else ""
+    units = "" if model.recorded else " m"
+    place = ", ".join(f"{value:.4g}" for value in np.round(contact.point, 9) + 0.0)
+    known = f"{name} ({place}){units}" if place else "its one place"
+    force = f"{blow.impulse:.3g}{' N s' if model.calibrated else ''}"
+    return f"struck at {known.strip()} by {force} in {1000 * blow.duration:.3g} ms"
 
 
 def _errors(model: ModalModel) -> Array:

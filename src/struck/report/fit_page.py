@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.files import wav
-from struck.files.atomic import write_bytes
+from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import PEAK
 from struck.model.arrays import Array, Mask, checked
-from struck.model.html import document, note, picture, table
+from struck.model.html import PAGES, document, note, picture, table
 from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
 from struck.recordings.poles.search import Fitted
@@ -62,8 +62,9 @@ def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     FileFormatError
-        When the file cannot be written.
+        When the file cannot be written, or its name does not end as a page's.
     """
+    require_ending(path, PAGES, "pages")
     write_bytes(path, report(fitting).encode())
 
 
