@@ -10,14 +10,18 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
 import struck
+from struck.analysis.cached_steps import Stages
+from struck.analysis.discretisation import FileOptions, discretise
 from struck.cli import main
 from struck.model import Material, Measured
+from struck.model.provenance import silent
 from struck.shapes import Bar
 from struck.solids import Block, Tube
 
@@ -225,6 +229,77 @@ def test_outputs_have_the_endings_of_their_kind(
     assert main(words) == 2
     assert kind in capsys.readouterr().err
     assert set(folder.iterdir()) == before
+
+
+def forms(solid: trimesh.Trimesh) -> dict[str, object]:
+    """Return one surface as other libraries and people hold it."""
+    points, faces = np.array(solid.vertices), np.array(solid.faces)
+    row = np.insert(faces, 0, 3, axis=1).ravel()
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    corners = np.array([[x, y, z] for x in (0, 0.1) for y in (0, 0.05) for z in (0, 0.03)])
+    return {
+        "trimesh": solid,
+        "pair": (points, faces),
+        "lists": (points.tolist(), faces.tolist()),
+        "open3d": SimpleNamespace(vertices=points, triangles=faces),
+        "pyvista": SimpleNamespace(points=points, faces=row),
+        "pyvista of quads": SimpleNamespace(
+            points=corners, faces=np.ravel([[4, *each] for each in quads])
+        ),
+    }
+
+
+def source_of(body: object, **given: object) -> object:
+    """Return what is filled with elements, before that takes time."""
+    stages = Stages(cache=None, progress=silent)
+    file = FileOptions(**given)
+    return discretise(body, file, stages, wall=None, accuracy="preview", repair=True)
+
+
+def test_surfaces_of_other_libraries_are_one_body() -> None:
+    for name, body in forms(trimesh.creation.box((0.1, 0.05, 0.03))).items():
+        source = source_of(body)
+        assert source.outline.volume == pytest.approx(0.1 * 0.05 * 0.03), name
+        assert np.ptp(source.outline.bounds, axis=0) == pytest.approx([0.1, 0.05, 0.03]), name
+        assert len(source.outline.faces) == 12, name
+        assert source.units == "m, as none were given", name
+
+
+def test_units_that_were_taken_are_told(folder: Path) -> None:
+    ball, box = folder / "nut.ply", trimesh.creation.box((100, 50, 30))
+    for body, given, told in (
+        (ball, {"units": "mm"}, "mm"),
+        (ball, {"size": 0.1}, "scaled to a size of 0.1 m"),
+        (ball, {}, "m, as none were given"),
+        ((box.vertices, box.faces), {"units": "mm"}, "mm"),
+        (struck.model.Mesh(points=box.vertices / 1000, faces=box.faces), {}, "m"),
+    ):
+        assert source_of(body, **given).units == told
+    box.units = "mm"
+    assert source_of(box).units == "mm, its own"
+    assert source_of(box).outline.extent == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (([[0, 0, 0]], [[0, 1, "x"]]), "faces: .* holds what is no number"),
+        ((np.zeros((4, 3)), [[0, 1, 2, 3]]), r"faces have shape \(1, 4\), not \(F, 3\)"),
+        (("steel", "box"), "vertices: 'steel' holds what is no number"),
+        (
+            SimpleNamespace(points=np.zeros((3, 3)), faces=[3, 0, 1]),
+            "row of 3 numbers, and 3 at 0 is no count",
+        ),
+        (
+            SimpleNamespace(points=np.zeros((3, 3)), faces=[0, 3, 0, 1, 2]),
+            "row of 5 numbers, and 0 at 0 is no count",
+        ),
+        ((np.zeros((3, 3)),), r"tuple is no body: give .* \(vertices, faces\)"),
+    ],
+)
+def test_what_is_no_surface_of_another_library_is_refused(body: object, words: str) -> None:
+    with pytest.raises(struck.errors.MeshError, match=words):
+        struck.analyze(body, "steel", cache=False)
 
 
 def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None:

@@ -64,13 +64,13 @@ def analyze(
 
     Parameters
     ----------
-    body : path, Mesh, trimesh object, VolumeMesh or a body of struck.solids or struck.shapes
+    body : path, Mesh, object of trimesh, Open3D or PyVista, (vertices, faces), VolumeMesh or solid
         A surface (OBJ, STL, PLY, OFF, GLB, glTF; gz, bz2, xz or zip too), or elements of another
-        program (VTK, VTU, MSH, INP). A trimesh object has its own `.units`.
+        program (VTK, VTU, MSH, INP). Or a body of struck.solids or struck.shapes.
     material : Material or str
     units, size : str or float, optional
-        Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; metres unless given. Or
-        the longest edge of the body's bounding box, m.
+        Of a file's or object's numbers: "m", "cm", "mm", "in" or "ft"; its own `.units` or metres
+        unless given. Or the longest edge of the body's bounding box, m.
     part, up : str, optional
         Which of several bodies in a file (see `struck info`), and which axis points up.
     wall : float, optional

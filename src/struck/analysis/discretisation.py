@@ -14,7 +14,7 @@ import numpy as np
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.errors import MeshError, OptionError, RepairWarning
 from struck.model.arrays import Array
-from struck.model.mesh import Mesh, Triangles
+from struck.model.mesh import Arrays, Mesh
 from struck.model.provenance import Provenance
 from struck.solids.filling.filling import (
     Filling,
@@ -59,7 +59,7 @@ class Solid(Protocol):
         ...
 
 
-Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid | Triangles
+Source = str | os.PathLike[str] | Mesh | VolumeMesh | Solid | Arrays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +101,7 @@ class GivenElements:
     mesh: VolumeMesh
     error: float | None = None  # of frequencies to aim at: these elements cannot be chosen by it
     wall: float | None = None
+    units: str = "m"  # of the numbers that told it, in words
 
     @property
     def outline(self) -> Mesh:
@@ -118,7 +119,10 @@ class GivenElements:
 
     def fine(self, _stages: Stages, _nodes: int, /) -> Elements:
         """Return the elements as they are."""
-        return Elements(mesh=self.mesh, provenance=Provenance(method="given elements"))
+        return Elements(
+            mesh=self.mesh,
+            provenance=Provenance(method="given elements", details={"units": self.units}),
+        )
 
     def finer(self, _stages: Stages, _times: float, /) -> Elements | None:
         """Return None: there are no others."""
@@ -207,6 +211,7 @@ class FilledSurface:
     repair: Repair
     wall: float | None
     accuracy: str
+    units: str  # of the numbers that told it, in words
 
     @property
     def error(self) -> float | None:
@@ -263,6 +268,7 @@ class FilledSurface:
 
     def _elements(self, filling: Filling) -> Elements:
         details = {
+            "units": self.units,
             "accuracy": self.accuracy,
             "wall": self.wall,
             "path": f"{filling.path}: {filling.reason}",
@@ -321,11 +327,16 @@ def discretise(
     source = _load(body, file, stages, wall=wall, repair=repair, holes=holes)
     if isinstance(source, Repair):
         _warn_of(body, source)
-        return FilledSurface(repair=source, wall=wall, accuracy=accuracy)
+        from struck.files.meshes import units_of
+
+        units = "m" if isinstance(body, Mesh) else units_of(body, file.units, file.size)
+        return FilledSurface(repair=source, wall=wall, accuracy=accuracy, units=units)
     if wall is not None:
         raise OptionError("wall= applies to surfaces: this body has its elements already")
     if isinstance(source, VolumeMesh):
-        return GivenElements(mesh=source)
+        mine = isinstance(body, VolumeMesh)
+        units = file.units or ("m" if mine else "m, as none were given")
+        return GivenElements(mesh=source, units=units)
     return StructuredSolid(solid=source, accuracy=accuracy)
 
 
@@ -360,14 +371,15 @@ def _load(
     if isinstance(body, VolumeMesh | Solid):
         file.refuse("this body has its own size")
         return body
-    if isinstance(body, Triangles):
-        from struck.files.meshes import mesh_of
+    from struck.files.meshes import arrays_of, mesh_of
 
+    if arrays_of(body) is not None:
         file.refuse("it names a body of a file", "units", "size", "up")
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
         return repaired(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
     raise MeshError(
-        f"{type(body).__name__} is no body: give a path, a Mesh, a trimesh object or a solid"
+        f"{type(body).__name__} is no body: give a path, a solid, a Mesh, (vertices, faces), or an "
+        "object of trimesh, Open3D or PyVista"
     )
 
 

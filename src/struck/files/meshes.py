@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
-from struck.model.arrays import Array, Index, checked
-from struck.model.mesh import Mesh, Triangles
+from struck.model.arrays import Array, Index, checked, numbers
+from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
 from struck.solids.surface.closedness import counted, crossings, is_closed, require_closed
@@ -73,9 +74,11 @@ def load_mesh(
 
 
 def mesh_of(
-    body: Triangles, *, units: str | None = None, size: float | None = None, up: str | None = None
+    body: Arrays, *, units: str | None = None, size: float | None = None, up: str | None = None
 ) -> Mesh:
     """Return the surface of another library's object in metres, by its own `units` if it has any.
+
+    Arrays of vertices (V, 3) and faces (F, 3) in a pair, trimesh's, Open3D's and PyVista's objects.
 
     Raises
     ------
@@ -84,13 +87,50 @@ def mesh_of(
     """
     _require_options(units, size, up)
     own = getattr(body, "units", None)
-    mesh = Mesh(points=np.asarray(body.vertices), faces=np.asarray(body.faces))
+    points, faces = arrays_of(body) or ((), ())
+    mesh = Mesh(points=numbers("vertices", points, error=MeshError), faces=_triangles(faces))
     if own is None or size is not None:
         return _in_metres(mesh, units, size, up or "z")
     factor = _metres(str(own))
     if units is not None and not np.isclose(factor, UNITS[units], rtol=1e-3):
         raise OptionError(f"units={units!r}, but the body's own .units are {own!r}: give one alone")
     return Mesh(points=mesh.points * factor, faces=mesh.faces, up=up or "z")
+
+
+def arrays_of(body: object) -> tuple[ArrayLike, ArrayLike] | None:
+    """Return the vertices and faces of a pair or of another library's object, None of all else."""
+    if isinstance(body, tuple | list) and len(body) == 2:
+        return body[0], body[1]
+    for points, faces in (("vertices", "faces"), ("vertices", "triangles"), ("points", "faces")):
+        if hasattr(body, points) and hasattr(body, faces):
+            return getattr(body, points), getattr(body, faces)
+    return None
+
+
+def _triangles(faces: ArrayLike) -> Index:
+    """Return triangles (F, 3), also of PyVista's row of polygons, each after its count."""
+    row = indices("faces", numbers("faces", faces, error=MeshError))
+    if row.ndim != 1:
+        return row
+    found, place = [], 0
+    while place < len(row):
+        corners = row[place + 1 : place + 1 + row[place]]
+        if not 3 <= len(corners) == row[place]:
+            raise MeshError(
+                f"faces are a row of {len(row)} numbers, and {row[place]} at {place} is no count "
+                "of the corners that follow: give triangles (F, 3)"
+            )
+        found += [(corners[0], *corners[n : n + 2]) for n in range(1, len(corners) - 1)]
+        place += 1 + len(corners)
+    return np.array(found, np.int64).reshape(-1, 3)
+
+
+def units_of(body: object, units: str | None, size: float | None) -> str:
+    """Return in words how the numbers of a file or of another library's object became metres."""
+    if size is not None:
+        return f"scaled to a size of {size:g} m"
+    own = getattr(body, "units", None)
+    return units or (f"{own}, its own" if own else "m, as none were given")
 
 
 def _metres(unit: str) -> float:

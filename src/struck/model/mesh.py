@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -191,19 +191,30 @@ class Mesh:
         return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
 
 
-@runtime_checkable
 class Triangles(Protocol):
-    """A surface of another library, such as trimesh."""
+    """A surface of another library: trimesh's; Open3D's has `triangles`, PyVista's `points`."""
 
     @property
     def vertices(self) -> ArrayLike:
         """Vertices (V, 3)."""
         ...
 
+
+class Points(Protocol):
+    """A surface of PyVista."""
+
+    @property
+    def points(self) -> ArrayLike:
+        """Vertices (V, 3)."""
+        ...
+
     @property
     def faces(self) -> ArrayLike:
-        """Vertex indices (F, 3)."""
+        """Polygons, each after the count of its corners."""
         ...
+
+
+Arrays = Triangles | Points | tuple[ArrayLike, ArrayLike]  # vertices and faces
 
 
 def indices(name: str, values: ArrayLike) -> Index:
