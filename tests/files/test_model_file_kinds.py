@@ -348,7 +348,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_pa
         struck_export(saved)
     with pytest.raises(OptionError, match="give x,y,z of each"):
         struck_export(saved, "--contacts", "top", "--listeners", "0,2")
-    with pytest.raises(OptionError, match=r"ends in '\.wav'"):
+    with pytest.raises(FileFormatError, match=r"ends in '\.wav'.* end in \.sofa"):
         struck_export(saved, "-o", tmp_path / "ball.wav")
     with pytest.raises(OptionError, match="convention is 'FIR'"):
         struck_export(saved, "--convention", "FIR")

@@ -156,7 +156,7 @@ def _spectra(responses: Array, sample_rate: float, frequencies: Array) -> Comple
 def _low_sound(
     responses: Array, delays: Array, directions: Array, distance: float, sample_rate: float
 ) -> Array:
-    """Return what to add to responses (M, 2, taps) whose loudspeaker loses low sound.
+    """Return the low sound (M, 2, taps) that a loudspeaker lost, to be added to responses.
 
     A head is a sphere there (Xie 2009, J. Audio Eng. Soc. 57(5), 328): one factor for all makes
     mean levels over directions and ears the sphere's, and mean phases, which a loudspeaker changes

@@ -217,7 +217,7 @@ def compare(
 
 
 def _blow(at: Place, strike: Strike | None) -> Strike:
-    """Return the strike on the model, at a place that one of the two arguments tells."""
+    """Return the strike on the model, at the place in one of the two arguments."""
     if strike is None or at is None:
         return strike or Strike(at=at)
     if strike.at is not None:
