@@ -289,7 +289,7 @@ def _recorded_side(
     modes: int,
     progress: Progress,
 ) -> Side:
-    """Return the side of a recording or fitted modes; parameters are those of `compare`."""
+    """Return the side of a recording or fitted modes; parameters as in `compare`."""
     if against is not None:
         raise OptionError("against= tells how another model is struck: a recording was struck once")
     if not isinstance(other, Sound | Take | str | os.PathLike):
