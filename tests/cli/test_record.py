@@ -113,5 +113,5 @@ def test_a_person_presses_enter_and_nobody_does_not(
     person = Terminal(TerminalProgress(), waits=True)
     person.ready("rim, hit 1 of 1")
     assert "rim, hit 1 of 1\n  press Enter" in capsys.readouterr().err
-    with pytest.raises(RecordingError, match="nobody pressed Enter"):
+    with pytest.raises(RecordingError, match="Enter was not pressed"):
         person.ready("rim, hit 2 of 2")

@@ -107,7 +107,7 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--seconds", "0"], "seconds is 0.0"),
         (["--keyframe", "start"], "keyframe is 'start'"),
         (["--log", "log.txt"], "npz"),
-        ([], "nothing sounds: 'shelf' is silent: nobody says what it is made of"),
+        ([], "nothing sounds: 'shelf' is silent: its material is not given"),
     ],
 )
 def test_wrong_words_are_refused(

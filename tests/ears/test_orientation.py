@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from struck.ears.listeners import Trajectory
-from struck.ears.orientation import Carried, Centres, Orientation, Turning
+from struck.ears.orientation import Centres, MovingPoint, Orientation, Turning
 from struck.errors import OptionError
 
 CHANCE = np.random.default_rng(5)
@@ -47,23 +47,23 @@ def test_matrices_quaternions_and_functions_are_the_same() -> None:
 def test_a_point_is_carried_and_seen() -> None:
     orientation = Orientation.of("rotation", (TIMES, QUATERNIONS))
     origin = Trajectory.of("position", lambda time: (time, 2 * time, 0))
-    carried = Carried(origin=origin, orientation=orientation, point=np.array([0.1, 0.2, 0.3]))
+    carried = MovingPoint(origin=origin, orientation=orientation, point=np.array([0.1, 0.2, 0.3]))
     places = carried.at(ASKED)
     moved = Slerp(TIMES, TURNS)(ASKED).apply(carried.point)
     np.testing.assert_allclose(places, origin.at(ASKED) + moved, atol=1e-14)
-    seen = [carried.seen(places[k], ASKED[k : k + 1])[0] for k in (0, 7, 40)]
+    seen = [carried.in_body(places[k], ASKED[k : k + 1])[0] for k in (0, 7, 40)]
     np.testing.assert_allclose(seen, np.tile(carried.point, (3, 1)), atol=1e-14)
 
 
 def test_bodies_of_one_table_are_placed_together_where_scipy_has_each() -> None:
     ways, points = CHANCE.standard_normal((3, 6, 3)), CHANCE.standard_normal((3, 3))
-    apart = Carried(  # of another table
+    apart = MovingPoint(  # of another table
         origin=Trajectory.of("position", (TIMES + 0.05, ways[2])),
         orientation=Orientation.of("rotation", (TIMES + 0.05, QUATERNIONS)),
         point=points[2],
     )
     together = [
-        Carried(
+        MovingPoint(
             origin=Trajectory.of("position", (TIMES, way)),
             orientation=Orientation.of("rotation", (TIMES, turned * QUATERNIONS)),
             point=point,

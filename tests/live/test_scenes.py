@@ -373,7 +373,7 @@ def test_a_control_that_fails_is_told(by_hand: Make, tmp_path: Path) -> None:
     simulation = bouncing_ball(tmp_path)
     player = by_hand(simulation.scene, listener=EAR)
     player.simulate(simulation, fail)
-    with pytest.raises(OptionError, match="one simulation"):
+    with pytest.raises(OptionError, match="has a simulation already"):
         player.simulate(simulation)
     beside(player, 0.8)
     with pytest.raises(SimulationError, match=r"control=, raised KeyError\('wind'\)"):

@@ -139,7 +139,7 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
     facts: Facts = {"key": job.key}
     try:
         job.path(folder).parent.mkdir(parents=True, exist_ok=True)
-        with _remembered(facts):
+        with _noting_warnings(facts):
             facts["parts"] = _several(job)
             if facts["parts"]:
                 return _keep(job, folder, facts)
@@ -169,7 +169,7 @@ def _several(job: BodyJob) -> list[str]:
 
 
 @contextlib.contextmanager
-def _remembered(facts: Facts) -> Iterator[None]:
+def _noting_warnings(facts: Facts) -> Iterator[None]:
     """Note the warnings that a person should read."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")

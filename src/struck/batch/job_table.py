@@ -85,7 +85,7 @@ class BodyJob:
 def content_of(file: str) -> str:
     """Return the SHA-256 of a mesh file and a glTF's buffers; OSError without it."""
     path, digest = Path(file), hashlib.sha256()
-    for each in (path, *_beside(path)):
+    for each in (path, *_companions(path)):
         with open_ordinary(each) as opened:
             size = os.fstat(opened.fileno()).st_size
             digest.update(size.to_bytes(8, "little"))
@@ -94,7 +94,7 @@ def content_of(file: str) -> str:
     return digest.hexdigest()
 
 
-def _beside(path: Path) -> list[Path]:
+def _companions(path: Path) -> list[Path]:
     """Return the files that a glTF file names and that are there."""
     try:
         buffers = json.loads(read_bytes(path))["buffers"] if path.suffix.lower() == ".gltf" else ()

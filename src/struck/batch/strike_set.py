@@ -97,12 +97,12 @@ class StrikeSet:
         if callable(self.strikes):
             for each in self.strikes(model, chance):
                 strike, listener = each if isinstance(each, tuple) else (each, None)
-                yield strike, _beside(model, listener)
+                yield strike, _listener_place(model, listener)
         elif isinstance(self.strikes, int | float):
             yield from (_random(model, chance) for _ in range(int(self.strikes)))
         else:
             for strike, listener in map(_strike_of, self.strikes):
-                yield strike, _beside(model, listener)
+                yield strike, _listener_place(model, listener)
 
     def _label(self, model: ModalModel, strike: Strike, listener: Array) -> dict[str, Any]:
         """Return the label of a strike: its place and force, and the listener's place."""
@@ -157,10 +157,10 @@ def _random(model: ModalModel, chance: np.random.Generator) -> tuple[Strike, Arr
         seed=int(chance.integers(2**31)),
     )
     way = chance.standard_normal(3)
-    return strike, _beside(model, None, way / np.linalg.norm(way))
+    return strike, _listener_place(model, None, way / np.linalg.norm(way))
 
 
-def _beside(
+def _listener_place(
     model: ModalModel, listener: Sequence[float] | None, way: Sequence[float] | Array = (1, 0, 0)
 ) -> Array:
     """Return the given listener, or else one 1 m beyond the body from its centre."""

@@ -61,13 +61,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = _parsed(words)
     except SystemExit:
-        if _told(""):  # help, which waits to be written
+        if _print(""):  # help, which waits to be written
             return UNWRITTEN
         raise
     except OptionError as error:
         return _refused(error, words)
     if isinstance(options, str):
-        return _told(options)
+        return _print(options)
     try:
         with warnings_in_one_line():
             result = options.run(options, progress)
@@ -77,10 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         progress.close()
     text = json.dumps(result.facts, indent=2) if options.json else result.text
-    return _told(text + "\n") or result.code
+    return _print(text + "\n") or result.code
 
 
-def _told(text: str) -> int:
+def _print(text: str) -> int:
     """Print, and return the exit code: 0 also when the reader has gone, as `head` does."""
     try:
         sys.stdout.write(text)
@@ -98,7 +98,7 @@ def _refused(error: StruckError, words: Sequence[str]) -> int:
     """Print an error in one line on standard error and, with --json, as JSON on standard output."""
     complain(str(error))
     if "--json" in words:
-        _told(json.dumps({"error": str(error), "kind": type(error).__name__}, indent=2) + "\n")
+        _print(json.dumps({"error": str(error), "kind": type(error).__name__}, indent=2) + "\n")
     return BAD_INPUT
 
 

@@ -57,9 +57,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--residual",
         action=argparse.BooleanOptionalAction,
-        help="keep attack and noise beside the modes; unless said, where the ear would miss them",
+        help="keep attack and noise too; by default where their loss would be heard",
     )
-    parser.add_argument("--force", action="store_true", help="even of what nobody struck")
+    parser.add_argument(
+        "--force", action="store_true", help="fit even takes that do not sound struck"
+    )
     parser.add_argument("--report", help="page that shows and plays recordings and model")
     parser.add_argument(
         "--no-cache",
@@ -93,7 +95,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         progress("report", 0.0)
         save_report(fitting, report)
         written.append(f"wrote {report}")
-    return _told(fitting, written, output=str(output), report=report and str(report))
+    return _result(fitting, written, output=str(output), report=report and str(report))
 
 
 def _name(recording: str) -> str:
@@ -133,7 +135,7 @@ def _residual_line(fitting: Fitting) -> str:
     return f"with a residual (attack and noise), {rest.size / 1000:.0f} kB: without it {short}"
 
 
-def _told(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
+def _result(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
     fitted = fitting.fitted
     verdict = fitted.verdict
     ratio = f"signal to residual {verdict.signal_to_residual:.1f} dB"

@@ -81,7 +81,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     with player:
         strikes, seconds = _played(player, models, options)
         modes = sum(len(model.frequencies) for model in models)
-        return told(player, modes=modes, strikes=strikes, seconds=seconds)
+        return played_result(player, modes=modes, strikes=strikes, seconds=seconds)
 
 
 def _require_counts(options: argparse.Namespace) -> None:
@@ -161,7 +161,7 @@ def _line(player: Player) -> str:
     )
 
 
-def told(player: Player, notes: Sequence[str] = (), **more: float) -> Result:
+def played_result(player: Player, notes: Sequence[str] = (), **more: float) -> Result:
     """Return the result of a command that played: notes, and counts of late and dropped blocks."""
     if sys.stderr.isatty():
         sys.stderr.write("\n")

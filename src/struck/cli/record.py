@@ -53,7 +53,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         outcome = capture(
             plan, folder, recorder, operator=_operator(options, progress), progress=progress
         )
-    return _told(plan, outcome)
+    return _result(plan, outcome)
 
 
 @contextmanager
@@ -112,7 +112,7 @@ class Terminal:
         Raises
         ------
         RecordingError
-            When nobody is there to press it.
+            When the input has ended, so that no person can press it.
         """
         if not self._waits:
             self.tell(text)
@@ -122,7 +122,7 @@ class Terminal:
         sys.stderr.flush()
         if not sys.stdin.readline():
             raise RecordingError(
-                "nobody pressed Enter, as the input has ended: run it in a terminal, or plan "
+                "Enter was not pressed, as the input has ended: run it in a terminal, or plan "
                 'hooks.strike and prompt = "never"'
             )
 
@@ -133,7 +133,7 @@ class Terminal:
         sys.stderr.flush()
 
 
-def _told(plan: CapturePlan, outcome: Outcome) -> Result:
+def _result(plan: CapturePlan, outcome: Outcome) -> Result:
     refused = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
     kept = f" ({outcome.kept} were there)" if outcome.kept else ""
     return Result(

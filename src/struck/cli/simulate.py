@@ -18,7 +18,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.options import add_listener, add_room, listener, room
-from struck.cli.play import device, told
+from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.errors import OptionError
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     heard = _heard(options)
     sound = _sound(excited, heard)
     factor = sound.save(output)
-    files = [output, log, *_beside(output, scene, events, sound, options.seconds, progress)]
+    files = [output, log, *_write_others(output, scene, events, sound, options.seconds, progress)]
     if options.stems:
         files += save_stems(excited, output, factor=factor, **heard)
     notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
@@ -124,7 +124,7 @@ def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Resu
             while time.monotonic() < end and player.simulating:
                 time.sleep(_LOOK)
         player.listen(player.listener)  # tells what went wrong
-        return told(player, simulation.notes)
+        return played_result(player, simulation.notes)
 
 
 def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:
@@ -183,7 +183,7 @@ def _before(scene: Scene) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _beside(
+def _write_others(
     output: Path,
     scene: Scene,
     events: Events,

@@ -26,7 +26,9 @@ LIBRARIES = HERE / "libraries"
 SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-ffp-contract=fast")
 COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibility=hidden", "-g0")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
-STRICT = frozenset({"limiter", "queue", "callback", "recorder"})  # rounded as they are written
+STRICT = frozenset(
+    {"limiter", "queue", "callback", "recorder"}
+)  # without rearranged arithmetic: each step rounds as written
 # What the page runs, and how: few bytes, but for the loops in which time goes. With -Os, ears took
 # three times as long to save 400 bytes.
 LOOPS, FEW_BYTES = ("-O2",), ("-Os", "-DSCALAR")
@@ -58,7 +60,7 @@ class Target:
 
     name: str  # of the library, without its ending
     triple: str  # as zig calls processor, system and C library
-    processor: str  # the least that is asked of it
+    processor: str  # the oldest one on which the library runs
     ending: str
 
 

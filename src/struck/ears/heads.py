@@ -82,9 +82,9 @@ KNOTS = 16  # distances in a table; one below NEAR and two beyond FAR for the cu
 ROUNDING = 0.15  # rad: how far from the point opposite to the source its delay's corner is rounded
 LEAD = 12  # samples ahead of the wave front
 LASTING = 1.5e-3  # s, of a response for a mean head: nearly a turn of sound around it
-SPECTRUM = 15e-3  # s, so much time has the spectrum from which a response is cut
-PASS = 0.4  # of the sample rate: above, responses fade out
-KEPT = 0.999  # of a response's energy, at least, is within its taps
+SPECTRUM = 15e-3  # s, length of the whole inverse transform, of which a response is cut out
+PASS = 0.4  # share of the sample rate above which responses fade out
+KEPT = 0.999  # least share of a response's energy within its taps
 DECAYS = 9  # time constants that the shadow filter's response lasts
 
 # Catmull & Rom 1974: the weights of four neighbours are cubics (rows: powers 0 to 3).

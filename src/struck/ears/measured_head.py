@@ -86,9 +86,9 @@ def directions_of(azimuths: Array, elevations: Array) -> Array:
 # Alignment of measured responses: onsets, delays, level and directions between.
 
 LEAD = 8 / 48000  # s, kept ahead of an onset: what a limited band rings before it
-LASTING = 448 / 48000  # s, of a response with its lead: all that KEMAR has
-BRIEF = 256 / 48000  # s, of one for playing live: deep notches at 8 kHz take all
-ONSET = 0.1  # of a response's peak: what comes first above it is the onset
+LASTING = 448 / 48000  # s, length of a response with its lead: all that KEMAR has
+BRIEF = 256 / 48000  # s, length of a response for live use; deep notches at 8 kHz need all of it
+ONSET = 0.1  # share of a response's peak: the first sample above it is the onset
 EARS = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 _FINER = 8  # onsets are sought between samples
 _AT_ONCE = 2**21  # values, to bound the memory that long responses take

@@ -94,7 +94,7 @@ class Orientation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Carried:
+class MovingPoint:
     """A point that is carried by a body that moves and turns."""
 
     origin: Trajectory  # of the body's coordinates, m
@@ -122,7 +122,7 @@ class Carried:
     def _turned(self, times: Array) -> Array:
         return np.asarray(self.orientation.at(times) @ self.point, np.float64)
 
-    def seen(self, place: Array, times: Array) -> Array:
+    def in_body(self, place: Array, times: Array) -> Array:
         """Return a place of the scene, m (3,), in the body's coordinates at times (n,): (n, 3)."""
         apart = place - self.origin.at(times)
         return np.einsum("nd,nde->ne", apart, self.orientation.at(times))
@@ -138,9 +138,11 @@ class Carried:
 class Centres:
     """Centres of bodies over time; bodies that share a table of times are computed together."""
 
-    def __init__(self, centres: Sequence[Trajectory | Carried]) -> None:
+    def __init__(self, centres: Sequence[Trajectory | MovingPoint]) -> None:
         tabled = [
-            (n, each) for n, each in enumerate(centres) if isinstance(each, Carried) and each.tabled
+            (n, each)
+            for n, each in enumerate(centres)
+            if isinstance(each, MovingPoint) and each.tabled
         ]
         self._times = tabled[0][1].origin.times if tabled else np.zeros(0)
         self._together = {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
-from struck.ears.orientation import Carried, Centres
+from struck.ears.orientation import Centres, MovingPoint
 from struck.errors import ContactError, OptionError
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
@@ -39,12 +39,12 @@ class Emitter:
 
     Parameters
     ----------
-    centre : Trajectory or Carried
+    centre : Trajectory or MovingPoint
         Where it seems to come from, m.
     radius : float
         Of the ball about it that holds the body, m.
     surface : Surface or None
-        What nobody may enter, in the coordinates of a body that carries the centre; None: the ball.
+        Where no listener may be, in the coordinates of the body of the centre; None: the ball.
     nearest : float
         Distance from which on the sound grows no louder, m: it comes from all sides.
     field : "head", "ears" or None
@@ -53,7 +53,7 @@ class Emitter:
         top. None: it sounds alike on all sides.
     """
 
-    centre: Trajectory | Carried
+    centre: Trajectory | MovingPoint
     radius: float = 0.0
     surface: Surface | None = None
     nearest: float = 0.0
@@ -63,11 +63,11 @@ class Emitter:
         """Return whether a place, m (3,), is inside the body at a time, s."""
         moment = np.array([time])
         distance = float(np.linalg.norm(place - self.centre.at(moment)[0]))
-        if self.surface is None or not isinstance(self.centre, Carried):
+        if self.surface is None or not isinstance(self.centre, MovingPoint):
             return distance < max(self.radius, _CLOSEST)
         if distance >= self.radius:
             return False
-        return bool(self.surface.holds(self.centre.seen(place, moment))[0])
+        return bool(self.surface.holds(self.centre.in_body(place, moment))[0])
 
 
 class Sources:
@@ -119,7 +119,7 @@ class Sources:
         places = pose.at(time + ways / AIR.sound_speed)[0][:, points]
         mirrored = self._signs[:, None] * (places - self._offsets[:, None])
         seen = mirrored.reshape(-1, 3)
-        return centre.seen(seen, moment) if isinstance(centre, Carried) else seen
+        return centre.in_body(seen, moment) if isinstance(centre, MovingPoint) else seen
 
     @property
     def moves(self) -> bool:
@@ -256,7 +256,7 @@ class Propagation:
         sample_rate: float,
         stretch: int = STRETCH,
         room: Room | None = None,
-        even: bool = False,  # whether all bodies have as many lines
+        even: bool = False,  # whether all bodies have the same number of delay lines
     ) -> None:
         self._rate, self._stretch, self._pose, self._filters = sample_rate, stretch, pose, filters
         self._walls = None if room is None else room.responses(sample_rate)

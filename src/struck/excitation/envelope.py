@@ -41,7 +41,7 @@ class Roller:
 
     radius: float  # m
     layers: Layers  # of its finish
-    roundness: float = 0.0  # rms of its waves around, m
+    roundness: float = 0.0  # rms height of the waviness of its circumference, m
     flat: float = 0.0  # depth of a flat spot, m
     seed: int = 0  # of the roundness
     outline: Array = field(init=False)  # (_POINTS,), m: out of round

@@ -127,7 +127,7 @@ def _stops(model: ModalModel, places: Waypoints) -> tuple[list[Array], Chart]:
         stops = [model.contact(place).point for place in places]
         if model.chart is None:
             raise ContactError(
-                "speed is in m/s, and nobody told how long a unit of "
+                "speed is in m/s, and it is not known how long a unit of "
                 f"{' and of '.join(model.coordinates)} is: say it in metres by pitch=, as in "
                 "model.charted(pitch=0.25), or to fit"
             )

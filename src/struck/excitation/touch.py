@@ -99,7 +99,7 @@ class Touching:
         self._line = Line(start - 1, 1, np.zeros(_DRIVE), np.zeros(_DRIVE))
         self._pushed = np.zeros(0)  # drive of the last push
         self._spot = np.zeros(3)  # where on its surface it is felt next, m
-        self._told = np.zeros(0)  # where the last update was, m
+        self._last_place = np.zeros(0)  # where the last update was, m
         self._window = self._tool.window(sample_rate)
         self._before: Array = np.zeros(len(self._window) - 1)
         self._fade = max(1, round(FADE * sample_rate))
@@ -306,14 +306,14 @@ class Touching:
         places = self._placed(points)
         steps, axes = np.zeros((len(places), 3)), places.shape[1]
         if self._heard is None:
-            self._told, self._spot = places[0], np.zeros(3)
+            self._last_place, self._spot = places[0], np.zeros(3)
             self._spot[:axes] = places[0]
-        steps[0, :axes] = places[0] - self._told
+        steps[0, :axes] = places[0] - self._last_place
         steps[1:, :axes] = places[1:] - places[:-1]
         still = np.sqrt(np.vecdot(steps, steps)) < _MOVES * ways
         steps[still] = ways[still, None] * [1.0, 0.0, 0.0]
         spots = self._spot + np.cumsum(steps, axis=0)
-        self._told, self._spot = places[-1], spots[-1]
+        self._last_place, self._spot = places[-1], spots[-1]
         return np.asarray(spots, np.float64)
 
     def _placed(self, points: Array) -> Array:
@@ -496,7 +496,7 @@ class Replay:
     def _stretch(self, count: int) -> list[Push | None]:
         end = self._touching.now + count * self._length
         begin, self._next = self._next, int(np.searchsorted(self._samples, end))
-        told = self._told(begin, self._next) if self._next > begin else None
+        told = self._updates(begin, self._next) if self._next > begin else None
         return self._touching.stretch(self._length, count, told)
 
     def _return(self) -> None:
@@ -516,7 +516,7 @@ class Replay:
         self._ready.clear()
         self._given = 0
 
-    def _told(self, begin: int, end: int) -> Updates:
+    def _updates(self, begin: int, end: int) -> Updates:
         """Return the updates of some numbers."""
         log, last = self._log, self._last
         moved = self._moved[begin:end].copy()

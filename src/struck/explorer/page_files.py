@@ -168,7 +168,7 @@ def _ball(sample_rate: int) -> tuple[dict[str, object], Arrays]:
     """Return the table of a rigid ball over angles and distances."""
     filters = heads.SphereHead().prepared(sample_rate)
     if not isinstance(filters, heads.TabulatedFilters):
-        raise TypeError(f"a ball's filters are {type(filters).__name__}")
+        raise TypeError(f"a ball's filters are {type(filters).__name__}, not TabulatedFilters")
     text = {
         "kind": "ball",
         "steps": heads.STEPS,

@@ -46,7 +46,9 @@ package.__path__ = [{str(Path(__file__).resolve().parents[1])!r}]
 """
 # Exit code of a reader that the system has ended for its processor time.
 _WORKED_TOO_LONG = -signal.SIGPROF if hasattr(signal, "SIGPROF") else None
-_KILLED = -signal.SIGKILL if hasattr(signal, "SIGKILL") else None  # as where memory is short
+_KILLED = (
+    -signal.SIGKILL if hasattr(signal, "SIGKILL") else None
+)  # as Linux ends a process when memory runs out
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _LONGEST_START = 60.0  # s
@@ -265,7 +267,7 @@ def surface_of(frame: Frame) -> Parsed:
     parts = [Part(name=name, points=points, faces=faces) for name, points, faces in pairs]
     kind = str(frame.content["kind"])
     if kind not in FORMATS:
-        raise ValueError("its format is none")
+        raise ValueError(f"its format is {kind!r}, of none that is read")
     beside = frame.content["beside"]
     if not isinstance(beside, dict) or not all(type(count) is int for count in beside.values()):
         raise TypeError("its points and lines are not counted")

@@ -93,7 +93,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Coun
     """Read STL and PLY."""
     import trimesh
 
-    counts = _announced(source)
+    counts = _stated(source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # NumPy only warns when text numbers end in something else, and drops the rest.
@@ -141,7 +141,7 @@ def _unrolled(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
     return np.concatenate([strip_triangles(run[run >= 0]) for run in runs])
 
 
-def _announced(source: Source) -> Counter[str]:
+def _stated(source: Source) -> Counter[str]:
     """Return how many elements of each kind a file says it has: not more than its bytes."""
     data, counts = source.data, Counter[str]()
     # A binary STL must be as long as it says to be read at all.
@@ -149,7 +149,7 @@ def _announced(source: Source) -> Counter[str]:
         facets = len(re.findall(rb"^[ \t]*facet\s", data, re.IGNORECASE | re.MULTILINE))
         counts["face"] = facets if b"endfacet" in data.lower() else 0
     if source.kind == "ply":
-        counts = _announced_by_ply(data)
+        counts = _stated_by_ply(data)
     _require_possible(max(counts.values(), default=0), data)
     return counts
 
@@ -162,7 +162,7 @@ def _require_possible(count: int, data: bytes) -> None:
         )
 
 
-def _announced_by_ply(data: bytes) -> Counter[str]:
+def _stated_by_ply(data: bytes) -> Counter[str]:
     """Return the counts of all elements."""
     header, end, _ = data[:_LONGEST_HEADER].partition(b"end_header")
     if not end:

@@ -42,7 +42,7 @@ _ELEMENTS = {
 _NOT_SOLID = ("vertex", "line", "triangle", "quad", "polygon")
 # Cubes of lengths must stay within the range of double precision.
 _SMALLEST, _LARGEST = 1e-60, 1e60
-# What is left out of a body may set its scale: this far off, it is repaired at the right one.
+# Parts that are left out may have set the scale: if it is off by this share, it is set anew.
 _NEAR = 0.01
 
 

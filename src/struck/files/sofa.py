@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CONVENTIONS = ("GeneralTF-E", "GeneralFIR-E")  # gains of modes; impulse responses
 MOST_VALUES = 2**27  # numbers in a variable
 LONGEST = 60_000  # bytes in an attribute: HDF5 holds 64 KiB with its head
-# What netCDF-4 calls a dimension that is no variable.
+# The name that netCDF-4 gives to a dimension without a variable.
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:>10}"
 _CHARACTERS = "utf-8"
 _COMMON = {

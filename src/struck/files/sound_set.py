@@ -87,7 +87,7 @@ def save_set(
         {
             "name": name,
             "file": f"{name}{suffix}",
-            **_told(strikes[number] if strikes else None),
+            **_columns(strikes[number] if strikes else None),
             "seconds": sound.duration,
             "peak": sound.peak,
             "unit": "Pa" if sound.calibrated else "relative",
@@ -153,7 +153,7 @@ def _make(folder: Path) -> None:
         ) from error
 
 
-def _told(strike: Any) -> dict[str, Any]:  # noqa: ANN401 - excitations of any kind
+def _columns(strike: Any) -> dict[str, Any]:  # noqa: ANN401 - excitations of any kind
     """Return the columns of a strike, numbers of a place with spaces between."""
     told = {}
     for name in _OF_A_STRIKE:

@@ -81,7 +81,7 @@ class Host:
         self._ears: LiveEars | None = None
         if not isinstance(listener, np.ndarray):
             self._ears = LiveEars(played, listener, sample_rate=sample_rate, block=block)
-        places = self._ears.seen() if self._ears else [self._place] * len(played)
+        places = self._ears.heads() if self._ears else [self._place] * len(played)
         self._scale = full_scale(self._bodies, places, sample_rate)
         self._prepare(voices, ahead)
         self.error = LastError()
@@ -308,7 +308,7 @@ class Host:
         with self._changing:
             ears = self._ears
             if ears is not None and not isinstance(listener, np.ndarray):
-                go = self._going(partial(ears.go, None), *ears.wanted(listener), moment)
+                go = self._going(partial(ears.go, None), *ears.goal(listener), moment)
             elif ears is None and isinstance(listener, np.ndarray):
                 outputs = {n: body.outputs(listener[None]) for n, body in enumerate(self._bodies)}
                 go = partial(self._heard_as, outputs)

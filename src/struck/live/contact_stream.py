@@ -67,7 +67,7 @@ class ContactStream:
     missed: int = 0  # rows of times that were planned before
     zero: int | None = None  # sample at which the log's time is 0
     _window: Contacts | None = None
-    _decided: float = -np.inf  # s: what is before is planned
+    _decided: float = -np.inf  # s: contacts before this moment are planned
     _struck: dict[tuple[int, int], float] = field(default_factory=dict)  # last blow of pairs, s
     _begun: int = 0  # sustained contacts
     _rubbing: dict[tuple[int, int], _Rubbing] = field(default_factory=dict)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from struck.ears.delay_lines import between
 from struck.ears.listeners import Listener, Trajectory
-from struck.ears.orientation import Carried, Orientation
+from struck.ears.orientation import MovingPoint, Orientation
 from struck.ears.propagation import STRETCH, Pose, Propagation
 from struck.errors import ContactError, OptionError
 from struck.live.ring import NEW_WAYS, SINCE, Record
@@ -79,10 +79,10 @@ class Course:
         """How it is turned over time."""
         return Orientation(name="rotation", times=self._times, quaternions=self._turns)
 
-    def carried(self, point: Array) -> Carried:
+    def carried(self, point: Array) -> MovingPoint:
         """Return a point (3,) of it as it moves, m."""
         origin = Trajectory(name="position", times=self._times, points=self._places)
-        return Carried(origin=origin, orientation=self.orientation, point=point)
+        return MovingPoint(origin=origin, orientation=self.orientation, point=point)
 
 
 def _quaternions(rotations: Array) -> Array:
@@ -166,7 +166,7 @@ class LiveEars:
         """Centre of the head where it goes, m (3,)."""
         return self._pose.course.last[0]
 
-    def seen(self) -> list[Array]:
+    def heads(self) -> list[Array]:
         """Return the centre of the head in the coordinates of each body, m (3,)."""
         poses = [course.last for course in self._courses]
         turned = [Rotation.from_quat(turn, scalar_first=True) for _, turn in poses]
@@ -222,7 +222,7 @@ class LiveEars:
             **{name: array.ctypes.data for name, array in self._arrays.items()},
         )
 
-    def wanted(self, listener: Listener) -> tuple[Array, Array]:
+    def goal(self, listener: Listener) -> tuple[Array, Array]:
         """Return where a listener is to go, and turn: (3,), (4,); errors as where it begins."""
         pose = Pose.of(listener, self._emitters)
         if pose.ear_points.shape != self._pose.ear_points.shape or pose.field != self._pose.field:

@@ -97,7 +97,7 @@ else:
 
         number = sys.stdin.fileno()
         before = termios.tcgetattr(number)
-        tty.setcbreak(number, termios.TCSADRAIN)  # keeps what was typed before
+        tty.setcbreak(number, termios.TCSADRAIN)  # keeps keys typed earlier
         try:
             yield _Terminal()
         finally:

@@ -309,7 +309,9 @@ class Player:
         `control` is that of `struck.play`. Raises OptionError when a simulation runs already.
         """
         if self._stream is None or self._run is not None:
-            raise OptionError("one simulation runs beside each player of its scene: play anew")
+            raise OptionError(
+                "this player has a simulation already: call struck.play again for another"
+            )
         self._run = SimulationRun(simulation, self._stream, control)
 
     @property

@@ -146,7 +146,9 @@ def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
     """Return which contacts of a recorded body can be asked for."""
     names = ", ".join(map(repr, places))
     if not coordinates:
-        return f"it was recorded at one place, and nobody told where: strike {names or 'nothing'}"
+        return (
+            f"it was recorded at one place, which has no coordinates: strike {names or 'nothing'}"
+        )
     return f"give a finite number for each of {', '.join(coordinates)}"
 
 

@@ -389,8 +389,8 @@ class TimbreField(RecordedGains):
         ----------
         survey : Survey
         radius : float
-            Of a ball about the centre that holds the body, m: listeners in it are inside, and
-            where there are none, nobody may listen there.
+            Of a ball about the centre around the body, m: listeners in it are inside, and where
+            none was recorded, none may be placed.
         worst : float
             Error of a part, over its root mean square, from which a mode is not measured.
 

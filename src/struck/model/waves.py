@@ -123,7 +123,7 @@ def fit_waves(
     for case in np.unique(best):
         number, chosen, noise = cases[case]
         modes = np.flatnonzero(best == case)
-        errors[modes] = problems[number].foretold(modes, chosen, noise, fits[case][1])
+        errors[modes] = problems[number].left_out_errors(modes, chosen, noise, fits[case][1])
     return parts, errors
 
 
@@ -178,7 +178,7 @@ class _Problem:
         evidence -= spread + unused * np.log(noise)
         return evidence, np.asarray(found, np.complex128)
 
-    def foretold(self, modes: Index, chosen: Mask, noise: float, found: Complex) -> Array:
+    def left_out_errors(self, modes: Index, chosen: Mask, noise: float, found: Complex) -> Array:
         """Return each mode's error when each listener is predicted by the others, by energy."""
         design = self.design[modes if len(self.design) > 1 else [0]][:, :, chosen]
         heard, weights = self.outputs.T[modes], self.weights[modes]
@@ -245,12 +245,12 @@ class SphericalWaves:
 
     def at(self, places: Array) -> Complex:
         """Return the pressure at places (L, 3) from the centre: (L, M)."""
-        return np.einsum("lkb,kbm->lm", self._seen(places), self.parts)
+        return np.einsum("lkb,kbm->lm", self._outgoing(places), self.parts)
 
     def turned(self, places: Array) -> Complex:
         """Return the pressure by angular order: (L, 2 ORDER + 1, M)."""
         # A contact at azimuth a is heard as the sum with the factors 1, cos a, sin a, cos 2 a ...
-        seen = self._seen(places)
+        seen = self._outgoing(places)
         highest = len(self.parts) - 1
         angular = degrees(highest)[1]
         sides = [0, *(side for order in range(1, highest + 1) for side in (order, -order))]
@@ -271,7 +271,7 @@ class SphericalWaves:
             levelled=self.levelled[modes],
         )
 
-    def _seen(self, places: Array) -> Array:
+    def _outgoing(self, places: Array) -> Array:
         """Return r^-(k+1) Y_lm at places (L, K, B)."""
         count = len(self.parts)
         distances = np.maximum(np.linalg.norm(places, axis=1), self.limit)[:, None]

@@ -239,7 +239,7 @@ class Cover(NamedTuple):
 
     points: Array  # (K, 3): the contacts, m
     directions: Array  # (K, 3): of the pushes, straight into the surface
-    corners: Array  # (F, 3, 3): of the triangles, which are the whole surface, m
+    corners: Array  # (F, 3, 3): of the triangles of the whole surface, m
     amplitudes: Array  # (F, 3): as of `Facets`
     brightness: Array  # (F, 3)
     owners: Index  # (F,): which contact each triangle takes its timbre from
@@ -256,10 +256,10 @@ def _contact(facets: Facets, which: int) -> _Contact:
 
 def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
     """Choose contacts so that no place is farther than `threshold` dB from the one it takes."""
-    # The loudest triangle gives the first. Triangles that a chosen timbre suits are done. Of the
-    # others, those in which the sound varies little offer theirs: greedily the one is taken that
-    # suits most. Those that none suits are halved, across the edge along which the sound changes
-    # most.
+    # The loudest triangle gives the first contact. Triangles within the threshold of a chosen one
+    # are done. Each other triangle in which the sound varies little proposes its own timbre, and
+    # the proposal that covers most triangles is chosen. Triangles that no proposal covers are
+    # halved, across the edge along which the sound changes most.
     left = Facets.of(ear, surface.points[surface.faces], -surface.face_normals)
     chosen = [_contact(left, int(left.amplitudes.mean(axis=1).argmax()))]
     done: list[list[NDArray[Any]]] = []
@@ -379,9 +379,9 @@ class Facets:
 
     corners: Array  # (F, 3, 3), m
     directions: Array  # (F, 3): straight into the surface
-    amplitudes: Array  # (F, 3): at the corners, over that of 20 micropascal
+    amplitudes: Array  # (F, 3): at the corners, relative to 20 micropascal
     brightness: Array  # (F, 3): centroids of the spectra, Hz; NaN where it is silent
-    timbres: Array  # (F, B): at the centroids, behind the filters less the whole, dB
+    timbres: Array  # (F, B): at the centroids, levels of B auditory bands less the total, dB
     least: Array  # (F, B): bounds of the timbres at the amplitude that a map plays, dB
     most: Array
     soft: Array  # (F, B): bounds of the levels behind the filters, dB

@@ -171,11 +171,11 @@ class RadiatingGains(ShapeGains):
         if far.any():
             heard[far] = _IMPULSE * self.field.at(places[far] - self.centre)
         if close.any():
-            more = self._beside(places[close], distances[close]) - heard[close]
+            more = self._near(places[close], distances[close]) - heard[close]
             heard[close] += share[close, None] * more
         return heard[:, None]
 
-    def _beside(self, places: Array, distances: Array) -> Complex:
+    def _near(self, places: Array, distances: Array) -> Complex:
         """Return the output at places (L, 3) near the surface, relative to the arrival: (L, M)."""
         if not self.near:
             raise ContactError(

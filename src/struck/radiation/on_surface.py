@@ -181,7 +181,7 @@ class PointSources:
     """Bundles of neighbouring faces, each a source and a dipole at one point."""
 
     positions: Array  # (K, 3), centres of area, m
-    # (K, F), from normal velocities of the faces to volume flows of the bundles, m^2
+    # (K, F) matrix from normal velocities of the faces to volume flows of the bundles, m^2
     flows: sparse.csr_array
     # (3 K, F), to the first moments of these flows about the centres, m^3
     moments: sparse.csr_array

@@ -73,7 +73,7 @@ class Operator(Protocol):
         """Show a message about the present step."""
 
 
-class Nobody:
+class SilentOperator:
     """An operator without a screen or keyboard: shows no text and never waits."""
 
     def ready(self, text: str) -> None:
@@ -121,7 +121,7 @@ def capture(
         is not recorded again.
     recorder : Recorder
     operator : Operator, optional
-        Nobody unless given.
+        SilentOperator unless given.
     progress : callable
 
     Raises
@@ -138,7 +138,7 @@ def capture(
     The measuring system of 2007 (section 3): 0.5 s of ambient sound before each hit, a hook that
     moves the microphone, and one that fires a solenoid.
     """
-    session = _Session(plan, folder, recorder, operator or Nobody(), progress)
+    session = _Session(plan, folder, recorder, operator or SilentOperator(), progress)
     for point in session.points():
         session.visit(point)
     progress("record", 1.0)

@@ -146,7 +146,7 @@ _MOST_HELD = 40.0  # s that are looked at: the loudest
 # Of coded takes at 128 kbit/s 0.17 to 0.6 % of all places are holes, in 9 frames and 10 bands or
 # more; a beat makes its holes in one band, other takes none.
 _SHARE, _FRAMES, _BANDS, _ENOUGH = 1.2e-3, 6, 6, 40
-_OFFSET = 2e-3  # mean over the peak that is worth a word
+_OFFSET = 2e-3  # smallest mean over peak that is reported
 
 
 def processed(take: Take) -> Iterator[str]:

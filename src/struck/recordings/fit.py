@@ -54,7 +54,7 @@ class Fitting:
         From the arrival of a hit to the moment that gains are as of, s: until then the object is
         still being struck.
     room : array (M,), bool, or None
-        Which modes the room may have; None where nobody told its reverberation.
+        Which modes the room may have; None where its reverberation is not given.
     residual : Residual
         Attack and noise of the loudest hit, which the model has where it was asked for or needed.
     short : float
@@ -130,7 +130,7 @@ def fit_recordings(
     told = {"method": method, "budget": modes, "onsets": onsets}
     fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, told, force=force)
-    fitted = _by_natural_frequency(_with_room_told(fitted, seconds))
+    fitted = _by_natural_frequency(_with_room_note(fitted, seconds))
     asked = residual if blow is None else False
     made = _made(fitted, recorded, seconds, way, radius, method, residual=asked)
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
@@ -161,7 +161,7 @@ def _require(way: str, radius: float, modes: int | None) -> None:
     if way not in WAYS:
         raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
     if not (np.isfinite(radius) and radius >= 0):
-        raise OptionError(f"radius is {radius}: that of a ball that holds the body, m, at least 0")
+        raise OptionError(f"radius is {radius}: give that of a ball around the body, m, at least 0")
 
 
 def _surface(path: str | os.PathLike[str]) -> Mesh:
@@ -236,7 +236,7 @@ def _require_use(recorded: Recorded, way: str, radius: float) -> None:
     given = [name for name, asked in idle.items() if asked]
     if given:
         raise OptionError(
-            f"{given[0]} says how gains differ from place to place, and nobody told the places: "
+            f"{given[0]} says how gains differ from place to place, and no places are given: "
             "give contacts, listeners or a manifest"
         )
 
@@ -280,7 +280,7 @@ def _by_natural_frequency(fitted: Fitted) -> Fitted:
     )
 
 
-def _with_room_told(fitted: Fitted, seconds: float | None) -> Fitted:
+def _with_room_note(fitted: Fitted, seconds: float | None) -> Fitted:
     """Add a note on the modes that may be the room's."""
     if seconds is None or not (count := may_be_of_room(fitted.decays, seconds).sum()):
         return fitted

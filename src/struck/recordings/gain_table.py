@@ -196,8 +196,8 @@ class Gathered:
         counts = np.bincount(self.hits)
         if np.ptp(counts):
             raise RecordingError(
-                f"takes have {counts.min()} and {counts.max()} channels, and nobody told where "
-                "their microphones were: give listeners, or the same number of channels in all"
+                f"takes have {counts.min()} and {counts.max()} channels, and their "
+                "microphones have no places: give listeners, or the same number of channels in all"
             )
         rows = np.argsort(self.hits, kind="stable").reshape(len(counts), -1)  # of a hit in order
         energies = self.energies[rows].sum(axis=0)

@@ -355,7 +355,7 @@ class TomlTable:
         if found is None and default is not None:
             return default
         if not (_is_number(found) and low <= found <= high):
-            raise self.error(f"{key} is {_told(found)}: give a number from {low:g} to {high:g}")
+            raise self.error(f"{key} is {_shown(found)}: give a number from {low:g} to {high:g}")
         return float(found)
 
     def maybe(self, key: str, low: float, high: float) -> float | None:
@@ -377,7 +377,7 @@ class TomlTable:
         if found is None and default is not None:
             return default
         if not isinstance(found, str) or not (found or default is not None):
-            raise self.error(f'{key} is {_told(found)}: give text, as {key} = "..."')
+            raise self.error(f'{key} is {_shown(found)}: give text, as {key} = "..."')
         return found
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -386,7 +386,7 @@ class TomlTable:
         if found is None:
             return ()
         if not (isinstance(found, list) and found and all(isinstance(each, str) for each in found)):
-            raise self.error(f'{key} is {_told(found)}: give a list of texts, as ["...", "..."]')
+            raise self.error(f'{key} is {_shown(found)}: give a list of texts, as ["...", "..."]')
         return tuple(found)
 
     def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
@@ -405,14 +405,14 @@ class TomlTable:
         """Return a table; an empty one where there is none."""
         found = self.value(key)
         if not isinstance(found, dict | None):
-            raise self.error(f"{key} is {_told(found)}: give a table, as [{key}]")
+            raise self.error(f"{key} is {_shown(found)}: give a table, as [{key}]")
         return TomlTable(found or {}, f"{self.name}, [{key}]")
 
     def list(self, key: str) -> list[Any]:
         """Return a list; an empty one where there is none."""
         found = self.value(key)
         if not isinstance(found, list | None):
-            raise self.error(f"{key} is {_told(found)}: give a list")
+            raise self.error(f"{key} is {_shown(found)}: give a list")
         return found or []
 
     def tables(self, key: str) -> list[TomlTable]:
@@ -446,7 +446,7 @@ def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[fl
         or not all(map(math.isfinite, found))
     ):
         wanted = " or ".join(map(str, counts))
-        raise table.error(f"{key} is {_told(found)}: give a list of {wanted} finite numbers")
+        raise table.error(f"{key} is {_shown(found)}: give a list of {wanted} finite numbers")
     return tuple(map(float, found))
 
 
@@ -490,7 +490,7 @@ def _is_number(found: object) -> TypeGuard[float]:
     return isinstance(found, int | float) and not isinstance(found, bool)
 
 
-def _told(found: object) -> str:
+def _shown(found: object) -> str:
     return "missing" if found is None else repr(found)[:80]
 
 

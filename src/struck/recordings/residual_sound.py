@@ -35,10 +35,10 @@ def reverberation(room: float | Recording) -> float:
         if not 0.01 <= room <= 30:
             raise OptionError(f"room is {room}: give its reverberation time, 0.01 to 30 s")
         return float(room)
-    return _clapped(take_of(room, "the clap"))
+    return _reverberation_time(take_of(room, "the clap"))
 
 
-def _clapped(take: Take) -> float:
+def _reverberation_time(take: Take) -> float:
     """Return T60 by backward integration (Schroeder 1965) of the loudest channel's first hit."""
     hits = find_hits(take)
     if not hits:
@@ -96,7 +96,7 @@ def remainder(fitted: Fitted, recorded: Recorded, gathered: Gathered) -> tuple[R
     """
     row = loudest(fitted)
     rate = recorded.takes[fitted.rows[row].take].sample_rate
-    original, left, lead = _left(fitted, recorded, gathered, row)
+    original, left, lead = _hit_and_residual(fitted, recorded, gathered, row)
     length = min(round(ATTACK * rate), len(left))
     fade = min(round(FADE * rate), length)
     attack = left[:length].copy()
@@ -135,7 +135,7 @@ def _clear_of(floor: Array, samples: Array, sample_rate: float, edges: Array) ->
     return np.where(energies > _OVER_NOISE * noise, energies - noise, 0.0)
 
 
-def _left(
+def _hit_and_residual(
     fitted: Fitted, recorded: Recorded, gathered: Gathered, row: int
 ) -> tuple[Array, Array, float]:
     """Return a hit from its onset on, its residual, and when its modes set in, s."""

@@ -279,10 +279,10 @@ class Recorded:
             raise OptionError(
                 f"places are given, and {told.path} tells them too: leave one of them out"
             )
-        return cls._told(told, symmetry, centre, progress)
+        return cls._of_manifest(told, symmetry, centre, progress)
 
     @classmethod
-    def _told(
+    def _of_manifest(
         cls, manifest: Manifest, symmetry: str | None, centre: ArrayLike | None, progress: Progress
     ) -> Recorded:
         contacts = np.array([entry.contact for entry in manifest.entries])

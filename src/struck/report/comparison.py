@@ -254,8 +254,8 @@ def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) ->
         decay_ratios=others.decays[two] / decays,
         level_differences=levels if absolute else levels - offset,
         level_offset=offset,
-        missing=mine.lonely(pairing.missing, theirs, pairing.factor),
-        extra=theirs.lonely(pairing.extra, mine, 1 / pairing.factor),
+        missing=mine.missing_from(pairing.missing, theirs, pairing.factor),
+        extra=theirs.missing_from(pairing.extra, mine, 1 / pairing.factor),
         explained=explained,
     )
 
@@ -312,7 +312,7 @@ class Side:
     sound: Callable[[float], Sound]  # makes its sound, of a length in s at most
     begins: float = 0.0  # when amplitudes count, s after the strike began; 0: when it is over
     struck: str = ""  # where and how it was struck, in words
-    notes: tuple[str, ...] = ()  # what a person should know of it
+    notes: tuple[str, ...] = ()  # remarks for the reader
 
     @classmethod
     def of_model(
@@ -402,7 +402,7 @@ class Side:
         return 20 * np.log10(np.where(loud, amplitudes, np.nan))
 
     # `factor`: by which frequencies of `beside` exceed those here.
-    def lonely(self, modes: Index, beside: Side, factor: float) -> Index:
+    def missing_from(self, modes: Index, beside: Side, factor: float) -> Index:
         """Return the unpaired modes that lie within the other side's complete band."""
         known = self.partials.frequencies[modes] <= beside.complete_to / factor
         heard = beside.computed or self.audible[modes] >= 0.5
@@ -508,7 +508,7 @@ def _page(found: Comparison) -> str:
         sounds="".join(map(_heard, names, sounds, figures, _COLOURS)),
         pictures=pictures,
         table=table(HEADINGS, found.rows()),
-        alone="".join(map(_alone, sides, alone)),
+        alone="".join(map(_unpaired, sides, alone)),
         script=(resources.files("struck.report") / "comparison.js").read_text(encoding="utf-8"),
     )
     return document(f"struck: {' and '.join(names)}", body, style=_STYLE)
@@ -521,7 +521,7 @@ def _heard(name: str, sound: Sound, figure: Figure, colour: str) -> str:
     )
 
 
-def _alone(side: Side, modes: Index) -> str:
+def _unpaired(side: Side, modes: Index) -> str:
     listed = ", ".join(f"{each:.1f}" for each in side.partials.frequencies[modes]) or "none"
     return f"<p><b>In the {html.escape(side.name)} alone</b> (Hz): {listed}</p>"
 
@@ -542,9 +542,11 @@ def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Ind
         )
     for side, modes, colour, height in zip(sides, alone, _COLOURS, (5.0, 10.0), strict=True):
         if len(modes):
-            lonely = side.partials.frequencies[modes]
+            missing_from = side.partials.frequencies[modes]
             label = plain(f"in the {side.name} alone")
-            axes.plot(lonely, np.full(len(lonely), height), "|", color=colour, label=label)
+            axes.plot(
+                missing_from, np.full(len(missing_from), height), "|", color=colour, label=label
+            )
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 14))
     _frequency_axis(axes, sides)
     axes.legend(loc="lower left", fontsize=8, framealpha=0.85, edgecolor="none")

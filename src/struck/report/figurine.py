@@ -43,7 +43,7 @@ def _depth(points: Array) -> Array:
     """Return a 1-Lipschitz function, negative inside the bird, m."""
     depth = _cone(points, *_PARTS[0])
     for part in _PARTS[1:]:
-        depth = _melted(depth, _cone(points, *part))
+        depth = _smooth_minimum(depth, _cone(points, *part))
     return np.maximum(depth, _FLOOR - points[:, 2])
 
 
@@ -57,7 +57,7 @@ def _cone(points: Array, first: tuple, second: tuple) -> Array:
     return (length - r0 - share * (r1 - r0)) / np.hypot(1.0, slope)
 
 
-def _melted(a: Array, b: Array) -> Array:
+def _smooth_minimum(a: Array, b: Array) -> Array:
     """Return the smooth minimum of two depths."""
     blend = np.maximum(_MELT - np.abs(a - b), 0.0)
     return np.minimum(a, b) - blend**2 / (4 * _MELT)

@@ -311,14 +311,14 @@ def _wind(seconds: float) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
         turn = data.xmat[body].reshape(3, 3)
         lever = turn @ arm
         spin = turn @ data.qvel[model.body_dofadr[body] :][:3]
-        wind = air[min(int(data.time / step), count - 1)] - _crossed(spin, lever)
+        wind = air[min(int(data.time / step), count - 1)] - _cross(spin, lever)
         force = drag * area * np.sqrt(wind @ wind) * wind
-        data.xfrc_applied[body, 3:] = _crossed(lever, force)  # about the joint
+        data.xfrc_applied[body, 3:] = _cross(lever, force)  # about the joint
 
     return blow
 
 
-def _crossed(a: Array, b: Array) -> Array:
+def _cross(a: Array, b: Array) -> Array:
     """Return the cross product of two vectors, in a tenth of the time that NumPy's takes."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

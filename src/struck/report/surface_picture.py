@@ -106,7 +106,7 @@ class Painter:
         from matplotlib.collections import PolyCollection
 
         corners = _corners(surface, np.zeros(surface.faces.shape) if values is None else values)
-        places, colours = _seen(corners, self.view, coloured=values is not None)
+        places, colours = _visible(corners, self.view, coloured=values is not None)
         outline = PolyCollection(
             cast("list[Array]", places), facecolors=_OUTLINE, edgecolors=_OUTLINE
         )
@@ -206,7 +206,7 @@ def _quartered(corners: Array) -> Array:
     return np.concatenate([np.stack(part, axis=1) for part in parts])
 
 
-def _seen(corners: Array, view: Array, *, coloured: bool) -> tuple[Array, Array]:
+def _visible(corners: Array, view: Array, *, coloured: bool) -> tuple[Array, Array]:
     """Return visible triangles (F, 3, 2), farthest first, and their corners' colours (F, 3, 3)."""
     places = corners[:, :, :3] @ view.T
     order = facing(places)

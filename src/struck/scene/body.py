@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Course3, Trajectory
-from struck.ears.orientation import Carried, Orientation, Turning
+from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
 from struck.errors import MeshError, OptionError
 from struck.excitation.excitation import Excitation, Hold
@@ -178,9 +178,9 @@ class Body:
             return replace(self.model, recoil=None)  # it does not give way
         return self.model
 
-    def carried(self, point: Array) -> Carried:
+    def carried(self, point: Array) -> MovingPoint:
         """Return a point (3,) of its coordinates, m, as it moves through the scene."""
-        return Carried(origin=self.origin, orientation=self.orientation, point=point)
+        return MovingPoint(origin=self.origin, orientation=self.orientation, point=point)
 
 
 @checked

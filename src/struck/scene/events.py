@@ -390,7 +390,7 @@ def _curvatures(body: Body, times: Array, places: Array) -> Array:
 def joint_masses(bodies: Sequence[Body], times: Array, places: Array, directions: Array) -> Array:
     """Return the mass of two bodies as seen by a push at places of the scene, kg (P,)."""
     light = sum(_mobility(body, times, places, directions) for body in bodies)
-    # Where neither gives way, what sounds is taken to: it was moved by somebody.
+    # Where neither moves freely, the lightest body counts as moving: a hand has moved it.
     heavy = min((b.model.mass for b in bodies if b.model.mass is not None), default=1.0)
     return 1 / np.where(light > 0, light, 1 / heavy)
 

@@ -78,7 +78,7 @@ def render(
         )
         samples, notes = _arriving(bodies[0], place, seconds=seconds, sample_rate=sample_rate)
     else:
-        ears = _someone(listener)
+        ears = _listener_of(listener)
         samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
     calibrated = all(body.sounding.calibrated for body in bodies)
     return Sound(
@@ -143,7 +143,7 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
     return (note,) if late else ()
 
 
-def _someone(listener: Listener | ArrayLike | None) -> Listener:
+def _listener_of(listener: Listener | ArrayLike | None) -> Listener:
     if listener is None or is_listener(listener):
         return listener or Mono()
     return Mono(position=tuple(position_of(listener).tolist()))

@@ -301,7 +301,7 @@ def _one(
         return None
     places = contacts.position[rows]
     partners = track.partners(places, None if contacts.id is None else contacts.id[rows])
-    sides = [frame.seen(places, step) for frame in frames]
+    sides = [frame.in_body(places, step) for frame in frames]
     sweeps = [track.sweep(points, partners, fastest, times) for points in sides]
     if not any(sweep.any() for sweep in sweeps):
         return None
@@ -408,7 +408,7 @@ class _Frame:
         origins, turns = body.origin.at(moments), body.orientation.at(moments)
         return cls(origins=origins, turns=turns, centres=origins + turns @ centre_of(body.model))
 
-    def seen(self, places: Array, step: Index) -> Array:
+    def in_body(self, places: Array, step: Index) -> Array:
         """Return places of the scene in steps (n,) in the body's coordinates, m (n, 3)."""
         return self.turned(places - self.origins[step], step)
 
@@ -423,7 +423,7 @@ def _fastest(frames: Sequence[_Frame], track: _Track, velocity: Array | None) ->
     if len(moments) > 1:
         every = np.arange(len(moments))
         for frame, other in (frames, frames[::-1]):
-            steps = np.gradient(other.seen(frame.centres, every), axis=0)
+            steps = np.gradient(other.in_body(frame.centres, every), axis=0)
             steps /= np.gradient(moments)[:, None]
             speeds = np.maximum(speeds, np.linalg.norm(steps, axis=1))
     if velocity is not None:

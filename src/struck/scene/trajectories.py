@@ -385,8 +385,8 @@ def nearest_places(
     for one, two, mesh, target in ((body, other, mine, its), (other, body, its, mine)):
         points = np.concatenate([mesh.points, mesh.centroids])
         placed = _placed(one, moment, points)
-        seen = _seen(two, moment, placed)
-        box = _beside(target, seen, reach)
+        seen = _in_body(two, moment, placed)
+        box = _near(target, seen, reach)
         if not len(box):
             continue
         apart, _, at = target.locator.closest(seen[box])
@@ -401,7 +401,7 @@ def nearest_places(
     return (distance, place) if distance <= reach else None
 
 
-def _beside(mesh: Mesh, points: Array, reach: float) -> Index:
+def _near(mesh: Mesh, points: Array, reach: float) -> Index:
     """Return which points (n, 3) lie in the box of a mesh, or near it."""
     low, high = mesh.bounds
     return np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
@@ -414,7 +414,7 @@ def _between(body: Body, other: Body, moment: Array, place: Array) -> Array:
         for side, one in enumerate((body, other)):
             mesh = one.model.geometry
             if mesh is not None:
-                near = mesh.locator.closest(_seen(one, moment, ends[1 - side][None]))[2]
+                near = mesh.locator.closest(_in_body(one, moment, ends[1 - side][None]))[2]
                 ends[side] = _placed(one, moment, near)[0]
     return (ends[0] + ends[1]) / 2
 
@@ -424,7 +424,7 @@ def _placed(body: Body, moment: Array, points: Array) -> Array:
     return body.origin.at(moment) + points @ body.orientation.at(moment)[0].T
 
 
-def _seen(body: Body, moment: Array, places: Array) -> Array:
+def _in_body(body: Body, moment: Array, places: Array) -> Array:
     times = np.broadcast_to(moment, len(places))
     return seen_from(body, times, places, places)[0]
 

@@ -232,10 +232,10 @@ MANY_SECONDS = 300.0
 MANY_BYTES = 6 * 2**30
 """Bytes above which, as above that time, a band is computed only where a person asks for it."""
 _RIGID = 6  # motions without bending, which the waves of a free body count too
-_LEAST = 3.0  # a body's lowest mode is not so many times below its forecast
-_HELD = 7.0  # clamped at one end it is so many times lower than free
-_GRAIN = 1.5e-3  # m: what is smaller is no ball or die that is heard, but was given in mm
-_CURVED = 6.0  # times the thickness that a wall's rise is at least, if it is curved
+_LEAST = 3.0  # a body's lowest mode is less than this many times below its forecast
+_HELD = 7.0  # a bar clamped at one end has a lowest mode this many times lower than a free one
+_GRAIN = 1.5e-3  # m: no audible ball or die is smaller; such a body was given in mm
+_CURVED = 6.0  # a curved wall rises by at least this many thicknesses
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 _SMALL, _LARGE = 5e-3, 3.0  # m: lengths of things that are struck
 # Seconds of a processor of 2023, and bytes: at all, a node, and a node and mode.

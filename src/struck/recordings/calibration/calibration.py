@@ -181,7 +181,7 @@ def elastic_fit(
     for _ in range(_FIT_ROUNDS):
         place = task.nearer(place, scatter)
         scatter = task.scatter(place, scatter)
-    covariance, freedom = task.told(place, scatter)
+    covariance, freedom = task.material_covariance(place, scatter)
     return ElasticFit(
         shift=float(place[0]),
         ratio=float(place[1]),
@@ -255,7 +255,7 @@ class _Task:
         told = np.trace(np.linalg.solve(normal + self.prior, normal))
         return max(len(self.heard) - float(told), 1.0)
 
-    def told(self, place: Array, scatter: float) -> tuple[Array, float]:
+    def material_covariance(self, place: Array, scatter: float) -> tuple[Array, float]:
         """Return the covariance of ln(E / density) and the ratio, and the degrees of freedom."""
         _, design = self.apart(place)
         weights, normal = self.weighed(design, scatter)

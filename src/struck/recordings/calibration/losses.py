@@ -153,7 +153,7 @@ class _Decays:
 
     def explained(self) -> Losses:
         laws = self.laws()
-        apart = {law.name: self.unseen(law) for law in laws}
+        apart = {law.name: self.cross_validated(law) for law in laws}
         scale = min(_spread(each) for each in apart.values())
         capped = {name: np.minimum(each**2, (_WORST * scale) ** 2) for name, each in apart.items()}
         law = _simplest(laws, capped)
@@ -201,7 +201,7 @@ class _Decays:
             weights = huber / deviations**2
         return coefficients, slopes, weights, scatter
 
-    def unseen(self, law: LossLaw) -> Array:
+    def cross_validated(self, law: LossLaw) -> Array:
         """Return ln d less that of the law fitted to other modes (n,), by cross-validation."""
         count = len(self.decays)
         folds = np.arange(count) % min(_FOLDS, count)

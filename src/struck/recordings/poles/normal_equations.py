@@ -59,7 +59,7 @@ def take_turns(
     for group in range(count):
         here = slice(starts[group], starts[group + 1])
         data = cleared(blocks, group, poles, gains)
-        moved[here], fits, costs[group] = _settled(blocks, group, data, start[here], steps)
+        moved[here], fits, costs[group] = _refine_group(blocks, group, data, start[here], steps)
         misfits[group] = misfit(fits, float(costs[group]))
         for block, fit in zip(blocks.blocks(group), fits, strict=True):
             own[block.rows, here] = fit.residues.T / span(moved[here], block.length)
@@ -69,7 +69,7 @@ def take_turns(
     return moved, own, costs, misfits
 
 
-def _settled(
+def _refine_group(
     blocks: GroupBlocks, group: int, data: Sequence[AnyComplex], poles: AnyComplex, steps: int
 ) -> tuple[AnyComplex, list[Projection], float]:
     """Refine one group's poles by Levenberg and Marquardt; return them, their fit and residual."""

@@ -202,7 +202,7 @@ def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
     yield np.concatenate(groups[first:])
 
 
-_WITNESSES, _EVERY = 4, 4  # channels, and every how many rows of samples
+_WITNESSES, _EVERY = 4, 4  # number of channels, and step between rows of samples, that are compared
 _WORSE = 1.05  # largest growth of the residual by one sweep
 _TOUCHING = 1e-3  # squared correlation from which a mode that moved calls its neighbour up again
 
@@ -217,7 +217,7 @@ def refine(
     duration = max(segment.duration for segment in segments)
     if not steps:
         return with_best_gains(segments, ringing)
-    energy = left_over(segments, ringing)
+    energy = residual_energy(segments, ringing)
     unsettled = np.ones(ringing.count, bool)
     for _ in range(sweeps):
         groups = [group for group in overlapping(ringing.poles, duration) if unsettled[group].any()]
@@ -225,10 +225,10 @@ def refine(
             break
         moved = _swept(segments, ringing, groups, steps)
         unsettled = _touched(ringing.poles, moved.poles, duration)
-        now = left_over(segments, moved)
+        now = residual_energy(segments, moved)
         if not now < _WORSE * energy:
             moved = with_best_gains(segments, moved)
-            now = left_over(segments, moved)
+            now = residual_energy(segments, moved)
         if not now < _WORSE * energy:
             break
         ringing, energy = moved, now
@@ -249,7 +249,7 @@ def with_best_gains(segments: Sequence[Segment], ringing: Exponentials) -> Expon
     return Exponentials(poles=ringing.poles, gains=np.vstack(gains))
 
 
-def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
+def residual_energy(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the residual over the noise in some channels and samples: enough to see growth."""
     energy = 0.0
     for segment in segments:

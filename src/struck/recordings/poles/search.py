@@ -444,7 +444,7 @@ def fit_poles(
 
     def fit(hits: Sequence[Sequence[Hit]], stage: str = "") -> Fitted:
         segments, rows = joined(cut(microphones, hits, attack=whole))
-        each = partial(_kept_as, kept, stage)
+        each = partial(_from_cache, kept, stage)
         if method == "shared":
             ringing = search(segments, budget=budget, progress=progress, kept=each)
         else:
@@ -466,7 +466,7 @@ def fit_poles(
     return fitted if method == "shared" else _without_errors(fitted)
 
 
-def _kept_as(
+def _from_cache(
     kept: Kept, stage: str, name: str, compute: Callable[[], Exponentials]
 ) -> Exponentials:
     return kept(f"{name}{stage}", compute)

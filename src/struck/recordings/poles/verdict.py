@@ -124,7 +124,7 @@ def _decibels(above: float, below: float) -> float:
 # Those that stand for the blow add up to what is heard until the object is let go, and to nothing
 # afterwards: gains that are fitted anew from then on are not what they would have decayed to.
 
-_PUSHED, _SHORTEST_PUSH = 0.01, 5e-4  # s: longest time to the loudest moment, and least push
+_PUSHED, _SHORTEST_PUSH = 0.01, 5e-4  # s: longest rise to the peak, and shortest push
 _SMOOTHED = 5e-4  # s
 _CHANGED = 0.5  # of what a gain has decayed to
 _AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over the noise's

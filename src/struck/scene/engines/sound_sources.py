@@ -125,7 +125,7 @@ class SoundSources:
             return None, f"{link.why_silent}; name a shape with models="
         if material is None:
             called = f" ({link.material!r} is none of struck's)" if link.material else ""
-            return None, f"nobody says what it is made of{called}; name it with materials="
+            return None, f"its material is not given{called}; name it with materials="
         made = self._analyzed(shape, material, link.name)
         return (None, made) if isinstance(made, str) else (made, "")
 

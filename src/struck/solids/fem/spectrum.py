@@ -75,7 +75,7 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reached:
+class EigenvalueCount:
     """Below `value` lie `count` elastic eigenvalues."""
 
     value: float
@@ -146,22 +146,22 @@ class Spectrum:
             del end  # and its factor with it
             yield pairs
             return
-        goal = Reached(value=end.value, count=end.below)
+        goal = EigenvalueCount(value=end.value, count=end.below)
         del end
         yield from self._slices(goal)
 
-    def _slices(self, goal: Reached) -> Iterator[Eigenpairs]:
+    def _slices(self, goal: EigenvalueCount) -> Iterator[Eigenpairs]:
         """Yield the eigenpairs below each shift, once its inertia has confirmed their number."""
         # What a shift found above itself waits as `tail` for the next one's count.
-        last, tail, cut = Reached(value=-np.inf, count=0), _NONE, 0.0
+        last, tail, cut = EigenvalueCount(value=-np.inf, count=0), _NONE, 0.0
         while last.count + len(tail.values) < goal.count:
-            start = Reached(value=cut, count=last.count + len(tail.values))
+            start = EigenvalueCount(value=cut, count=last.count + len(tail.values))
             shift = self._next(start, goal)
             lower, upper = self._around(start, shift, goal)
             if len(lower.values) and lower.values[0] <= cut:
                 # The tail missed some: what lies between the shifts is found from here, whole.
                 lower, tail = self._between(last, shift), _NONE
-            last = Reached(value=shift.value, count=shift.below)
+            last = EigenvalueCount(value=shift.value, count=shift.below)
             del shift  # and its factor with it
             yield from (part for part in (tail, lower) if len(part.values))
             del lower
@@ -171,7 +171,9 @@ class Spectrum:
         if len(tail.values):
             yield tail
 
-    def _around(self, start: Reached, shift: Shift, goal: Reached) -> tuple[Eigenpairs, Eigenpairs]:
+    def _around(
+        self, start: EigenvalueCount, shift: Shift, goal: EigenvalueCount
+    ) -> tuple[Eigenpairs, Eigenpairs]:
         """Return the eigenpairs between `start` and a shift, and further ones that fill a slice."""
         below = shift.below - start.count
         above = min(max(self._limit - below, self._limit // 4), goal.count - shift.below)
@@ -182,7 +184,7 @@ class Spectrum:
         pairs = self.near(shift, below, above, share, start.value)
         return _kept(pairs, slice(below)), _kept(pairs, slice(below, None))
 
-    def _between(self, last: Reached, shift: Shift) -> Eigenpairs:
+    def _between(self, last: EigenvalueCount, shift: Shift) -> Eigenpairs:
         pairs = self.near(shift, shift.below - last.count, 0, 0.0, last.value)
         if pairs.values[0] <= last.value:
             raise SolverError(
@@ -192,14 +194,14 @@ class Spectrum:
             )
         return pairs
 
-    def _next(self, start: Reached, goal: Reached) -> Shift:
+    def _next(self, start: EigenvalueCount, goal: EigenvalueCount) -> Shift:
         """Return the next shift, about half a slice of modes above the value reached."""
         target = start.count + min(self._limit, goal.count - start.count) / 2
         shift = self.shift(_predicted(target, start, goal))
         for _ in range(_TRIES):
             if shift.below - start.count <= 0.8 * self._limit:
                 break
-            farthest = Reached(value=shift.value, count=shift.below)
+            farthest = EigenvalueCount(value=shift.value, count=shift.below)
             del shift  # and its factor with it
             shift = self.shift(_predicted(target, start, farthest))
         if shift.below < start.count:
@@ -214,7 +216,7 @@ class Spectrum:
 _NONE = Eigenpairs(values=np.zeros(0), vectors=np.zeros((0, 0)))
 
 
-def _predicted(target: float, start: Reached, end: Reached) -> float:
+def _predicted(target: float, start: EigenvalueCount, end: EigenvalueCount) -> float:
     """Return where the count should reach `target`: it grows as a power of the eigenvalue."""
     # Weyl's law: 1 in thin walls, which is the first guess; less in bars, more in lumps.
     power = 1.0

@@ -338,7 +338,7 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
         volume_error=mesh.volume() / seen.volume(spacing / _SAMPLES_A_CELL) - 1,
         stiffened=_stiffened(body, spacing),
         short=short,
-        unreached=_unreached(body.mesh, mesh, spacing),
+        unreached=_uncovered_share(body.mesh, mesh, spacing),
         crumbs=crumbs,
     )
 
@@ -359,7 +359,7 @@ def _stiffened(body: Body, spacing: float) -> float:
     return _TWISTLESS * body.solid.rims * (width / (width + _FOLLOWED)) ** 4
 
 
-def _unreached(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
+def _uncovered_share(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
     """Return the share of a surface's area that no element is within a lattice spacing of."""
     places, vectors = outline.spread(_PLACES)
     areas = np.linalg.norm(vectors, axis=1)

@@ -54,7 +54,7 @@ def cells_in(
     """Fill a body with linear tetrahedra, smaller ones where it is slender, creased or cleft."""
     # `depths`: 1-Lipschitz functions of points (K, 3), m (K,) or (K, n), all negative in the body
     # but for surfaces that a `judge` has joined. At most `halved` edges are halved where a lattice
-    # is too coarse for it or longer than the `widest`, not counting those that must follow.
+    # is too coarse for it or longer than the `widest`; more are halved so that neighbours fit.
     lattice = Lattice.over(bounds, spacing)
     whole, is_centre = _lattice_cells(lattice, depths, judge, slender=widest is not None)
     _require_any(whole.tetrahedra, spacing)

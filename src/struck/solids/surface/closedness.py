@@ -339,7 +339,7 @@ def _sides(mesh: Mesh, parts: Mesh, patches: Index) -> tuple[Mask, Mask]:
     return above[patches], below[patches]
 
 
-def bared(mesh: Mesh) -> Mesh | None:
+def open_faces(mesh: Mesh) -> Mesh | None:
     """Return the open faces of a surface that branches, though its faces cancel at every edge."""
     # Bodies that share walls or overlap along common faces are like that. None where the surface
     # does not branch or close, or where the faces in the open bound something else.

@@ -206,14 +206,14 @@ def _regions(mesh: Mesh, lattice: Lattice) -> Index:
     if parts is None:
         return np.zeros(points, np.int64)
     free = np.ones(shape, bool)
-    for voxels in _passed(parts):
+    for voxels in _voxels(parts):
         free[tuple(voxels[((voxels >= 0) & (voxels < shape)).all(axis=1)].T)] = False
     regions = np.asarray(ndimage.label(free)[0])  # pyright: ignore[reportIndexIssue]
     grids = regions[::2, ::2, ::2], regions[1::2, 1::2, 1::2]
     return np.concatenate([grid.ravel() for grid in grids]).astype(np.int64)
 
 
-def _passed(triangles: Array) -> Iterator[Index]:
+def _voxels(triangles: Array) -> Iterator[Index]:
     """Yield the voxels (V, 3) that small triangles (T, 3, 3) pass through, and some neighbours."""
     lowest, highest = extremes(triangles)
     lowest, highest = np.floor(lowest - _ROUNDING), np.floor(highest + _ROUNDING)

@@ -22,12 +22,12 @@ from struck.solids.surface.closedness import (
     THINNEST,
     Shells,
     apart,
-    bared,
     counted,
     crossings,
     exposed,
     flipped,
     is_closed,
+    open_faces,
     require_closed,
     without_fins,
 )
@@ -143,7 +143,7 @@ def _result(
             f"Taken as the middle of a wall of {wall:g} m.",
         )
         return mesh, True
-    bare = bared(mesh)
+    bare = open_faces(mesh)
     if bare is not None and is_closed(bare):
         hidden = counted(len(mesh.faces) - len(bare.faces), "face")
         record.note(f"{hidden} within the material or repeated.", f"{hidden} removed.")

@@ -505,7 +505,7 @@ class _ThicknessProbes:
     @classmethod
     def of(cls, mesh: Mesh, thin: float) -> Self:
         surface = Surface(mesh)
-        face, points = _sounded(mesh)
+        face, points = _probes(mesh)
         normals = mesh.face_normals[face]
         below, depth = surface.first_below(points - _INWARD * mesh.extent * normals, -normals)
         # A ball that reaches through the body is no larger, and far from a middle of all faces.
@@ -525,7 +525,7 @@ class _ThicknessProbes:
         )
 
 
-def _sounded(mesh: Mesh) -> tuple[Index, Array]:
+def _probes(mesh: Mesh) -> tuple[Index, Array]:
     """Return faces (K,) and points on them (K, 3): all middles first, then more of few faces."""
     every = np.arange(len(mesh.faces))
     if len(every) > _FEW_FACES:
