@@ -173,7 +173,7 @@ def test_only_triangles_that_face_the_eye_are_drawn_the_farthest_first() -> None
     toward = surface_picture._corners(painter.surface, np.zeros(painter.surface.faces.shape))
     facing = np.count_nonzero((toward[:, :, :3].mean(axis=1) @ painter.view[2]) > 0)
     assert len(drawn.get_facecolors()) / 3 == pytest.approx(facing, rel=0.02)
-    flat, _ = surface_picture._seen(toward, painter.view, coloured=False)
+    flat, _ = surface_picture._visible(toward, painter.view, coloured=False)
     radii = np.linalg.norm(flat.mean(axis=1), axis=1)
     assert radii[:50].min() > 0.9
     assert radii[-50:].max() < 0.3

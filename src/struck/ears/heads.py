@@ -193,7 +193,7 @@ def _require_radius(radius: float) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TabulatedFilters:
-    """Delays and responses in a table, with cubics between its angles and distances."""
+    """Delays and impulse responses of a head in a table over angles and distances."""
 
     ears: Array  # (3, 2): directions of the ears, in columns
     radius: float  # m

@@ -335,7 +335,7 @@ class Levels:
 
 @lru_cache(maxsize=16)  # of some 2 MB
 def levels_of(profile: Profile) -> Levels:
-    """Return the levels of a profile, whose long waves the tip follows."""
+    """Return a height profile low-passed by octaves, less the long waves that a tip follows."""
     count = len(profile.heights)
     waves = np.arange(count // 2 + 1)
     lengths = profile.length / np.maximum(waves, 1)

@@ -334,7 +334,7 @@ class Rubbing:
         return limited(squeezes, held), ways
 
     def _drive(self, length: int) -> Array:
-        """Return the drive of each mode at the end of the block (M,)."""
+        """Return how strongly a unit force drives each mode at the end of the block (M,)."""
         # Those of the next blocks are computed with it.
         if length != self._drives_every or not self._drives:
             ends = np.concatenate([[self._way], self._ways[length - 1 :: length]])

@@ -94,7 +94,7 @@ def _require_known(header: dict[str, Any]) -> None:
 
 
 def _buffers(header: dict[str, Any], binary: bytes | None, source: Source) -> list[bytes]:
-    """Return the content of all buffers, in the file itself or in files next to it."""
+    """Return the bytes of all buffers of a glTF file, which lie in it or in files next to it."""
     found = []
     for number, buffer in enumerate(header.get("buffers", [])):
         address = buffer.get("uri")

@@ -184,7 +184,7 @@ class SampledField:
         )
 
     def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
-        """Return a model that interpolates as "field" (products) or "table" (linear)."""
+        """Return the modal model: a product of contact and listener patterns, or a linear table."""
         chosen = self.way if way is None else way
         if chosen not in WAYS:
             raise OptionError(f"way is {chosen!r}: give one of {', '.join(WAYS)}")

@@ -94,7 +94,7 @@ def save_sofa(
 
 
 def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
-    """Read the gains of a SOFA file of convention GeneralTF-E with a variable ModeDecay."""
+    """Read the gains of modes from contacts to listeners in a SOFA file (GeneralTF-E)."""
     with opened(path) as file:
         file.require_convention(CONVENTIONS[0])
         frequencies, decays = _modes(file)

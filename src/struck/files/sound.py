@@ -221,7 +221,7 @@ _LEVEL_PATTERN = re.compile(r"struck: samples are pressure \((Pa|relative)\) tim
 
 
 def _read_level(comment: str) -> tuple[float, bool]:
-    """Return factor and calibration from a comment; 1 and relative where it has none."""
+    """Return the factor from samples to Pa in a WAV file's comment, and whether it is in Pa."""
     found = _LEVEL_PATTERN.fullmatch(comment)
     try:
         factor = float(found[2]) if found else 1.0

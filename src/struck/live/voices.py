@@ -99,7 +99,7 @@ class Started:
 
 
 class LastError:
-    """The last exception in the feeder's thread, kept until the person's thread asks for it."""
+    """The last exception in the thread that feeds the voices, kept until the caller asks for it."""
 
     def __init__(self) -> None:
         self._last: Exception | None = None

@@ -144,7 +144,7 @@ class Survey:
 
     @cached_property
     def places(self) -> Array:
-        """Listeners as seen from the centre, m (Q, 3)."""
+        """Positions of the listeners from the centre of the body, m (Q, 3)."""
         return np.asarray(self.listeners - self.centre, np.float64)
 
     @property

@@ -115,7 +115,7 @@ class SinglePoint(RecordedGains):
         return np.ones((len(np.atleast_2d(points)), 1, len(self.outputs)))
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs that fall as 1/r at listeners (L, 3), relative to the arrival: (L, 1, M).
+        """Return outputs that fall as 1/r at listeners (L, 3), without the delay r/c: (L, 1, M).
 
         Raises
         ------

@@ -79,7 +79,7 @@ def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
 
 
 def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
-    """Return the weight S(f) of 1998, section 5: 1 where the ear is best, toward 0 elsewhere."""
+    """Return the ear's sensitivity S(f), 1 at its best and toward 0 elsewhere (1998, section 5)."""
     # The pressure of the softest among the tones of one loudness, as a share of the tone's own.
     contour = equal_loudness(frequencies, phon)
     best = equal_loudness(_ISO_226[0], phon).min()

@@ -402,14 +402,14 @@ class TomlTable:
         return () if found is None else numbers(found, self, key, *counts)
 
     def table(self, key: str) -> TomlTable:
-        """Return a table; an empty one where there is none."""
+        """Return a table of this TOML file by its key; an empty one where there is none."""
         found = self.value(key)
         if not isinstance(found, dict | None):
             raise self.error(f"{key} is {_shown(found)}: give a table, as [{key}]")
         return TomlTable(found or {}, f"{self.name}, [{key}]")
 
     def list(self, key: str) -> list[Any]:
-        """Return a list; an empty one where there is none."""
+        """Return a list of this TOML file by its key; an empty one where there is none."""
         found = self.value(key)
         if not isinstance(found, list | None):
             raise self.error(f"{key} is {_shown(found)}: give a list")

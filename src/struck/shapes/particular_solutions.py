@@ -39,7 +39,7 @@ class Basis:
 
     @property
     def size(self) -> int:
-        """How many functions there are, F."""
+        """Number of basis functions, F."""
         return int(self.counts.sum()) + len(self.sources)
 
     @property

@@ -163,7 +163,7 @@ def _all(trial: Trial, rough: Array) -> list[Found]:
 
 
 def _grouped(rough: Array) -> list[tuple[int, int]]:
-    """Return ranges of eigenvalues too near each other to start from one by one."""
+    """Return ranges of eigenvalues so near each other that they are refined together."""
     near = np.minimum(_NEAR, 0.25 / np.arange(2, len(rough) + 1))
     starts = np.flatnonzero(np.diff(rough) > near * rough[1:]) + 1
     ends = [0, *starts.tolist(), len(rough)]

@@ -143,7 +143,7 @@ _FARTHEST, _FEWEST = 4.0, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElasticFit:
-    """E / density and Poisson's ratio by least squares."""
+    """E / density and Poisson's ratio by least squares from the frequencies of a recording."""
 
     shift: float  # ln of fitted over computed frequencies: half that of E / density
     ratio: float  # Poisson's

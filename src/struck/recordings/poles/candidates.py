@@ -77,7 +77,9 @@ def candidates(
     resolution: Resolution,
     per_band: int | None = None,
 ) -> Candidates:
-    """Search the residuals (C, n) of all segments by ESPRIT; none if too short for the window.
+    """Search recordings less the modes found so far for further ones, by ESPRIT, in all segments.
+
+    Residuals are of shape (C, n); segments too short for the window give none.
 
     `per_band` is how many bins are searched in each auditory band (ERB) at most, the loudest.
     """

@@ -43,7 +43,7 @@ class GroupBlocks(NamedTuple):
     sample_rate: float  # Hz
 
     def blocks(self, group: int) -> Iterator[BinBlock]:
-        """Yield the blocks of a group, one for each segment."""
+        """Yield the spectral bins of a group of modes, a block for each segment of recordings."""
         for segment, number in enumerate(self.numbers[group]):
             rows = slice(self.rows[segment], self.rows[segment + 1])
             turns = self.turns[self.firsts[number] : self.firsts[number + 1]]

@@ -150,7 +150,7 @@ class MujocoRecorder:
     # One step.
 
     def _note_contacts(self, data: mujoco.MjData, time: float) -> bool:
-        """Keep the rows of one step; return whether there are any."""
+        """Append the contacts of one time step to the log; return whether there are any."""
         contact, count = data.contact, data.ncon
         forces = np.zeros((count, 6))
         for number in range(count):

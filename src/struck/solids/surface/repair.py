@@ -394,7 +394,7 @@ class Mended:
 
     @property
     def areas(self) -> Array:
-        """Areas of the pieces, m^2 (P,)."""
+        """Areas of the connected pieces of a surface, m^2 (P,)."""
         return np.bincount(self.labels, weights=self.mesh.areas).astype(np.float64)
 
     @property

@@ -352,7 +352,7 @@ class Segments:
         )
 
     def coloured(self) -> Index:
-        """Return the sheet of each segment (S,): the fewest, the largest segments first."""
+        """Return the layer of a wall in which each part of the surface lies (S,), of the fewest."""
         sheets = np.full(len(self.areas), -1)
         both = np.vstack([self.apart, self.apart[:, ::-1]])
         joined = np.isin(np.arange(len(sheets)), self.joined)
