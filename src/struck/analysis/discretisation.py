@@ -215,7 +215,7 @@ class FilledSurface:
 
     @property
     def error(self) -> float | None:
-        """Error of frequencies to aim at."""
+        """Relative error of frequencies that the mesh is made for."""
         return accuracy_named(self.accuracy).error
 
     @property

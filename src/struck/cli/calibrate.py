@@ -72,7 +72,7 @@ def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalMo
 
 
 def _as_argument(found: Calibration) -> str:
-    """Return the material as the shell's other commands take it.
+    """Return the material as text for the `--material` option of other commands.
 
     A law of Rayleigh's stays what it is; another one is told by its median loss tangent.
     """

@@ -73,7 +73,7 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
 
 
 def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
-    """Refuse a rehearsal folder that holds none of the recordings of a plan."""
+    """Refuse to rehearse a plan of recordings from a folder that holds none of them."""
     names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
     if any(is_file(folder / name) for name in names):
         return

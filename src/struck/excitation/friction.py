@@ -146,7 +146,7 @@ class Rubbed:
         return np.cbrt(3 * loads * self.radius / (4 * self.modulus))
 
     def stiffness(self, loads: Array) -> Array:
-        """Return the stiffness k of the dent under loads of any shape, N/m."""
+        """Return the stiffness of the contact under loads (an array of any shape, N), N/m."""
         return np.cbrt(6 * self.modulus**2 * self.radius * loads)
 
     def scale(self, felt: Array, speeds: Array, loads: Array) -> Array:

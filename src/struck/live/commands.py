@@ -177,7 +177,7 @@ class Host:
         return round(moment * self._rate)
 
     def start(self, body: int, excitation: Excitation) -> Started:
-        """Start an excitation with the next block; it has ended at once where there is no room."""
+        """Start an excitation with the next block; it ends at once where no voice is free."""
         model, rest, ideal = self.body(body).model, None, False
         if isinstance(excitation, Strike):
             blow = PlannedBlow.of(self.body(body), excitation, self._rate)

@@ -83,7 +83,7 @@ class Chart:
         round_about: Array | None,
         heights: tuple[float, float] = (0.0, 0.0),
     ) -> Chart:
-        """Return the chart given by a pitch, a surface, or both.
+        """Return the map from contact coordinates to metres, by m per unit, a surface, or both.
 
         Parameters
         ----------

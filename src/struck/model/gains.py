@@ -228,7 +228,7 @@ class ExpandedGains(Gains):
 
     @property
     def bounds(self) -> tuple[Array, Array] | None:
-        """Lowest and highest contact coordinates (D,)."""
+        """Lowest and highest value of each of the D coordinates of a contact (D,)."""
         return self.products.bounds
 
     @property

@@ -201,7 +201,7 @@ class Triangles(Protocol):
 
 
 class Points(Protocol):
-    """A surface of PyVista."""
+    """Any object with points and padded faces, as a surface of PyVista has."""
 
     @property
     def points(self) -> ArrayLike:

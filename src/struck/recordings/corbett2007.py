@@ -248,7 +248,7 @@ def fit_corbett2007(
     gate: float = GATE,
     masking: bool = True,
 ) -> SharedModes:
-    """Fit modes to takes of (channels, n) by the method of 2007; a row of gains for each channel.
+    """Fit modes to takes of (channels, n) as Corbett et al. 2007 do; gains for each channel.
 
     Takes begin at the impact. A bin is fitted only where its first windows exceed the lead-in,
     ambient sound of at least 46 ms, by `gate` dB; without lead-ins, all bins are. The paper says

@@ -655,6 +655,6 @@ def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
 
 
 def _shared(row: _Row) -> tuple[object, ...]:
-    """Return the values that all channels of a file have in common."""
+    """Return the contact, note and other columns that all channels of a recording share."""
     others = {name: value for name, value in row.others.items() if name != "channel"}
     return row.contact, row.note, tuple(sorted(others.items()))

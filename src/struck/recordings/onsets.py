@@ -287,7 +287,7 @@ def _clipping(take: Take) -> Iterator[str]:
 
 
 def _levels(samples: Array, sample_rate: int) -> Array:
-    """Return the levels of blocks, dB."""
+    """Return the mean power of short blocks of samples, dB relative to full scale."""
     size = max(1, round(_LEVEL_BLOCK * sample_rate))
     count = samples.shape[1] // size
     blocks = samples[:, : count * size].reshape(len(samples), count, size)

@@ -24,7 +24,7 @@ _SILENT = "#d9d9d9"
 
 @checked
 def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
-    """Draw a body's brightness and, with `cells`, that of the stored sounds of its `sound_map`."""
+    """Draw the spectral centroid over the contacts of a `sound_map`, and its sounds (`cells`)."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
@@ -122,7 +122,7 @@ def _label(axes: Axes, low: float, high: float) -> None:
 
 
 def _heard(sound_map: SoundMap, values: Array) -> Array:
-    """Return values at corners (F, 3), NaN where the sound is below 0 dB."""
+    """Return values at corners of faces (F, 3), NaN where the sound is below the map's level."""
     energies = np.square(np.abs(sound_map.gains)) @ integrated(sound_map.decays)
     loudness = sound_map.factors * np.sqrt(energies)[sound_map.owners][:, None]
     return np.where(loudness > loudness.max() * 10 ** (-sound_map.level / 20), values, np.nan)

@@ -131,7 +131,7 @@ class Body:
 
     @property
     def actions(self) -> Sequence[Action]:
-        """All that happens to it."""
+        """Strikes and other excitations of the body."""
         if isinstance(self.excitations, Sequence):
             return tuple(self.excitations)
         return (self.excitations,)

@@ -265,7 +265,7 @@ class Trial:
         return value + steps, functions @ turned * np.sqrt(self._basis.plan.area)
 
     def _products(self, value: float, functions: Array) -> Array:
-        """Return the integrals of products of functions over the plan."""
+        """Return the integrals of products of two basis functions over the area of a membrane."""
         at_points, weights = self._everywhere
         values = at_points.sums(np.sqrt(value), functions)
         return values.T @ (weights[:, None] * values)

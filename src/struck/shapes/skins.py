@@ -36,7 +36,7 @@ class Rod:
 
     @property
     def extent(self) -> float:
-        """Length, m."""
+        """Length of the string, bar or tube, m."""
         return self.length
 
     @property

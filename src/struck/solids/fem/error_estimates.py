@@ -104,7 +104,7 @@ class _Part:
         ) * values
 
     def stiffness(self, material: Material) -> Array:
-        """Return the stiffness of each function (E, m, 3, 3)."""
+        """Return the stiffness of each finer basis function in each element (E, m, 3, 3)."""
         slopes = self._finer_slopes
         products = np.einsum("eqma,eqmb,eq->emab", slopes, slopes, self.weights, optimize=True)
         return _stiffness(products[:, :, :, None], material)[:, :, :, 0]
