@@ -121,7 +121,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "18 nothing to tune": (
         lambda: struck.tune(BAR, "steel", vary="colour", lowest=880),
-        ("Bar|colour", "dimensions|vary is|has", "tuned\\(lowest=\\)|length|give"),
+        ("vary is 'colour'", "this body has length, width, thickness"),
     ),
     "19 Tube by position": (
         lambda: Tube(0.3, 0.01, 0.001),

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from struck.analysis.analysis import Fixed, Source
-    from struck.analysis.discretisation import Solid
     from struck.batch.batch_report import BatchReport
     from struck.ears.listeners import Listener
     from struck.ears.room import Room
@@ -544,36 +543,36 @@ def compare(
 
 
 def tune(
-    body: Solid | str,
+    body: Source,
     material: Material | str,
     *,
     vary: str,
-    lowest: float | str,
-    accuracy: str = "standard",
-    progress: Progress = silent,
-) -> Solid:
-    """Return the body with the dimension that makes its lowest mode ring at `lowest`.
+    lowest: float | str | None = None,
+    **options: Any,  # noqa: ANN401 - of `struck.analysis.tuning`
+) -> Any:  # noqa: ANN401 - as the body
+    """Return the body with the dimension that makes its lowest mode, or another, ring in tune.
 
     Parameters
     ----------
-    body : a solid of struck.solids
+    body : a body of struck.solids or struck.shapes
         A file has no dimensions to vary.
     material : Material or str
     vary : str
         Name of the dimension, such as "length".
     lowest : float
         Hz, or a note as "A5" or "A5+12c".
-    accuracy, progress : str, callable
-        As for `analyze`.
+    **options
+        Of other modes, ``frequency=, mode="bending 2"``; accuracy and progress: see
+        `struck.analysis.tune`, which also tells by how much the body was changed.
 
     Raises
     ------
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
     """
-    from struck.analysis.tuning import tuned
+    from struck.analysis import tuning
 
-    return tuned(body, material, vary=vary, lowest=lowest, accuracy=accuracy, progress=progress)
+    return tuning.tune(body, material, vary=vary, lowest=lowest, **options).body
 
 
 def audible(

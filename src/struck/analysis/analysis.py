@@ -120,7 +120,7 @@ def analyze(
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
-    if _is_shape(body):
+    if is_shape(body):
         file.refuse("a body of struck.shapes has its own")
         if method in {None, "formula"}:
             band = lowest, highest
@@ -187,7 +187,7 @@ def _recoiling(model: ModalModel) -> ModalModel:
     )
 
 
-def _is_shape(body: Source) -> TypeIs[Shape]:
+def is_shape(body: Source) -> TypeIs[Shape]:
     """Return whether a body is in closed form, without loading struck.shapes for all others."""
     shapes = sys.modules.get("struck.shapes.shape")
     return shapes is not None and isinstance(body, shapes.Shape)

@@ -1,115 +1,273 @@
-"""Tuning: the dimension of a solid that makes its lowest mode ring at a wanted frequency.
+"""Tuning: the dimension of a body that makes one of its modes ring at a wanted frequency.
 
 The chimes of O'Brien et al. 2002 (Table 2, "adjusted") were tuned so by their lengths.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
-from typing import Any, cast
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
-from struck.errors import OptionError
-from struck.model.arrays import checked
+from struck.errors import NoModeError, OptionError, nearest
+from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
+from struck.model.modes import Modes
 from struck.model.provenance import Progress, silent
-from struck.solids.fem.vibration import lowest_frequency
+from struck.solids.fem.vibration import lowest_frequency, vibration_modes
 
+if TYPE_CHECKING:
+    from struck.shapes.shape import Shape
+
+    Body = Solid | Shape
+
+FAMILIES = ("bending", "torsion", "stretching")
 _IN_TUNE = 1e-7
 _STEPS = 40
+_FARTHEST = 64.0  # times the wanted frequency up to which a mode is looked for
+_ALIKE = 1e-4  # modes of a family whose frequencies differ by less, relative, are one pair
+_SLICES = 24  # across the longest axis, which are told apart by how they move
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuning:
+    """A tuned body, and by how much it was changed."""
+
+    body: Any  # a copy of what was given, with the dimension found
+    vary: str
+    mode: str
+    before: tuple[float, float]  # the dimension and the frequency it gave, Hz
+    after: tuple[float, float]
+
+    def __str__(self) -> str:
+        (size, rang), (found, rings) = self.before, self.after
+        share, cents = 100 * (found / size - 1), 1200 * np.log2(rings / rang)
+        return (
+            f"{self.vary} {size:.7g} -> {found:.7g} ({share:+.2f} %): {self.mode} "
+            f"{rang:.2f} -> {rings:.2f} Hz ({cents:+.0f} cents)"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mode:
+    """The mode that is tuned: number `number` of all, or of a family, from 1."""
+
+    number: int
+    family: str = ""
+
+    @classmethod
+    def of(cls, mode: int | str) -> _Mode:
+        """Read "3", 3, "bending" or "bending 2"."""
+        family, _, number = f"{mode}".strip().rpartition(" ")
+        if not family and number in FAMILIES:
+            family, number = number, "1"
+        known = number.isdecimal() and int(number) >= 1
+        if not known or family not in {"", *FAMILIES}:
+            offer = nearest(family or number, FAMILIES)
+            raise OptionError(
+                f"mode is {mode!r}: {offer}give its number, from 1, or a family with a number of "
+                f"its own, as 'bending 2': {', '.join(FAMILIES)}"
+            )
+        return cls(number=int(number), family=family)
+
+    def __str__(self) -> str:
+        return f"{self.family or 'mode'} {self.number}"
+
+    def natural(self, body: Body, material: Material, accuracy: str, about: float) -> float:
+        """Return its natural frequency, looked for from `about` on, Hz."""
+        if is_shape(body):
+            if self.family in {"", "bending"}:
+                return self._first(body.vibration(material, f).frequencies for f in _up(about))
+            return self._of_solid(body.solid(), material, accuracy, about)
+        if self.family:
+            return self._of_solid(body, material, accuracy, about)
+        return lowest_frequency(body.volume_mesh(accuracy), material, number=self.number)
+
+    def _of_solid(self, solid: Solid, material: Material, accuracy: str, about: float) -> float:
+        mesh, held = solid.volume_mesh(accuracy), getattr(solid, "fixed", None)
+        fixed = None if held is None else held(mesh.nodes)
+
+        def found() -> Iterator[Array]:
+            for highest in _up(about):
+                try:
+                    modes = vibration_modes(mesh, material, highest, fixed=fixed)
+                except NoModeError:
+                    continue
+                yield modes.frequencies[np.array(families_of(modes)) == self.family]
+
+        return self._first(found())
+
+    def _first(self, bands: Iterator[Array]) -> float:
+        """Return the frequency of the first band that holds it."""
+        most = 0
+        for frequencies in bands:
+            alone = [f for last, f in pairwise((0.0, *frequencies)) if f > last * (1 + _ALIKE)]
+            listed = alone if self.family else frequencies
+            if len(listed) >= self.number:
+                return float(listed[self.number - 1])
+            most = len(listed)
+        raise OptionError(
+            f"mode is '{self}', and up to {_FARTHEST:g} times the wanted frequency there are {most}"
+            f" {self.family or 'in all'}: give a lower number or another family"
+        )
+
+
+def _up(about: float) -> Iterator[float]:
+    """Yield ends of bands, Hz, each twice the last."""
+    return iter(about * 2.0 ** np.arange(1, np.log2(_FARTHEST) + 1))
+
+
+def families_of(modes: Modes) -> list[str]:
+    """Return the family of each mode of a long body, by how slices across it move as a whole.
+
+    Those whose slices change their shapes most are "section".
+    """
+    points = modes.surface.points - modes.surface.points.mean(axis=0)
+    axes = np.linalg.svd(points, full_matrices=False)[2]
+    points, shapes = points @ axes.T, np.einsum("vdm,ed->vem", modes.shapes, axes)
+    along = points[:, 0]
+    spans = np.linspace(along.min(), along.max() * (1 + 1e-9), _SLICES + 1)
+    energies = np.zeros((len(FAMILIES), len(modes.frequencies)))
+    for low, high in pairwise(spans):
+        inside = (along >= low) & (along < high)
+        if inside.sum() >= 3:
+            energies += _as_a_whole(points[inside], shapes[inside])
+    shares = energies / np.square(shapes).sum(axis=(0, 1))
+    best = np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), len(FAMILIES))
+    return [(*FAMILIES, "section")[each] for each in best]
+
+
+def _as_a_whole(points: Array, moved: Array) -> Array:
+    """Return the squares of a slice's moves aside, about its axis and along it (3, M)."""
+    about = points - points.mean(axis=0)
+    turns = [np.cross(axis, about) for axis in np.eye(3)]
+    pushes = [np.tile(axis, (len(about), 1)) for axis in np.eye(3)]
+    motions = np.stack([*pushes, *turns]).reshape(6, -1).T
+    weights = np.linalg.lstsq(motions, moved.reshape(-1, moved.shape[2]), rcond=None)[0]
+    squares = np.square(weights) * np.square(motions).sum(axis=0)[:, None]
+    return np.stack([squares[[1, 2, 4, 5]].sum(axis=0), squares[3], squares[0]])
 
 
 @checked
-def tuned(
+def tune(
     body: Any,  # noqa: ANN401 - anything else is refused by name
     material: Material | str,
     *,
     vary: str,
-    lowest: float | str,
-    accuracy: str = "standard",
+    lowest: float | str | None = None,
+    frequency: float | str | None = None,
+    mode: int | str = 1,
+    accuracy: str | None = None,
     progress: Progress = silent,
-) -> Solid:
-    """Find the dimension `vary` that makes the lowest mode of `body` ring at `lowest` Hz.
+) -> Tuning:
+    """Find the dimension `vary` that makes a mode of `body` ring at a frequency, Hz.
 
     The elements are those that `accuracy` begins with. `struck.analyze` may take finer ones, and is
-    then off `lowest` by up to its stated error.
+    then off by up to its stated error.
 
     Parameters
     ----------
-    body : a solid of struck.solids
+    body : a body of struck.solids or struck.shapes
     material : Material or str
     vary : str
-        Name of the dimension, such as "length".
-    lowest : float
-        Hz, or a note as "A5" or "A5+12c".
-    accuracy : str
-        "preview", "standard" or "fine".
+        Name of the dimension, such as "length"; or of another number, as a string's "tension".
+    lowest, frequency : float
+        Of the lowest mode, or of `mode`: Hz, or a note as "A5" or "A5+12c".
+    mode : int or str
+        Its number, from 1; or a family's, as "bending 2", "torsion" or "stretching": by how slices
+        across the longest axis move. Two modes of one frequency count once in a family.
+    accuracy : str, optional
+        "preview", "standard" (unless given) or "fine"; not of what a formula computes.
     progress : callable
-        Told the stage and the fraction of it that is done.
+        Told the stage and the fraction of it that is done; last, by how much what was changed.
 
     Returns
     -------
-    solid
-        A copy with that dimension.
+    Tuning
+        With a copy of the body, as its `body`; as text it says by how much it was changed.
 
     Raises
     ------
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
     """
-    if not isinstance(body, Solid):
+    if not (isinstance(body, Solid) or is_shape(body)):
         raise OptionError(
-            f"{type(body).__name__} has no dimensions to vary: give a solid, or scale its model "
-            "by ModalModel.tuned(lowest=)"
+            f"{type(body).__name__} has no dimensions to vary: give a body of struck.solids or "
+            "struck.shapes, or scale its model by ModalModel.tuned(lowest=)"
+        )
+    chosen = _Mode.of(mode)
+    wanted = _wanted(lowest, frequency, chosen)
+    if accuracy is not None and is_shape(body) and chosen.family in {"", "bending"}:
+        raise OptionError(
+            f"accuracy={accuracy!r} does not apply to {type(body).__name__}, which is computed by "
+            "a formula: leave it out"
         )
     if isinstance(material, str):
         material = Material.named(material)
-    lowest = hertz("lowest", lowest)
-    start = _dimension(body, vary)
-    points = [_measured(body, material, start, vary, accuracy)]
+
+    def measured(value: float) -> tuple[float, float]:
+        varied = _with(body, vary, value)
+        natural = chosen.natural(varied, material, accuracy or "standard", wanted)
+        return value, float(ringing(natural, material.damping.decays(natural)))
+
+    points = [measured(_dimension(body, vary))]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
-    guess = points[0][0] * (points[0][1] / lowest) ** 0.5
+    guess = points[0][0] * (points[0][1] / wanted) ** 0.5
     for step in range(_STEPS):
         progress("tune", step / _STEPS)
-        points.append(_measured(body, material, guess, vary, accuracy))
-        if abs(points[-1][1] / lowest - 1) < _IN_TUNE:
-            return _with(body, vary, guess)
-        guess = _next(points[-2:], lowest)
+        points.append(measured(guess))
+        if abs(points[-1][1] / wanted - 1) < _IN_TUNE:
+            made, ends = _with(body, vary, guess), {"before": points[0], "after": points[-1]}
+            found = Tuning(body=made, vary=vary, mode=f"{chosen}", **ends)
+            progress(f"tuned: {found}", 1.0)
+            return found
+        guess = _next(points[-2:], wanted, f"{chosen}")
     raise OptionError(
-        f"{vary} cannot bring the lowest mode to {lowest:g} Hz: after {_STEPS} steps it rings at "
+        f"{vary} cannot bring {chosen} to {wanted:g} Hz: after {_STEPS} steps it rings at "
         f"{points[-1][1]:.5g} Hz with {vary} = {points[-1][0]:.5g}; vary another dimension"
     )
 
 
-def _dimension(body: Solid, vary: str) -> float:
-    names = [field.name for field in fields(body)] if is_dataclass(body) else []
+def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mode) -> float:
+    """Return the wanted frequency, Hz, of one of two arguments."""
+    if (lowest is None) == (frequency is None):
+        raise OptionError(
+            f"lowest is {lowest!r} and frequency is {frequency!r}: give one of them, in Hz or as a "
+            "note"
+        )
+    if lowest is not None and (mode.family or mode.number != 1):
+        raise OptionError(f"lowest is {lowest!r}, but mode is '{mode}': give frequency= of that")
+    name, value = ("frequency", frequency) if lowest is None else ("lowest", lowest)
+    return hertz(name, cast("float | str", value))
+
+
+def _dimension(body: Body, vary: str) -> float:
+    names = [field.name for field in fields(cast("Any", body))] if is_dataclass(body) else []
     numbers = [name for name in names if isinstance(getattr(body, name), int | float)]
     if vary not in numbers:
-        raise OptionError(f"vary is {vary!r}: this body has {', '.join(numbers) or 'no numbers'}")
+        offer = nearest(vary, numbers)
+        raise OptionError(
+            f"vary is {vary!r}: {offer}this body has {', '.join(numbers) or 'no numbers'} to vary"
+        )
     return float(getattr(body, vary))
 
 
-def _with(body: Solid, vary: str, value: float) -> Solid:
+def _with(body: Body, vary: str, value: float) -> Body:
     """Return a copy with another dimension; `_dimension` has seen that it is a dataclass."""
     return replace(cast("Any", body), **{vary: value})
 
 
-def _measured(
-    body: Solid, material: Material, value: float, vary: str, accuracy: str
-) -> tuple[float, float]:
-    """Return the dimension with the lowest ringing frequency it gives."""
-    mesh = _with(body, vary, value).volume_mesh(accuracy)
-    natural = lowest_frequency(mesh, material)
-    return value, float(ringing(natural, material.damping.decays(natural)))
-
-
-def _next(points: list[tuple[float, float]], lowest: float) -> float:
+def _next(points: list[tuple[float, float]], wanted: float, mode: str) -> float:
     """Return the secant's next value, on logarithms, in steps of a factor of 2 at most."""
     (x0, x1), (y0, y1) = np.log(np.array(points)).T
     slope = (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
     if not np.isfinite(slope) or abs(slope) < 1e-3:
-        raise OptionError("the lowest mode does not follow this dimension: vary another")
-    return float(np.exp(x1 + np.clip((np.log(lowest) - y1) / slope, -np.log(2), np.log(2))))
+        raise OptionError(f"{mode} does not follow this dimension: vary another")
+    return float(np.exp(x1 + np.clip((np.log(wanted) - y1) / slope, -np.log(2), np.log(2))))

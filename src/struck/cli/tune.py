@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-import struck
+from struck.analysis import tune
 from struck.cli import Result
 from struck.cli.options import BODY, MATERIAL, body_named, material_named, pitch
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
     "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium --vary length --lowest 587.33",
+    "bar:length=30cm,width=3cm,thickness=5mm --material rosewood --vary length --lowest A4",
+    "block:size=30cmx3cmx2cm --material rosewood --vary length --frequency A6 --mode 'bending 2'",
 )
 
 
@@ -20,20 +21,32 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("body", help=BODY)
     parser.add_argument("--material", required=True, help=MATERIAL)
     parser.add_argument("--vary", required=True, help="name of the dimension")
-    parser.add_argument("--lowest", type=pitch, required=True, help="Hz, or a note as A5")
-    parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
+    parser.add_argument("--lowest", type=pitch, help="of the lowest mode: Hz, or a note as A5")
+    parser.add_argument("--frequency", type=pitch, help="of --mode instead")
+    parser.add_argument(
+        "--mode", default="1", help="number, from 1, or of a family, as 'bending 2' or torsion"
+    )
+    parser.add_argument("--accuracy", help="of solids: preview, standard (default) or fine")
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck tune`."""
-    asked: Any = body_named(options.body)  # which refuses what it cannot tune
-    body = struck.tune(
-        asked,
+    found = tune(
+        body_named(options.body),
         material_named(options.material),
         vary=options.vary,
         lowest=options.lowest,
+        frequency=options.frequency,
+        mode=options.mode,
         accuracy=options.accuracy,
         progress=progress,
     )
-    value = getattr(body, options.vary)
-    return Result(f"{options.vary} = {value:.7g}", **{options.vary: value})
+    (before, rang), (value, rings) = found.before, found.after
+    return Result(
+        f"{options.vary} = {value:.7g}\n{found}",
+        **{options.vary: value},
+        before=before,
+        mode=found.mode,
+        frequency=rings,
+        frequency_before=rang,
+    )

@@ -270,8 +270,10 @@ def _free_motions(basis: Displacements) -> Array:
     return basis.padded(rigid_motions(basis.mesh.nodes))
 
 
-def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None = None) -> float:
-    """Return the lowest natural frequency of a freely floating body, Hz."""
+def lowest_frequency(
+    mesh: VolumeMesh, material: Material, solver: Solver | None = None, *, number: int = 1
+) -> float:
+    """Return the lowest natural frequency of a freely floating body, or a higher one, Hz."""
     solver = solver or Solver()
     system = assemble(mesh, material, lumped=solver.lumped)
     motions = _free_motions(Displacements.of(mesh))
@@ -279,5 +281,5 @@ def lowest_frequency(mesh: VolumeMesh, material: Material, solver: Solver | None
     speed = np.sqrt(material.youngs_modulus / material.density)
     bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
     spectrum = Spectrum(system, motions, Factoriser(solver.backend))
-    pairs = spectrum.near(spectrum.shift(-float(bound) / 400), 0, 1)
-    return float(np.sqrt(pairs.values[0]) / (2 * np.pi))
+    pairs = spectrum.near(spectrum.shift(-float(bound) / 400), 0, number)
+    return float(np.sqrt(pairs.values[number - 1]) / (2 * np.pi))

@@ -1,0 +1,113 @@
+"""Tuning of solids and shapes, by number and by family of the mode, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import struck
+from struck.analysis import tune
+from struck.errors import OptionError
+from struck.model import Material
+from struck.shapes import Bar, String
+from struck.solids import Block, Tube
+
+STEEL = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)
+SLENDER = Bar(length=0.3, width=0.03, thickness=0.005, theory="euler-bernoulli")
+TUBE = Tube(length=0.4, radius=0.0125, wall=0.001, elements=(8, 12, 1))
+# Of a free bar by Euler and Bernoulli, roots of cos x cosh x = 1.
+ROOTS = (4.730040744862704, 7.853204624095838, 10.995607838001671)
+
+
+def bending(bar: Bar, number: int) -> float:
+    waves = math.sqrt(STEEL.youngs_modulus / STEEL.density / 12) * bar.thickness / bar.length**2
+    return ROOTS[number - 1] ** 2 * waves / (2 * math.pi)
+
+
+@pytest.mark.parametrize("mode", [1, "2", "bending 3"])
+@pytest.mark.parametrize("vary", ["length", "thickness"])
+def test_a_bar_of_a_formula_is_tuned_by_each_mode(mode: int | str, vary: str) -> None:
+    found = tune(SLENDER, STEEL, vary=vary, frequency="A5", mode=mode)
+    number = int(str(mode)[-1])
+    times = 880.0 / bending(SLENDER, number)
+    wanted = {"length": 0.3 / math.sqrt(times), "thickness": 0.005 * times}[vary]
+    assert getattr(found.body, vary) == pytest.approx(wanted, rel=1e-6)
+    assert found.before == pytest.approx((getattr(SLENDER, vary), bending(SLENDER, number)))
+    assert found.after == pytest.approx((wanted, 880.0))
+    assert struck.tune(SLENDER, STEEL, vary=vary, frequency=880, mode=mode) == found.body
+
+
+def test_strings_are_tuned_by_their_tension() -> None:
+    string = String(length=0.65, radius=0.0003, tension=60.0)
+    mass = math.pi * 0.0003**2 * STEEL.density  # kg/m
+    tuned = struck.tune(string, STEEL, vary="tension", lowest="E3")
+    hertz = 440 * 2 ** (-17 / 12)
+    stiff = tuned.vibration(STEEL, 2 * hertz).frequencies[0] / hertz
+    assert stiff == pytest.approx(1.0, rel=1e-6)
+    assert tuned.tension == pytest.approx(mass * (2 * 0.65 * hertz) ** 2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("mode", "speed", "within"),
+    [
+        ("torsion", math.sqrt(STEEL.shear_modulus / STEEL.density), 5e-4),  # exact of round tubes
+        ("stretching", math.sqrt(STEEL.youngs_modulus / STEEL.density), 0.005),  # of slender ones
+    ],
+)
+def test_a_tube_is_tuned_by_its_half_waves(mode: str, speed: float, within: float) -> None:
+    found = tune(TUBE, STEEL, vary="length", frequency=4000.0, mode=mode)
+    assert found.body.length == pytest.approx(speed / (2 * 4000.0), rel=within)
+
+
+def test_a_shape_twists_as_its_solid() -> None:
+    """Of a thin strip: torsion goes with thickness over width (Saint-Venant), bending stays."""
+    strip = Bar(length=0.3, width=0.03, thickness=0.005)
+    found = tune(strip, STEEL, vary="width", frequency=3000.0, mode="torsion", accuracy="preview")
+    ratio = 0.005 / found.body.width
+    stiffness = (1 - 0.63 * ratio) / 3 * 12 / (1 + ratio**2)  # its share of the polar moment
+    speed = math.sqrt(STEEL.shear_modulus / STEEL.density * stiffness) * ratio
+    assert speed / (2 * 0.3) == pytest.approx(3000.0, rel=0.03)
+
+
+def test_a_pair_of_one_frequency_is_one_of_its_family() -> None:
+    second = tune(TUBE, STEEL, vary="length", frequency=2000.0, mode="bending 2")
+    third = tune(TUBE, STEEL, vary="length", frequency=2000.0, mode=3)
+    assert second.body.length == pytest.approx(third.body.length, rel=1e-5)
+
+
+def test_what_was_changed_is_said() -> None:
+    told: list[str] = []
+    found = tune(SLENDER, STEEL, vary="length", lowest=880, progress=lambda s, _: told.append(s))
+    cents = 1200 * np.log2(880 / bending(SLENDER, 1))
+    assert str(found) == (
+        f"length 0.3 -> {found.body.length:.7g} ({100 * (found.body.length / 0.3 - 1):+.2f} %): "
+        f"mode 1 {bending(SLENDER, 1):.2f} -> 880.00 Hz ({cents:+.0f} cents)"
+    )
+    assert told[-1] == f"tuned: {found}"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"lowest": 880, "mode": "wobble 2"}, "mode is 'wobble 2': .*bending, torsion, stretch"),
+        ({"frequency": 880, "mode": "torsoin"}, "did you mean torsion"),
+        ({"frequency": 880, "mode": 0}, "mode is 0: .*from 1"),
+        ({"lowest": 880, "mode": 2}, "lowest is 880, but mode is 'mode 2': give frequency="),
+        ({}, "lowest is None and frequency is None: give one"),
+        ({"lowest": 880, "frequency": 880}, "lowest is 880 and frequency is 880: give one"),
+        ({"lowest": 880, "accuracy": "fine"}, "accuracy='fine' does not apply to Bar"),
+        ({"frequency": 880, "mode": 90}, "'mode 90', and up to 64 times .* there are 20 in all"),
+        ({"lowest": 880, "vary": "lenght"}, "vary is 'lenght': did you mean length.* width"),
+    ],
+)
+def test_what_cannot_be_tuned_is_refused(given: dict, words: str) -> None:
+    with pytest.raises(OptionError, match=words):
+        tune(SLENDER, STEEL, **{"vary": "length", **given})
+
+
+def test_a_solid_has_a_second_mode() -> None:
+    block = Block(size=(0.3, 0.03, 0.005), elements=(8, 1, 1))
+    with pytest.raises(OptionError, match="this body has no numbers"):
+        tune(block, STEEL, vary="size", frequency=500.0, mode=2)
