@@ -37,12 +37,24 @@ _SLICES = 24  # across the longest axis, which are told apart by how they move
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuning:
-    """A tuned body, and by how much it was changed."""
+    """A tuned body, and by how much it was changed; `str` says it in a line.
 
-    body: Any  # a copy of what was given, with the dimension found
+    Parameters
+    ----------
+    body : solid or shape
+        A copy of the one that was given, with the dimension found.
+    vary : str
+        Name of the dimension.
+    mode : str
+        The mode that was tuned, by its number or family.
+    before, after : pair of float
+        The dimension in its own units, as m, and the frequency that it gave, Hz.
+    """
+
+    body: Any
     vary: str
     mode: str
-    before: tuple[float, float]  # the dimension and the frequency it gave, Hz
+    before: tuple[float, float]
     after: tuple[float, float]
 
     def __str__(self) -> str:
