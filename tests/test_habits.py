@@ -15,11 +15,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import struck
 from struck.analysis.cached_steps import Stages
 from struck.analysis.discretisation import FileOptions, discretise
 from struck.cli import main
+from struck.core.machine import thread_count
 from struck.model import Material, Measured
 from struck.model.provenance import silent
 from struck.shapes import Bar
@@ -308,6 +310,29 @@ def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None
     for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
         after = struck.render(again, struck.Strike(), seconds=0.1)
         assert np.array_equal(after.samples, before.samples)
+
+
+def test_products_use_one_thread_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def threads() -> set[int]:
+        return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+    block = Block(size=(0.1, 0.05, 0.03), elements=(2, 1, 1))
+    with threadpool_limits(3, user_api="blas"):
+        for told, most in ((None, {1}), ("2", {2})):
+            monkeypatch.delenv("STRUCK_THREADS", raising=False)
+            if told:
+                monkeypatch.setenv("STRUCK_THREADS", told)
+            seen: set[int] = set()
+            struck.analyze(
+                block, "steel", cache=False, progress=lambda *_, seen=seen: seen.update(threads())
+            )
+            assert seen == most
+            assert threads() == {3}
+    assert thread_count() == 2
+    for wrong in ("many", "0", "-1", "1.5"):
+        monkeypatch.setenv("STRUCK_THREADS", wrong)
+        with pytest.raises(struck.errors.OptionError, match=f"STRUCK_THREADS is '{wrong}': set"):
+            struck.analyze(block, "steel", cache=False)
 
 
 def test_notes_and_times_stand_for_frequencies_and_decays(folder: Path) -> None:

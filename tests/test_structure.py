@@ -50,7 +50,6 @@ ALONE = 15  # modules with one importer, in their own room
 # Files under 100 lines, and why a reader looks for each by itself.
 SHORT: dict[str, str] = {
     "solids/fem/cubic_surface.py": "the surface of thin bodies, which others do not load",
-    "core/machine.py": "what both solvers ask of the machine, each above another layer",
     "report/figurine.py": "a body that pages, examples and proofs share",
     "scene/engines/step_log.py": "what both engines note alike",
     "scene/stems.py": "files that a command and the scenes of 2002 write alike",

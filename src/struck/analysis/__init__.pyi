@@ -1,3 +1,2 @@
 from .analysis import model_of_modes as model_of_modes
-from .tuning import Tuning as Tuning
 from .tuning import tune as tune

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
+from struck.core.machine import in_few_threads
 from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
@@ -88,6 +89,7 @@ def _model_from_bytes(data: bytes) -> ModalModel:
 MODEL: Stage[ModalModel] = Stage(name="model", pack=_model_to_bytes, unpack=_model_from_bytes)
 
 
+@in_few_threads
 def analyze(
     body: Source,
     material: Material | str,

@@ -14,6 +14,7 @@ import numpy as np
 
 from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
+from struck.core.machine import in_few_threads
 from struck.errors import NoModeError, OptionError, nearest
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
@@ -166,6 +167,7 @@ def _as_a_whole(points: Array, moved: Array) -> Array:
     return np.stack([squares[[1, 2, 4, 5]].sum(axis=0), squares[3], squares[0]])
 
 
+@in_few_threads
 @checked
 def tune(
     body: Any,  # noqa: ANN401 - anything else is refused by name

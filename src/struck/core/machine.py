@@ -1,17 +1,51 @@
-"""Memory and processors of this machine that are free for long work."""
+"""Memory, processors and threads of this machine that long work may use."""
 
 from __future__ import annotations
 
+import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from struck.errors import OptionError
 
 GIB = 2**30
+THREADS = "STRUCK_THREADS"  # variable of the environment
+_Given = ParamSpec("_Given")
+_Made = TypeVar("_Made")
 
 
 def thread_count() -> int:
-    """Return how many threads a factorisation may use: OMP_NUM_THREADS, else the cores we own."""
+    """Return how many threads a factorisation may use: as told, else the cores we own, at most 4.
+
+    STRUCK_THREADS tells, or else OMP_NUM_THREADS.
+    """
     wanted = os.environ.get("OMP_NUM_THREADS", "")
-    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(cores(), 4)
+    own = int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(cores(), 4)
+    return threads_told() or own
+
+
+def threads_told() -> int | None:
+    """Return the number of threads that STRUCK_THREADS tells, None where it is not set."""
+    told = os.environ.get(THREADS, "")
+    if told and not (told.isdecimal() and 0 < int(told) <= 1024):
+        raise OptionError(f"{THREADS} is {told!r}: set a whole number from 1 to 1024, or unset it")
+    return int(told) if told else None
+
+
+def in_few_threads(work: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+    """Let matrix products within a function use one thread, or as many as STRUCK_THREADS tells."""
+
+    # Blocks of vectors are many and small: more threads mostly wait, busily (`bench/threads.py`).
+    @functools.wraps(work)
+    def limited(*given: _Given.args, **named: _Given.kwargs) -> _Made:
+        with threadpool_limits(threads_told() or 1, user_api="blas"):
+            return work(*given, **named)
+
+    return limited
 
 
 def cores() -> int:

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from struck.core.machine import in_few_threads
 from struck.errors import OptionError
 from struck.model.arrays import AnyComplex, Array, Index, Mask, checked
 from struck.model.exponentials import Exponentials, samples
@@ -381,7 +381,7 @@ def _noisier(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment
 METHODS = ("shared", "corbett2007")
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # many small products: threads only wait
+@in_few_threads
 @checked
 def fit_poles(
     takes: Take | Sequence[Take],
