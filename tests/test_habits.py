@@ -22,7 +22,7 @@ from struck.analysis.cached_steps import Stages
 from struck.analysis.discretisation import FileOptions, discretise
 from struck.cli import main
 from struck.core.machine import thread_count
-from struck.model import Material, Measured
+from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
 from struck.shapes import Bar
 from struck.solids import Block, Tube
@@ -310,6 +310,48 @@ def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None
     for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):  # noqa: S301 - our own
         after = struck.render(again, struck.Strike(), seconds=0.1)
         assert np.array_equal(after.samples, before.samples)
+
+
+def test_progress_is_a_line_each_ten_seconds_where_there_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(provenance.time, "monotonic", lambda: clock[0])
+    told = provenance.reported(provenance.shown)
+    for second in range(36):
+        clock[0] = float(second)
+        told("iterate", second / 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"struck: iterate  {n} %, about {100 - n} s left" for n in (10, 20, 30)]
+    provenance.reported(None)("iterate", 0.9)
+    clock[0] = 100.0
+    struck.analyze(BAR, "steel", progress=None)
+    assert capsys.readouterr().err == ""
+    assert provenance.reported(silent) is silent
+
+
+def test_progress_is_a_bar_in_notebooks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    states: list[dict[str, str]] = []
+
+    def display(state: dict[str, str], **_: object) -> SimpleNamespace:
+        states.append(state)
+        return SimpleNamespace(update=lambda state, **_: states.append(state))
+
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))
+    block = Block(size=(0.1, 0.05, 0.03), elements=(2, 1, 1))
+    struck.analyze(block, "steel", cache=False)
+    assert len(states) > 2
+    assert states[0]["text/html"].startswith('<progress value="0.000"></progress> mesh')
+    before = len(states)
+    struck.analyze(block, "steel", cache=False, progress=None)
+    shell.kernel = None  # IPython on a terminal
+    struck.analyze(block, "steel", cache=False)
+    assert len(states) == before
+    assert capsys.readouterr().err == ""
 
 
 def test_products_use_one_thread_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from struck.model.arrays import checked
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, reported, shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +57,7 @@ def analyze(
     method: str | None = None,
     backend: str = "auto",
     cache: bool | str | os.PathLike[str] = True,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> ModalModel:
     """Compute the modal model of a body.
 
@@ -98,8 +98,9 @@ def analyze(
         And the sparse factorisation: "auto", "rslab" or "superlu".
     cache : bool or path
         Where finished stages are kept: the user's cache (or $STRUCK_CACHE), not at all, a folder.
-    progress : callable
-        Told the stage and the fraction of it that is done.
+    progress : callable or None
+        Told the stage and the fraction of it that is done; a line on stderr each ten seconds, or a
+        bar in notebooks, unless given; None is silent.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def analyze(
     MeshError, MaterialError, OptionError, FileFormatError, SolverError
         With the value, the bound and the way out.
     """
-    given = locals()  # all goes on under its own name
+    given = {**locals(), "progress": reported(progress)}  # all goes on under its own name
 
     from struck.analysis import analysis
 
@@ -161,7 +162,7 @@ def fit(
     force: bool = False,
     report: str | os.PathLike[str] | None = None,
     cache: bool | str | os.PathLike[str] = True,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> ModalModel:
     """Fit a model to recordings of one object: all takes share its modes.
 
@@ -222,7 +223,7 @@ def fit(
     RecordingError, FileFormatError, OptionError
         With the value, the bound and the way out.
     """
-    given = locals()  # all goes on under its own name, but for the page
+    given = {**locals(), "progress": reported(progress)}  # all under its own name but the page
     told = {name: given[name] for name in given if name not in {"recordings", "report"}}
 
     from struck.files.atomic import writable
@@ -342,7 +343,7 @@ def simulate(
     seconds: float = 5.0,
     *,
     control: Control | None = None,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
     **options: Any,  # noqa: ANN401 - of `Simulation`
 ) -> tuple[Scene, Contacts]:
     """Simulate a scene file: bodies that move, and all their contacts, ready for `render`.
@@ -371,8 +372,8 @@ def simulate(
     """
     from struck.scene.engines.simulation import Simulation
 
-    simulation = Simulation(file, progress=progress, **options)
-    return simulation.run(seconds, control=control, progress=progress)
+    simulation = Simulation(file, progress=reported(progress), **options)
+    return simulation.run(seconds, control=control, progress=reported(progress))
 
 
 def play(
@@ -505,7 +506,7 @@ def compare(
     listener: ArrayLike | None = None,
     recording: Sound | None = None,
     widest: float = 1.25,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> Comparison:
     """Compare a model with a recording of the body, or with another model.
 
@@ -535,7 +536,7 @@ def compare(
     OptionError, ContactError, RecordingError, FileFormatError, MissingDependencyError
         With the value, the bound and the way out.
     """
-    given = locals()  # all goes on under its own name
+    given = {**locals(), "progress": reported(progress)}  # all goes on under its own name
 
     from struck.report import comparison
 
@@ -572,6 +573,7 @@ def tune(
     """
     from struck.analysis import tuning
 
+    options["progress"] = reported(options.get("progress", shown))
     return tuning.tune(body, material, vary=vary, lowest=lowest, **options).body
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import sys
 import time
 import tomllib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
@@ -77,6 +79,7 @@ def bibliography() -> Mapping[str, str]:
 
 
 Progress = Callable[[str, float], None]  # takes a stage of long work and the fraction done
+_EVERY, _REDRAWN = 10.0, 0.2  # s between lines, and between states of a bar
 FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
@@ -97,22 +100,48 @@ def silent(_stage: str, _fraction: float) -> None:
     """Show no progress."""
 
 
-class TerminalProgress:
-    """One line on a terminal: the stage, the share that is done, and the time left."""
+def shown(_stage: str, _fraction: float) -> None:
+    """Stand for a report of each work's own, which `reported` begins."""
 
-    def __init__(self) -> None:
+
+def reported(progress: Progress | None) -> Progress:
+    """Return who is told of one work: nobody for None; a bar, or a line now and then, unless said.
+
+    In a notebook that is a bar, elsewhere a line on stderr after each ten seconds.
+    """
+    if progress is not shown:
+        return progress or silent
+    return NotebookProgress() if _in_notebook() else TerminalProgress(lines=True)
+
+
+class TerminalProgress:
+    """One line on a terminal: the stage, the share that is done, and the time left.
+
+    Where there is no terminal, or `lines` are asked for, a line after each ten seconds.
+    """
+
+    def __init__(self, *, lines: bool = False) -> None:
         self._stream = sys.stderr
-        self._shown = self._stream.isatty()
+        self._shown = self._stream.isatty() and not lines
         self._stage, self._begun = "", time.monotonic()
+        self._told = self._begun
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show a stage and the fraction of it that is done."""
         now = time.monotonic()
         if stage != self._stage:
             self._stage, self._begun = stage, now
+        text = f"{stage}{_share(fraction, now - self._begun)}"
         if self._shown:
             kept = "\n" if stage.startswith(FORECAST) else ""
-            self._stream.write(f"\r\x1b[K{stage}{_share(fraction, now - self._begun)}{kept}")
+            self._stream.write(f"\r\x1b[K{text}{kept}")
+        elif now - self._told >= _EVERY:
+            self._told = now
+            with suppress(OSError, ValueError):  # closed by who started us
+                self._stream.write(f"struck: {text}\n")
+        else:
+            return
+        with suppress(OSError, ValueError):
             self._stream.flush()
 
     def close(self) -> None:
@@ -120,6 +149,39 @@ class TerminalProgress:
         if self._shown:
             self._stream.write("\r\x1b[K")
             self._stream.flush()
+
+
+class NotebookProgress:
+    """A bar below the cell of a notebook, with the stage and the time left."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+        self._stage, self._begun = "", time.monotonic()
+        self._told = 0.0
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        """Show a stage and the fraction of it that is done, five times a second at most."""
+        now = time.monotonic()
+        if stage == self._stage and now - self._told < _REDRAWN and fraction < 1:
+            return
+        if stage != self._stage:
+            self._stage, self._begun = stage, now
+        self._told = now
+        text = html.escape(f"{stage}{_share(fraction, now - self._begun)}")
+        bar = {"text/html": f'<progress value="{fraction:.3f}"></progress> {text}'}
+        bar["text/plain"] = text
+        if self._handle is None:
+            display: Any = sys.modules["IPython.display"]
+            self._handle = display.display(bar, raw=True, display_id=True)
+        else:
+            self._handle.update(bar, raw=True)
+
+
+def _in_notebook() -> bool:
+    """Tell whether a kernel of IPython runs this, which shows HTML."""
+    ipython: Any = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython and "IPython.display" in sys.modules else None
+    return getattr(shell, "kernel", None) is not None
 
 
 def _share(fraction: float, passed: float) -> str:
