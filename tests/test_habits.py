@@ -312,7 +312,7 @@ def test_27_a_model_that_has_sounded_is_copied_and_pickled(folder: Path) -> None
         assert np.array_equal(after.samples, before.samples)
 
 
-def test_progress_is_a_line_each_ten_seconds_where_there_is_no_terminal(
+def test_progress_is_a_line_after_two_and_each_ten_seconds_without_a_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = [0.0]
@@ -322,7 +322,7 @@ def test_progress_is_a_line_each_ten_seconds_where_there_is_no_terminal(
         clock[0] = float(second)
         told("iterate", second / 100)
     lines = capsys.readouterr().err.splitlines()
-    assert lines == [f"struck: iterate  {n} %, about {100 - n} s left" for n in (10, 20, 30)]
+    assert lines == [f"struck: iterate  {n} %, about {100 - n} s left" for n in (2, 12, 22, 32)]
     provenance.reported(None)("iterate", 0.9)
     clock[0] = 100.0
     struck.analyze(BAR, "steel", progress=None)

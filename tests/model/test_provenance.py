@@ -37,7 +37,7 @@ def test_stage_share_and_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     assert last_line(terminal.getvalue()) == ""
 
 
-def test_nothing_is_told_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_gets_nothing_of_short_work(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     monkeypatch.setattr("sys.stderr", stream)
     progress = TerminalProgress()

@@ -79,7 +79,7 @@ def bibliography() -> Mapping[str, str]:
 
 
 Progress = Callable[[str, float], None]  # takes a stage of long work and the fraction done
-_EVERY, _REDRAWN = 10.0, 0.2  # s between lines, and between states of a bar
+_QUIET, _EVERY, _REDRAWN = 2.0, 10.0, 0.2  # s to a first line, between lines, between bars
 FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
@@ -107,7 +107,7 @@ def shown(_stage: str, _fraction: float) -> None:
 def reported(progress: Progress | None) -> Progress:
     """Return who is told of one work: nobody for None; a bar, or a line now and then, unless said.
 
-    In a notebook that is a bar, elsewhere a line on stderr after each ten seconds.
+    In a notebook that is a bar, elsewhere a line on stderr after two seconds and each ten more.
     """
     if progress is not shown:
         return progress or silent
@@ -117,14 +117,14 @@ def reported(progress: Progress | None) -> Progress:
 class TerminalProgress:
     """One line on a terminal: the stage, the share that is done, and the time left.
 
-    Where there is no terminal, or `lines` are asked for, a line after each ten seconds.
+    Where there is no terminal, or `lines` are asked for, a line after 2 s and each 10 s more.
     """
 
     def __init__(self, *, lines: bool = False) -> None:
         self._stream = sys.stderr
         self._shown = self._stream.isatty() and not lines
         self._stage, self._begun = "", time.monotonic()
-        self._told = self._begun
+        self._told = self._begun + _QUIET - _EVERY
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show a stage and the fraction of it that is done."""
