@@ -78,7 +78,7 @@ class BodyJob:
         return replace(self, output=output, options={**self.options, "part": name}).keyed()
 
     def path(self, folder: Path, ending: str = MODEL) -> Path:
-        """Return where one of its files is."""
+        """Return the path of one of a job's output files."""
         return folder / f"{self.output}{ending}"
 
 

@@ -63,7 +63,7 @@ class _Worker:
             stdin.flush()
 
     def close(self) -> int:
-        """End it with all that it has started, and return its exit code."""
+        """End the worker and all processes that it has started; return its exit code."""
         if hasattr(os, "killpg"):
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -77,7 +77,7 @@ class _Worker:
 
 @dataclass(slots=True, kw_only=True)
 class _Running:
-    """A job that a process is at."""
+    """A job that a worker process has begun."""
 
     job: BodyJob
     forecast: float = 0.0  # bytes, once it is known
@@ -134,7 +134,7 @@ class Processes:
         return running.job, running.facts or _ended(code)
 
     def close(self) -> None:
-        """End all processes, at once."""
+        """End all worker processes, at once."""
         for worker in (*self._running, *self._idle):
             worker.close()
 

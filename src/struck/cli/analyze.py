@@ -40,7 +40,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 
 def add_how(parser: argparse.ArgumentParser) -> None:
-    """Declare how a body is analyzed."""
+    """Add the options for elements, band and damping of an analysis to a parser."""
     parser.add_argument("--material", help=MATERIAL)
     parser.add_argument("--damping", default="own", help="own (default), heard or heard_bowl")
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")

@@ -66,13 +66,13 @@ class _Place:
 
     @property
     def row(self) -> tuple[str, str, str]:
-        """Texts for a table."""
+        """Return a row's cells as texts for a table."""
         level = "silent" if self.level is None else f"{self.level:.1f}"
         return self.name, ", ".join(f"{each:.4g}" for each in self.point) or "-", level
 
 
 def _parts(file: str, units: str | None) -> Result:
-    """Return which bodies a mesh file holds."""
+    """Return the bodies that a mesh file holds, for `struck info`."""
     from struck.files import list_parts
 
     parts = list_parts(file, units=units)

@@ -127,7 +127,7 @@ class Terminal:
             )
 
     def tell(self, text: str) -> None:
-        """Write a line."""
+        """Write a line to the person at the terminal."""
         self._progress.close()
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()

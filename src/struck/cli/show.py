@@ -64,7 +64,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
 
 
 def _planned(path: str, pitch: float | None) -> Figure:
-    """Draw where a plan strikes and listens."""
+    """Draw the contacts and listeners of a capture plan."""
     plan = read_plan(path)
     points = list(plan.every())
     struck_at = np.array(list(dict.fromkeys(point.contact for point in points)), np.float64)

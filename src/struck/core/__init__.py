@@ -31,7 +31,7 @@ class _Array:
 
     @classmethod
     def from_param(cls, value: np.ndarray[Any, Any] | int) -> ctypes.c_void_p | ctypes.Array[Any]:
-        """Return the address that the loop gets."""
+        """Return the address of an array that a function of the core gets."""
         if isinstance(value, int):
             return ctypes.c_void_p(value)
         flags = value.flags

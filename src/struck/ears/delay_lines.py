@@ -70,7 +70,7 @@ class DelayLines:
         return 1 << int(np.ceil(np.log2(longest + self.block + READ + 1)))
 
     def lengthen(self, longest: float) -> None:
-        """Make room for longer delays.
+        """Make room in the delay lines for longer delays.
 
         What was written longer ago than could be read is lost: a way that grows at less than the
         speed of sound never asks for it.

@@ -22,11 +22,11 @@ _HIGHEST_RATE = 384_000.0  # Hz, of spheres
 
 
 class Filters(Protocol):
-    """A head at one sample rate."""
+    """Filters of a head, from directions to both ears, at one sample rate."""
 
     @property
     def taps(self) -> int:
-        """Length of its responses."""
+        """Length of the head's impulse responses, samples."""
         ...
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
@@ -50,7 +50,7 @@ class Filters(Protocol):
 
 
 class Head(Protocol):
-    """A head, for any sample rate."""
+    """A head whose filters can be made for any sample rate."""
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ class Head(Protocol):
 
     @property
     def references(self) -> tuple[str, ...]:
-        """Keys of the papers behind it."""
+        """Keys of the papers behind a head's filters."""
         ...
 
     def prepared(self, sample_rate: float) -> Filters:
@@ -201,7 +201,7 @@ class TabulatedFilters:
 
     @property
     def taps(self) -> int:
-        """Length of the responses."""
+        """Length of the impulse responses, samples."""
         return self.table.shape[1] - 1
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:

@@ -85,7 +85,7 @@ class Hearing:
 
     @property
     def lead(self) -> int:
-        """Samples that `next_block` is late."""
+        """Samples by which the sound of `next_block` is late."""
         return self.propagation.lead
 
     def next_block(self, samples: Array) -> Array:

@@ -67,7 +67,7 @@ class Trajectory:
 
     @property
     def moves(self) -> bool:
-        """Whether it may change."""
+        """Whether the course may change with time."""
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
@@ -125,7 +125,7 @@ class Listener(Protocol):
 
     @property
     def facing(self) -> Course3 | None:
-        """Where it looks, of any length; None: level towards the bodies as they are at first."""
+        """Direction of view, of any length; None: level towards the bodies as they are at first."""
         ...
 
     @property
@@ -187,22 +187,22 @@ class Mono:
 
     @property
     def facing(self) -> Course3:
-        """Anywhere."""
+        """Direction in which the listener looks; any will do for one ear without a head."""
         return (1.0, 0.0, 0.0)
 
     @property
     def up(self) -> Course3:
-        """Upwards."""
+        """Direction from the head's centre to its top."""
         return UP
 
     @property
     def field(self) -> None:
-        """Where it is: there is no head."""
+        """Kind of field that the filters hold; none here, as there is no head."""
         return
 
     @property
     def ear_points(self) -> Array:
-        """The place itself."""
+        """Place of the ear: the listener's own."""
         return np.zeros((1, 3))
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
@@ -251,7 +251,7 @@ class Stereo:
 
     @property
     def ear_points(self) -> Array:
-        """Left and right on the ball."""
+        """Places of the left and right ear on the ball."""
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
@@ -297,7 +297,7 @@ class Binaural:
 
     @property
     def ear_points(self) -> Array:
-        """Left and right of the head's centre."""
+        """Places of the ears, left and right of the head's centre."""
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
@@ -317,11 +317,11 @@ class Unchanged:
 
     @property
     def taps(self) -> int:
-        """Taps of one SIMD vector."""
+        """Length of the responses: one SIMD vector."""
         return _TAPS
 
     def toward(self, directions: Array, distances: Array) -> tuple[Array, Single]:
-        """Return no delays, and unit impulses."""
+        """Return zero delays, and unit impulses as responses."""
         del distances
         responses = np.zeros((len(directions), self.ears, _TAPS), np.float32)
         responses[:, :, 0] = 1

@@ -72,7 +72,7 @@ class Orientation:
 
     @property
     def moves(self) -> bool:
-        """Whether it may change."""
+        """Whether the orientation may change with time."""
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
@@ -103,11 +103,11 @@ class MovingPoint:
 
     @property
     def moves(self) -> bool:
-        """Whether it may change."""
+        """Whether the point may move with time."""
         return self.origin.moves or not self._steady
 
     def at(self, times: Array) -> Array:
-        """Return where it is at times, s (n,): m (n, 3)."""
+        """Return the point's places at times, s (n,): m (n, 3)."""
         return self.origin.at(times) + (self._held if self._steady else self._turned(times))
 
     @cached_property
@@ -116,7 +116,7 @@ class MovingPoint:
 
     @cached_property
     def _held(self) -> Array:
-        """Where it is from the origin of a body that does not turn, m (1, 3)."""
+        """Place of the point from the origin of a body that does not turn, m (1, 3)."""
         return self._turned(np.zeros(1))
 
     def _turned(self, times: Array) -> Array:
@@ -129,7 +129,7 @@ class MovingPoint:
 
     @property
     def tabled(self) -> bool:
-        """Whether its origin and its orientation are given at the same times, from 0 s on."""
+        """Whether origin and orientation of the body are given at the same times, from 0 s on."""
         times = self.origin.times
         alike = np.array_equal(times, self.orientation.times)
         return alike and not self._steady and len(times) > 1 and bool(times[0] >= 0)

@@ -35,7 +35,7 @@ _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Emitter:
-    """Where the sound of a body comes from.
+    """The place from which a body's sound comes, and its surface.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Posed(Protocol):
 
     @property
     def ear_points(self) -> Array:
-        """In the head's frame, m (ears, 3)."""
+        """Places of the ears in the head's frame, m (ears, 3)."""
         ...
 
     @property
@@ -157,7 +157,7 @@ class Posed(Protocol):
 
     @property
     def moves(self) -> bool:
-        """Whether it may change."""
+        """Whether the head may move with time."""
         ...
 
     def at(self, times: Array) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class Pose:
 
     @property
     def moves(self) -> bool:
-        """Whether it may change."""
+        """Whether the listener may move or turn."""
         return self.position.moves or self.facing.moves or self.up.moves
 
     def at(self, times: Array) -> tuple[Array, Array]:

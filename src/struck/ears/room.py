@@ -133,12 +133,12 @@ class Room:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume of the room, m^3."""
         return math.prod(self.size)
 
     @property
     def areas(self) -> Array:
-        """Of each of `WALLS`, m^2: (6,)."""
+        """Areas of the six walls, in the order of `WALLS`, m^2 (6,)."""
         return np.repeat(self.volume / np.array(self.size), 2)
 
     def absorptions(self) -> Array:

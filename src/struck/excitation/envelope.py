@@ -37,7 +37,7 @@ _SAMPLED = 8192  # grid points whose heights give the mean square
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Roller:
-    """How far a round body is from round."""
+    """Deviations of a rolling body from round."""
 
     radius: float  # m
     layers: Layers  # of its finish

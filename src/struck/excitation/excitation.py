@@ -196,7 +196,7 @@ class Hold:
         require_at_least_zero(grip=self.grip, time=self.time, patch=self.patch)
 
     def holds_at(self, time: float) -> bool:
-        """Return whether it holds at a time, s."""
+        """Return whether the hand holds the body at a time, s."""
         return self.time <= time < self.time + (np.inf if self.seconds is None else self.seconds)
 
     def raised(self, model: ModalModel) -> Array:

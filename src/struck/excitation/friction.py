@@ -120,7 +120,7 @@ class Tool:
         return pulse.force / pulse.force.sum()
 
     def on(self, model: ModalModel) -> Rubbed:
-        """Return its tip in contact with a model."""
+        """Return the tool's tip in contact with the body of a `model`."""
         tip = Striker.named(self.striker)
         solids = (tip,) if model.material is None else (tip, model.material)
         return Rubbed(

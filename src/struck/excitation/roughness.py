@@ -109,7 +109,7 @@ class Roughness:
 
     @property
     def finest(self) -> float:
-        """The shortest wave, m."""
+        """The shortest wave of the texture, m."""
         return self.correlation_length / _FINE if self.shortest is None else self.shortest
 
     @property
@@ -196,7 +196,7 @@ class Profile:
 
     @property
     def length(self) -> float:
-        """After which it repeats, m."""
+        """Length after which the profile repeats, m."""
         return len(self.heights) * self.pitch
 
     @property

@@ -103,7 +103,7 @@ def blend(shares: Array) -> Array:
 
 
 def _corners(cells: Index, seed: int) -> Array:
-    """Return random values of variance 1 at the corners of cells (n, 2, 2, 2)."""
+    """Return random heights of variance 1 at the corners of texture cells (n, 2, 2, 2)."""
     numbers = (cells[:, :, None] + np.arange(2)).astype(np.uint32)  # (n, axis, side)
     x = _mixed(np.uint32(seed) + numbers[:, 0])
     x = _mixed(x[:, :, None] + numbers[:, 1, None, :])

@@ -116,7 +116,7 @@ class Touching:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is let go of, and no update waits."""
+        """Whether the body is let go of, and no update waits."""
         return not self._updates and self._is_off()
 
     def resume(self, sample: int) -> None:
@@ -177,7 +177,7 @@ class Touching:
         return Grasps(places, ways, normals, drives)
 
     def copied(self) -> Touching:
-        """Return a copy that goes on by itself from here."""
+        """Return a copy of the touch that goes on independently."""
         other = copy(self)
         other._updates = deque(self._updates)  # noqa: SLF001 - all else is replaced, not changed
         return other
@@ -324,7 +324,7 @@ class Touching:
         return points[:, :0] if chart is None else chart.places(points)
 
     def _gaps(self, between: Index) -> Index:
-        """Return how many samples there are likely to be until the update after each, from it."""
+        """Return the likely number of samples from each update to the next."""
         bounds = self._rate / FASTEST / _PAUSE, self._rate / SLOWEST * _PAUSE
         gaps, self._interval = expected(between, *bounds, self._interval)
         return gaps
@@ -517,7 +517,7 @@ class Replay:
         self._given = 0
 
     def _updates(self, begin: int, end: int) -> Updates:
-        """Return the updates of some numbers."""
+        """Return the updates from number `begin` to `end` of the log."""
         log, last = self._log, self._last
         moved = self._moved[begin:end].copy()
         moved[0] |= last is None
@@ -568,7 +568,7 @@ class Line(NamedTuple):
     high: Array
 
     def at(self, sample: int) -> Array:
-        """Return the numbers before a sample."""
+        """Return how many updates come before a sample number."""
         if sample - self.begin >= self.length:
             return self.high
         return self.low + (sample - self.begin) / self.length * (self.high - self.low)

@@ -79,7 +79,7 @@ class Jobs:
         self._version = 0
 
     def give(self, thing: Thing, model: ModalModel) -> None:
-        """Add an object that is there already."""
+        """Add an object whose model is there already."""
         job = Job(thing=thing, path=self.folder / f"{thing.name}.struck", state="ready")
         job.facts = _kept(model, job.path)
         self.jobs[thing.name] = job

@@ -91,7 +91,7 @@ class Origin:
 
     @classmethod
     def of(cls, model: ModalModel) -> Origin:
-        """Take them from a model."""
+        """Return the origin of a model's gains: provenance, errors and notes."""
         place = model.places.get(RECORDED)
         origin = cls(provenance=model.provenance, errors=model.errors, place=place)
         gains = unexpanded(model.gains)

@@ -450,7 +450,7 @@ def _place_of(text: str) -> Array | None:
 
 
 def _lines(sentences: Iterable[str]) -> str:
-    """Return as many sentences as an attribute holds, a line each, and how many more there are."""
+    """Return the sentences that fit into an attribute, a line each, and the number of others."""
     lines = [" ".join(sentence.split()) for sentence in sentences]
     lengths = np.cumsum([len(line.encode()) + 1 for line in lines])
     kept = int(np.count_nonzero(lengths < LONGEST - _SPARE))

@@ -122,7 +122,7 @@ class Host:
 
     @property
     def gain(self) -> float:
-        """Full scale per Pa, volume included."""
+        """Gain from Pa to full scale of the device, volume included."""
         return self._scale * 10 ** (self.volume / 20)
 
     @property
@@ -392,7 +392,7 @@ class Host:
         self._add_residual(body, blow.residual, sample)
 
     def _add_residual(self, body: int, residual: Samples | None, sample: int) -> None:
-        """Let attack and noise of a strike sound, as strong as at the listener's place now."""
+        """Play the attack and noise of a strike, as strong as at the listener's present place."""
         if residual is None:
             return
         if self._ears is None:
@@ -533,7 +533,7 @@ class PlayedBody:
         return known
 
     def hold(self, at: Place, grip: float) -> None:
-        """Hold it somewhere with a viscous grip, N s/m (`Hold`); 0 lets go."""
+        """Hold the body at a place with a viscous grip, N s/m (`Hold`); 0 lets go."""
         place = tuple(self.contact(at).point.tolist())
         hold = Hold(at=place or None, grip=grip)  # recorded at one place, it has no coordinates
         self._holds.pop(place, None)

@@ -184,14 +184,14 @@ class SimulationRun:
             self._go_on(_PIECE)
 
     def stop(self) -> None:
-        """End it, if it ever began."""
+        """End the simulation's thread, if it ever began."""
         self._stopping = True
         if self._thread.ident is not None:
             self._thread.join()
 
     @property
     def running(self) -> bool:
-        """Whether it goes on: not once it exploded."""
+        """Whether the simulation still runs: not once it exploded."""
         return self._thread.is_alive()
 
     def _run(self) -> None:

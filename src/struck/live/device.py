@@ -233,7 +233,7 @@ class Stream:
         self._handle: c_void_p | None = handle
 
     def start(self) -> None:
-        """Let the callback be called."""
+        """Start the stream: the device calls the callback from now on."""
         self._do("Pa_StartStream", "start")
 
     def stop(self) -> None:
@@ -432,14 +432,14 @@ class Outlet:
         )
 
     def start(self) -> None:
-        """Let the callback be called."""
+        """Start the stream: the device calls the callback from now on."""
         if self._stream is None:
             raise DeviceError(f"{self.name} is not open: play anew")
         self._stream.start()
 
     @property
     def active(self) -> bool:
-        """Whether the callback is being called."""
+        """Whether the device is calling the callback."""
         return self._stream is not None and self._portaudio.answers and self._stream.active
 
     @property
@@ -449,7 +449,7 @@ class Outlet:
 
     @property
     def latency(self) -> float:
-        """From the callback to the air, s."""
+        """Time from the callback to the air, s."""
         return 0.0 if self._stream is None else self._stream.latency
 
     def close(self) -> None:

@@ -76,7 +76,7 @@ class Course:
 
     @property
     def orientation(self) -> Orientation:
-        """How it is turned over time."""
+        """Orientation of the body over time."""
         return Orientation(name="rotation", times=self._times, quaternions=self._turns)
 
     def carried(self, point: Array) -> MovingPoint:

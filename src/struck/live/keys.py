@@ -27,7 +27,7 @@ _LETTERS = "".join(letter for letter in string.ascii_lowercase if letter != QUIT
 
 
 class Keys(Protocol):
-    """Where keys come from."""
+    """A source of typed keys: a terminal or none."""
 
     def pressed(self, seconds: float) -> str:
         """Return the next key; "" where there is none for so long."""
@@ -38,7 +38,7 @@ class NoKeys:
     """Keys without a terminal: none is ever pressed."""
 
     def pressed(self, seconds: float) -> str:
-        """Wait."""
+        """Wait for a key; without a terminal none comes."""
         time.sleep(seconds)
         return ""
 
@@ -126,7 +126,7 @@ class Robot:
         self._due = time.monotonic() + self._pause
 
     def go_on(self) -> None:
-        """Strike as often as is due."""
+        """Strike as often as the robot's clock says."""
         now = time.monotonic()
         self._due = max(self._due, now - _LATEST)
         while self._due <= now:

@@ -375,14 +375,14 @@ class Player:
 
     @property
     def active(self) -> bool:
-        """Whether it is heard: not once it was stopped or the device went."""
+        """Whether the player is heard: not once it was stopped or the device went."""
         if self._stopped or not self._feeder.running or not self._outlet.active:
             return False
         return self._host.queue.idle < _STALLED
 
     @property
     def sample_rate(self) -> float:
-        """Hz."""
+        """Sample rate of the device, Hz."""
         return self._outlet.sample_rate
 
     @property
@@ -570,7 +570,7 @@ class Feeder:
 
     @property
     def running(self) -> bool:
-        """Whether it still fills: not once `fill` raised."""
+        """Whether the feeder still fills blocks: not once `fill` raised."""
         return self._thread.is_alive()
 
     def _run(self) -> None:

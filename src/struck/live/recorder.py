@@ -95,7 +95,7 @@ class DeviceRecorder:
         self.close()
 
     def close(self) -> None:
-        """Let the device go."""
+        """Release the audio device."""
         self._portaudio.close()
 
     def record(

@@ -139,7 +139,7 @@ class Voices:
 
     @property
     def free(self) -> int:
-        """How many more there is room for."""
+        """Number of voices that are free."""
         return self._voices.count(None)
 
     def find(self, key: Hashable) -> Pushing | None:

@@ -28,7 +28,7 @@ class Exponentials:
 
     @classmethod
     def silence(cls, channels: int) -> Exponentials:
-        """Return channels without modes."""
+        """Return exponentials of some channels without any mode."""
         return cls(poles=np.zeros(0, complex), gains=np.zeros((channels, 0), complex))
 
     @property

@@ -160,7 +160,7 @@ class Gains(ABC):
 
     @property
     def axial(self) -> bool:
-        """Whether it was recorded as round about the z axis through its centre."""
+        """Whether the body was recorded as round about the z axis through its centre."""
         return False
 
     @property
@@ -175,7 +175,7 @@ class Gains(ABC):
 
     @property
     def rank(self) -> int:
-        """How many products there are, R."""
+        """Number of products of a contact and a listener part, R."""
         return 1
 
     @property
@@ -243,12 +243,12 @@ class ExpandedGains(Gains):
 
     @property
     def count(self) -> int | None:
-        """How many modes it has gains of, R M."""
+        """Number of modes that the gains are of, R M."""
         return None if self.products.count is None else self.products.count * self.products.rank
 
     @property
     def axes(self) -> int | None:
-        """How many coordinates a contact has."""
+        """Number of coordinates of a contact, D."""
         return self.products.axes
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
@@ -373,12 +373,12 @@ class ShapeGains(Gains):
 
     @property
     def of_surface(self) -> bool:
-        """Forces act on its surface."""
+        """True: forces act on the body's surface."""
         return True
 
     @property
     def count(self) -> int:
-        """How many modes it has gains of, M."""
+        """Number of modes that the gains are of, M."""
         return len(self.outputs)
 
     @property

@@ -110,12 +110,12 @@ class Boxes:
 
     @property
     def middles(self) -> Array:
-        """Centres, m (P, 3)."""
+        """Centres of the pieces' bounding boxes, m (P, 3)."""
         return (self.lowest + self.highest) / 2
 
     @property
     def extents(self) -> Array:
-        """Longest edges, m (P,)."""
+        """Longest edges of the pieces' bounding boxes, m (P,)."""
         return (self.highest - self.lowest).max(axis=1)
 
     def nested(self) -> Iterator[tuple[int, Index]]:

@@ -167,7 +167,7 @@ class ModalModel:
 
     @property
     def recorded(self) -> bool:
-        """Whether its contacts are coordinates of recordings, not points of a surface."""
+        """Whether contacts are coordinates of recordings, not points of a surface."""
         return self.geometry is None or not isinstance(self.gains, ShapeGains)
 
     @property

@@ -81,7 +81,7 @@ class Residual:
 
     @property
     def size(self) -> int:
-        """Bytes that it takes in a file."""
+        """Size of the residual in a file, bytes."""
         arrays = (self.attack, self.edges, self.levels, self.decays)
         return sum(each.nbytes for each in arrays)
 

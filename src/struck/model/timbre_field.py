@@ -39,7 +39,7 @@ class Separation:
 
     @classmethod
     def of(cls, survey: Survey) -> Separation:
-        """Find both by alternating least squares; OptionError where recordings share no place."""
+        """Separate contact and listener parts by alternating least squares."""
         # Without errors, noise counts as equally strong in all modes, and as strong as what the
         # products leave of the gains.
         table = _Recordings.of(survey)
@@ -296,7 +296,7 @@ class ListenerPart:
 
     @property
     def rank(self) -> int:
-        """How many products there are."""
+        """Number of products of a contact and a listener part, R."""
         return 2 * len(self.waves.parts) - 1 if self.turned else 1
 
     def at(self, places: Array) -> Complex:
@@ -428,12 +428,12 @@ class TimbreField(RecordedGains):
 
     @property
     def directional(self) -> bool:
-        """Directions differ."""
+        """True: the sound differs with the direction of the listener."""
         return True
 
     @property
     def axial(self) -> bool:
-        """Whether it was recorded as round about the z axis."""
+        """Whether the body was recorded as round about the z axis."""
         return self.listener_part.mirrored
 
     @property
@@ -446,17 +446,17 @@ class TimbreField(RecordedGains):
 
     @property
     def count(self) -> int:
-        """How many modes it has gains of, M."""
+        """Number of modes that the gains are of, M."""
         return len(self.rank_errors)
 
     @property
     def axes(self) -> int:
-        """How many coordinates a contact has."""
+        """Number of coordinates of a contact, D."""
         return 2 if self.listener_part.turned else len(self.contact_part.spans)
 
     @property
     def rank(self) -> int:
-        """How many products there are."""
+        """Number of products of a contact and a listener part, R."""
         return self.listener_part.rank
 
     def at(self, points: Array, directions: Array) -> Array:

@@ -106,7 +106,7 @@ class SinglePoint(RecordedGains):
 
     @property
     def count(self) -> int:
-        """How many modes it has gains of, M."""
+        """Number of modes that the gains are of, M."""
         return len(self.outputs)
 
     def at(self, points: Array, directions: Array) -> Array:
@@ -220,12 +220,12 @@ class TimbreTable(RecordedGains):
 
     @property
     def directional(self) -> bool:
-        """Directions differ."""
+        """True: the sound differs with the direction of the listener."""
         return True
 
     @property
     def axial(self) -> bool:
-        """Whether it was recorded as round about the z axis."""
+        """Whether the body was recorded as round about the z axis."""
         return self.mirrored
 
     @property
@@ -236,12 +236,12 @@ class TimbreTable(RecordedGains):
 
     @property
     def count(self) -> int:
-        """How many modes it has gains of, M."""
+        """Number of modes that the gains are of, M."""
         return self.gains.shape[-1]
 
     @property
     def axes(self) -> int:
-        """How many coordinates a contact has."""
+        """Number of coordinates of a contact, D."""
         return len(self.contacts.axes)
 
     @property

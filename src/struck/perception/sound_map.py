@@ -401,11 +401,11 @@ class Facets:
         return len(self.corners)
 
     def taken(self, which: Index | NDArray[np.bool_]) -> Facets:
-        """Return some of the triangles."""
+        """Return the facets of some triangles only."""
         return Facets(**{each.name: getattr(self, each.name)[which] for each in fields(self)})
 
     def halved(self, ear: Ear) -> Facets:
-        """Return twice as many, each cut from the middle of its `edges` to the corner opposite."""
+        """Return two facets for each, cut from the middle of `edges` to the opposite corner."""
         rows = np.arange(len(self))
         start, end, opposite = (self.corners[rows, (self.edges + step) % 3] for step in range(3))
         middle = (start + end) / 2

@@ -101,7 +101,7 @@ class SurfaceField:
     air: Air = AIR
 
     def pressure(self, points: Array, modes: Index) -> Complex:
-        """Return the pressure at points (P, 3) outside of some modes, by their place here (P, K).
+        """Return the pressure at points (P, 3) outside the body, of some modes (K,).
 
         The Kirchhoff-Helmholtz integral: Pa for a modal velocity of 1 kg^1/2 m/s.
         """

@@ -118,7 +118,7 @@ class RadiatingGains(ShapeGains):
 
     @property
     def directional(self) -> bool:
-        """Directions differ."""
+        """True: the sound differs with the direction of the listener."""
         return True
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
@@ -216,5 +216,5 @@ def _outside(part: SurfaceField, places: Array) -> Array:
 
 
 def _parts(gains: ShapeGains) -> dict[str, Any]:
-    """Return all that makes gains of shapes."""
+    """Return the modes' shapes and all else of which gains are made."""
     return {each.name: getattr(gains, each.name) for each in fields(ShapeGains)}

@@ -137,7 +137,7 @@ class Multipoles:
 
     @property
     def count(self) -> int:
-        """How many modes there are, M."""
+        """Number of modes, M."""
         return len(self.wave_numbers)
 
     @property

@@ -35,12 +35,12 @@ class CapturedTake:
 
     @property
     def file(self) -> str:
-        """Name of its recording."""
+        """Name of the take's sound file."""
         return self.point.file(self.hit)
 
     @property
     def facts(self) -> dict[str, str]:
-        """Its places as texts, for programs."""
+        """Places of the take as texts, for programs."""
         return self.point.facts(self.hit)
 
     def __str__(self) -> str:
@@ -77,10 +77,10 @@ class SilentOperator:
     """An operator without a screen or keyboard: shows no text and never waits."""
 
     def ready(self, text: str) -> None:
-        """Return at once."""
+        """Return at once: no person is asked."""
 
     def tell(self, text: str) -> None:
-        """Drop the text."""
+        """Drop the text: no person reads it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +197,7 @@ class _Session:
         )
 
     def _taken(self, point: Point, hit: int) -> TakeVerdict:
-        """Try until a take is accepted."""
+        """Repeat a take until one is accepted."""
         reason = ""
         for attempt in range(1, self._plan.tries + 1):
             take = CapturedTake(point=point, hit=hit, attempt=attempt)

@@ -370,7 +370,7 @@ class CapturePlan:
 
     @property
     def count(self) -> int:
-        """Number of takes in all."""
+        """Number of takes of the whole plan."""
         if self.listed:
             return sum(point.hits for point in self.listed)
         struck, heard = len(self.contacts), max(1, len(self.listeners))

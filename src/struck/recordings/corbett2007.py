@@ -212,7 +212,7 @@ class WindowedTransform:
 
     @cached_property
     def window(self) -> Array:
-        """Weights (length,)."""
+        """Weights of the window's samples (length,)."""
         return blackman_harris(self.length)
 
     def of(self, samples: Array) -> Complex:

@@ -114,12 +114,12 @@ class Manifest:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether it has a contact for each take."""
+        """Whether the manifest has a contact for each take."""
         return bool(self.entries) and bool(self.entries[0].contact)
 
     @property
     def has_listeners(self) -> bool:
-        """Whether it has a listener for each channel."""
+        """Whether the manifest has a listener for each channel."""
         return bool(self.entries) and bool(self.entries[0].listeners)
 
     @property
@@ -390,7 +390,7 @@ class TomlTable:
         return tuple(found)
 
     def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
-        """Return one of some names."""
+        """Return the value of a key, if it is one of some names."""
         found = self.text(key, default)
         if found not in names:
             raise self.error(f"{key} is {found!r}: give one of {', '.join(names)}")
@@ -434,7 +434,7 @@ class TomlTable:
             )
 
     def error(self, trouble: str) -> FileFormatError:
-        """Return an error that names the table."""
+        """Return an error whose message names the table."""
         return FileFormatError(f"{self.name}: {trouble}")
 
 

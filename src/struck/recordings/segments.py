@@ -42,7 +42,7 @@ class Segment:
         first_row: int = 0,
         before: Array | None = None,
     ) -> Segment:
-        """Transform samples (C, n)."""
+        """Return the segment of samples (C, n), with its transform."""
         length = samples.shape[1]
         halvings = max(0, int(np.log2(max(length / _FEWEST_SAMPLES, 1))))
         # No large prime factors: transforms take an eighth of the time.
@@ -61,7 +61,7 @@ class Segment:
 
     @property
     def duration(self) -> float:
-        """Length, s."""
+        """Length of the segment, s."""
         return self.samples.shape[1] / self.sample_rate
 
     def levels(self, slowest: Array) -> NDArray[np.int64]:
@@ -71,7 +71,7 @@ class Segment:
         return np.maximum(long_enough.sum(axis=0) - 1, 0)
 
     def model(self, ringing: Exponentials) -> Array:
-        """Return the sound of modes here (C, n)."""
+        """Return the sound of modes in this segment (C, n)."""
         gains = ringing.gains[self.rows]
         return samples(ringing.poles, gains, self.samples.shape[1], self.sample_rate)
 
@@ -114,7 +114,7 @@ class Stretch:
     sample_rate: int  # Hz
 
     def rows(self) -> Iterator[Row]:
-        """Yield the rows of its channels."""
+        """Yield the rows of a segment's channels."""
         onset, time = self.hit.onset / self.sample_rate, self.hit.start / self.sample_rate
         for channel in range(len(self.samples)):
             yield Row(take=self.take, hit=self.number, channel=channel, onset=onset, time=time)

@@ -86,7 +86,7 @@ class Take:
 
     @property
     def duration(self) -> float:
-        """Length, s."""
+        """Length of the take, s."""
         return self.samples.shape[1] / self.sample_rate
 
     @property

@@ -118,7 +118,7 @@ class Comparison:
         return (*self.model.notes, *self.other.notes)
 
     def summary(self) -> list[str]:
-        """Return how they differ, a line each."""
+        """Return the differences of both sides, a line each."""
         mine, theirs = len(self.model.partials.frequencies), len(self.other.partials.frequencies)
         name = self.other.name
         lines = [

@@ -242,7 +242,7 @@ def _modes(fitting: Fitting, first: RenderedHit) -> str:
 
 
 def _known(model: ModalModel) -> Mask:
-    """Return which modes have errors (M,)."""
+    """Return which modes have known errors (M,)."""
     if model.errors is None:
         return np.zeros(len(model.frequencies), bool)
     return np.isfinite(model.errors)

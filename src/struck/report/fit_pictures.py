@@ -64,7 +64,7 @@ class RenderedHit:
 
     @property
     def duration(self) -> float:
-        """Length, s."""
+        """Length of the sounds, s."""
         return self.original.shape[1] / self.sample_rate
 
     def sounds(self) -> Iterator[tuple[str, Array]]:
@@ -104,7 +104,7 @@ class Energies:
 
     @classmethod
     def of(cls, fitted: Fitted) -> Energies:
-        """Add up every channel of every hit."""
+        """Return the energies of every channel of every hit."""
         heard = (fitted.heard_in(row) for row in range(len(fitted.rows)))
         both = [((one**2).sum(), ((one - modes) ** 2).sum()) for one, modes in heard]
         signal, left = np.array(both).reshape(-1, 2).T

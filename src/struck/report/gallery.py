@@ -67,7 +67,7 @@ class Piece:
 
     @property
     def title(self) -> str:
-        """Over its page."""
+        """Title over the body's page."""
         return table_of("struck.report", "gallery")[self.name]["title"]
 
     def exhibit(self, folder: Path, progress: Progress) -> Exhibit:

@@ -79,12 +79,12 @@ class _Scene:
 
     @property
     def width(self) -> float:
-        """Of a panel, inches."""
+        """Width of a panel, inches."""
         return min(9.0, 4.6 * max(1.0, self.aspect / 1.4))
 
     @property
     def height(self) -> float:
-        """Of a panel, inches."""
+        """Height of a panel, inches."""
         return float(np.clip(self.width / self.aspect, 0.8, 6.5)) + 0.4
 
     def paint(self, axes: Axes, values: Array, scale: Normalize) -> None:

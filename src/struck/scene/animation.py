@@ -120,7 +120,7 @@ class _Document:
             self._animate(number, "rotation", _quaternions(turns), times)
 
     def bytes(self) -> bytes:
-        """Return the file."""
+        """Content of the glTF file."""
         document = dict(self._json)
         if not document["animations"][0]["channels"]:
             del document["animations"]

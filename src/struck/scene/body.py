@@ -78,14 +78,14 @@ class RigidBody:
 
     @property
     def supported(self) -> bool:
-        """Whether it is held, and does not give way."""
+        """Whether the body is held, and does not give way."""
         return self.mass is None
 
 
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A model among others.
+    """A body of a scene: its model, place, motion and excitations.
 
     Parameters
     ----------
@@ -138,17 +138,17 @@ class Body:
 
     @property
     def silent(self) -> bool:
-        """Whether it has no model of its sound."""
+        """Whether the body has no model of its sound."""
         return not isinstance(self.model, ModalModel)
 
     @property
     def moves(self) -> bool:
-        """Whether its place or its orientation may change."""
+        """Whether the body's place or orientation may change."""
         return self.origin.moves or self.orientation.moves
 
     @property
     def orientation(self) -> Orientation:
-        """How it is turned over time."""
+        """Orientation of the body over time."""
         return Orientation.of("rotation", self.rotation)
 
     @property
@@ -171,7 +171,7 @@ class Body:
 
     @property
     def sounding(self) -> ModalModel:
-        """Its model; OptionError where it has none."""
+        """Model of the body's sound; OptionError where it has none."""
         if not isinstance(self.model, ModalModel):
             raise OptionError("the body has no model of its sound: give it a ModalModel")
         if self.fixed and self.model.recoil is not None:

@@ -59,7 +59,7 @@ class Impacts:
         return len(self.time)
 
     def chosen(self, rows: Index) -> Impacts:
-        """Return some of the points."""
+        """Return the impacts at some of the contact points."""
         return Impacts(**{name: getattr(self, name)[rows] for name in Impacts.__slots__})
 
     @classmethod

@@ -204,7 +204,7 @@ class _Table:
         return self.names.setdefault(name, len(self.names))
 
     def contacts(self) -> Contacts:
-        """Return the log."""
+        """Return the contacts of the log file."""
         if not (self.rows or self.poses):
             raise ValueError("it holds no contacts and no poses")
         ends = [self.bodies(name) for name in ("body0", "body1")]
@@ -225,14 +225,14 @@ class _Table:
         return Contacts(names=tuple(self.names), poses=poses, **columns)
 
     def bodies(self, name: str) -> Array:
-        """Return the numbers of the bodies in a column."""
+        """Return the body numbers in a column of a log."""
         missing = [number for number, line in self.rows if name not in line]
         if missing:
             raise ValueError(f"line {missing[0]} has no {name}: name the two bodies that touch")
         return np.array([self.number(str(line[name])) for _, line in self.rows], np.float64)
 
     def motion(self) -> Poses | None:
-        """Return the poses that the log has."""
+        """Return the poses of the log file."""
         if not self.poses:
             return None
         position = self.vectors(self.poses, "position", 3)

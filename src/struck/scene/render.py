@@ -430,7 +430,7 @@ class DrivenBody:
 
 
 def _is_ideal(excitation: Excitation, model: ModalModel) -> bool:
-    """Return whether it is a blow without duration."""
+    """Return whether an excitation is a blow without duration."""
     if not isinstance(excitation, Strike):
         return False
     contact = model.contact(excitation.at, excitation.direction)
@@ -598,7 +598,7 @@ def _reverberated(room: Room, sent: Array, ears: int, sample_rate: int) -> Array
 
 
 def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
-    """Return both together; of unsaid length, until the later one ends."""
+    """Return direct and late sound together, the shorter one padded with silence."""
     both = _of_one_length([heard, late])
     return (both[: len(heard)] + both[len(heard) :])[:, :length]
 

@@ -87,7 +87,7 @@ class SustainedContact:
     _making: threading.Lock = field(init=False, default_factory=threading.Lock, repr=False)
 
     def row(self, names: Sequence[str]) -> Mapping[str, object]:
-        """Return it as a row of the table of events."""
+        """Return the contact as a row of the table of events."""
         return {
             "event": "sustained",
             "time": float(self.times[0]),

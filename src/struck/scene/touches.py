@@ -55,7 +55,7 @@ class Touches:
 
     @property
     def blows(self) -> int:
-        """How many blows there are."""
+        """Number of blows in the log."""
         return int(self.blow.max(initial=-1)) + 1
 
 

@@ -65,7 +65,7 @@ class _Flight:
 
     @property
     def frame(self) -> float:
-        """How long a frame lasts, s."""
+        """Duration of a frame, s."""
         return float(self.times[1] - self.times[0])
 
     def standing(self, k: int, time: float, leaps: set[int]) -> Body:

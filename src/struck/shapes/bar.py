@@ -62,7 +62,7 @@ class RectangularSection:
 
     @property
     def area(self) -> float:
-        """m^2."""
+        """Area of the section, m^2."""
         return self.width * self.thickness
 
     @property
@@ -72,7 +72,7 @@ class RectangularSection:
 
     @property
     def height(self) -> float:
-        """Thickness, m."""
+        """Thickness of the section along the bending, m."""
         return self.thickness
 
     @property
@@ -134,7 +134,7 @@ class RoundSection:
 
     @property
     def area(self) -> float:
-        """m^2."""
+        """Area of the section, m^2."""
         return math.pi * (self.radius - self.bore) * (self.radius + self.bore)
 
     @property
@@ -144,7 +144,7 @@ class RoundSection:
 
     @property
     def height(self) -> float:
-        """Outer diameter, m."""
+        """Outer diameter of the section, m."""
         return 2 * self.radius
 
     @property
@@ -328,7 +328,7 @@ class Bar(Shape):
 
     @property
     def profile(self) -> Section:
-        """Its section."""
+        """Cross-section of the bar."""
         if self.section is not None:
             return self.section
         return RectangularSection(
@@ -343,12 +343,12 @@ class Bar(Shape):
 
     @property
     def supported(self) -> bool:
-        """Whether an end is held."""
+        """Whether an end of the bar is held."""
         return self.pair != ("free", "free")
 
     @property
     def geometry(self) -> Rod:
-        """Its surface, and places on it by name."""
+        """Surface of the bar, and places on it by name."""
         section = self.profile
         return Rod(
             length=self.length, area=section.area, height=section.height, mantle=section.skin
@@ -406,7 +406,7 @@ class Bar(Shape):
         return Beam(rotary=rotary, shear=2 * self._shear_sum(material) * rotary)
 
     def _shear_sum(self, material: Material) -> float:
-        """Return (1 + nu) / kappa."""
+        """Return (1 + nu) / kappa of Timoshenko's shear correction kappa."""
         constant, linear = self.profile.shear_terms
         return constant + linear * material.poisson_ratio
 

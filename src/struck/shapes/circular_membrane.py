@@ -239,7 +239,7 @@ class AnnularMembrane(Shape):
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the membrane, and places on it by name."""
         return Sheet(Disk(self.radius, self.hole), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
@@ -294,7 +294,7 @@ class CircularMembrane(Shape):
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the membrane, and places on it by name."""
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:

@@ -238,12 +238,12 @@ class CircularPlate(Shape):
 
     @property
     def supported(self) -> bool:
-        """Whether its edge is held."""
+        """Whether the plate's edge is held."""
         return self.edge != "free"
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the plate, and places on it by name."""
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:

@@ -193,7 +193,7 @@ _UNSURE = 100.0  # times the square of a relative step: how unsure a value still
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Found:
-    """An eigenvalue with its function."""
+    """An eigenvalue of the membrane with its eigenfunction."""
 
     value: float  # 1/m^2
     wavenumber: float  # of the function, 1/m: root of the value, but for rounding and the last step

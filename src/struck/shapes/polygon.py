@@ -221,16 +221,16 @@ class Polygon:
 
     @property
     def area(self) -> float:
-        """Area, m^2."""
+        """Area of the polygon, m^2."""
         return signed_area(self.corners)
 
     @property
     def extent(self) -> float:
-        """Longer side of its box, m."""
+        """Longer side of the polygon's bounding box, m."""
         return float(np.ptp(self.corners, axis=0).max())
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
-        """Return its places by name, m: deep inside, and 1 % of the extent off the boundary."""
+        """Return places by name, m: deep inside the polygon, and 1 % of the extent off edges."""
         top, edge = _deepest(self.corners), int(np.argmax(self.lengths))
         middle = (self.corners[edge] + self.corners[(edge + 1) % len(self.corners)]) / 2
         corner = self.corners[np.argmax(np.linalg.norm(self.corners - top, axis=1))]
@@ -249,7 +249,7 @@ class Polygon:
 
     @property
     def angles(self) -> Array:
-        """Inner angles (n,), rad."""
+        """Inner angles of the polygon (n,), rad."""
         return inner_angles(self.corners)
 
     @property

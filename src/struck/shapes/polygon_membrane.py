@@ -112,7 +112,7 @@ _STEEP, _STEEP_NEAR, _LEAST_ORDER = 20, 14, 60
 
 
 def _candidates(plan: Polygon, wavenumber: float) -> Iterator[Basis]:
-    """Return ever richer bases."""
+    """Yield bases of more and more particular solutions."""
     centres = plan.singular if len(plan.singular) else np.array([0])
     for farthest, near in _DISTANCES:
         sources = np.zeros((0, 2))
@@ -328,7 +328,7 @@ class PolygonMembrane(Shape):
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the membrane, and places on it by name."""
         return Sheet(self._plan, self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:

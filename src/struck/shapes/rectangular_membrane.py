@@ -91,7 +91,7 @@ class RectangularMembrane(Shape):
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the membrane, and places on it by name."""
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:

@@ -334,12 +334,12 @@ class RectangularPlate(Shape):
 
     @property
     def supported(self) -> bool:
-        """Whether an edge is held."""
+        """Whether an edge of the plate is held."""
         return set(self.around) != {"free"}
 
     @property
     def geometry(self) -> Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the plate, and places on it by name."""
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:

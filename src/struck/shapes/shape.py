@@ -59,17 +59,17 @@ class Shape(ABC):
 
     @property
     def supported(self) -> bool:
-        """Whether it is held somewhere, so that it cannot move as a rigid body."""
+        """Whether the body is held at an edge, so that it cannot move as a rigid body."""
         return True
 
     @property
     @abstractmethod
     def geometry(self) -> Rod | Sheet:
-        """Its surface, and places on it by name."""
+        """Surface of the body, and places on it by name."""
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume of the material, m^3."""
         return self.geometry.volume
 
     @property
@@ -93,7 +93,7 @@ class Shape(ABC):
         """
 
     def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
+        """Return the body's closed surface with vertices about `spacing` m apart over the plan."""
         return self.geometry.skin(spacing)
 
     def solid(self) -> Counterpart:

@@ -31,7 +31,7 @@ class Rod:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume of the body, m^3."""
         return self.area * self.length
 
     @property
@@ -46,7 +46,7 @@ class Rod:
         return _on_top({name: (u * self.length, 0.0) for name, u in shares.items()}, self.height)
 
     def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart along x."""
+        """Return the rod's closed surface with vertices about `spacing` m apart along x."""
         return self.mantle(self.length, spacing)
 
 
@@ -55,16 +55,16 @@ class Plan(Protocol):
 
     @property
     def area(self) -> float:
-        """m^2."""
+        """Area of the region, m^2."""
         ...
 
     @property
     def extent(self) -> float:
-        """Longest edge or diameter, m."""
+        """Longest edge or diameter of the region, m."""
         ...
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
-        """Return its places by name, m."""
+        """Return the region's places by name, m."""
         ...
 
     def filled(self, spacing: float) -> tuple[Array, Index]:
@@ -81,7 +81,7 @@ class Sheet:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume of the body, m^3."""
         return self.plan.area * self.thickness
 
     @property
@@ -95,7 +95,7 @@ class Sheet:
         return _on_top(self.plan.marks(), self.thickness)
 
     def skin(self, spacing: float) -> Mesh:
-        """Return its closed surface with vertices about `spacing` m apart over the plan."""
+        """Return the sheet's closed surface with vertices about `spacing` m apart over the plan."""
         return slab(*self.plan.filled(spacing), self.thickness)
 
 
@@ -108,16 +108,16 @@ class Rectangle:
 
     @property
     def area(self) -> float:
-        """m^2."""
+        """Area of the rectangle, m^2."""
         return self.length * self.width
 
     @property
     def extent(self) -> float:
-        """Longest edge, m."""
+        """Longest edge of the rectangle, m."""
         return max(self.length, self.width)
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
-        """Return its places by name, m."""
+        """Return the rectangle's places by name, m."""
         shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
         shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
         return {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
@@ -136,16 +136,16 @@ class Disk:
 
     @property
     def area(self) -> float:
-        """m^2."""
+        """Area of the disc or ring, m^2."""
         return math.pi * (self.radius**2 - self.hole**2)
 
     @property
     def extent(self) -> float:
-        """Outer diameter, m."""
+        """Outer diameter of the disc or ring, m."""
         return 2 * self.radius
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
-        """Return its places by name, m, at y = 0."""
+        """Return the disc's places by name, m, at y = 0."""
         inward = {"middle": 0.5, "quarter": 0.25} if self.hole else {"middle": 1.0, "quarter": 0.5}
         inward |= {"edge": INSET, "top": inward["middle"], "rim": INSET}
         breadth = self.radius - self.hole

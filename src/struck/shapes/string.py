@@ -92,7 +92,7 @@ class String(Shape):
 
     @property
     def geometry(self) -> Rod:
-        """Its surface, and places on it by name."""
+        """Surface of the string, and places on it by name."""
         return Rod(
             length=self.length,
             area=math.pi * self.radius**2,
@@ -128,7 +128,7 @@ class String(Shape):
         return math.sqrt(self.tension / (material.density * area)) / (2 * self.length)
 
     def _inharmonicity(self, material: Material) -> float:
-        """Return B."""
+        """Return the inharmonicity B of a stiff string."""
         if not self.stiff:
             return 0.0
         second_moment = math.pi / 4 * self.radius**4

@@ -341,7 +341,7 @@ def inner_angles(corners: Array) -> Array:
 
 
 def _between_edges(triangles: Index, boundary: Boundary, vertex: Index) -> Mask:
-    """Return where both sides at the chosen vertex are boundary: no refinement opens that angle."""
+    """Return triangles with two boundary sides at the chosen vertex, an angle that stays sharp."""
     on_boundary = np.isin(keys(sides(triangles)), keys(boundary.ends))
     rows = np.arange(len(triangles))
     return on_boundary[rows, vertex] & on_boundary[rows, vertex - 1]

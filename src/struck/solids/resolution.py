@@ -265,7 +265,7 @@ class Cost:
 
     @property
     def effort(self) -> str:
-        """Time and memory in words."""
+        """Time and memory of an analysis in words."""
         minutes = self.seconds / 60
         time = f"{_rough(self.seconds)} s" if minutes < 2 else f"{_rough(minutes)} min"
         return f"about {time} of a processor and {_rough(self.memory / 1e9)} GB"
@@ -275,7 +275,7 @@ class Cost:
 
 
 def _rough(value: float) -> str:
-    """Return a figure in one digit."""
+    """Return a number rounded to one digit."""
     return f"{float(f'{value:.1g}'):,g}"
 
 
@@ -302,7 +302,7 @@ class Forecast:
 
     @cached_property
     def thickness(self) -> float:
-        """Mean thickness, m."""
+        """Mean thickness of the body, m."""
         return 2 * self.volume / max(self.surface, math.ulp(0.0))
 
     @property

@@ -210,7 +210,7 @@ def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
 
 
 def _thickness(name: str, value: Thickness, profile: Pairs) -> tuple[float, ...]:
-    """Return one thickness a point."""
+    """Return the wall's thickness at each point."""
     several = tuple(float(t) for t in np.atleast_1d(np.asarray(value, float)))
     if len(several) == 1:
         several *= len(profile)

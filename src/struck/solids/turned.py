@@ -46,7 +46,7 @@ class Turned:
 
     @property
     def length(self) -> float:
-        """Length of the side, m."""
+        """Length of a side of the profile, m."""
         return float(self.breaks[-1])
 
     def contour(self) -> Contour:
@@ -190,6 +190,6 @@ class Turned:
 
 
 def _edges(sheet: QuadrilateralSheet) -> Index:
-    """Return both halves of each side of the quadrilaterals (8 Q, 2)."""
+    """Return the two halves of each side of the quadrilaterals (8 Q, 2)."""
     around = sheet.quads[:, [0, 4, 1, 5, 2, 6, 3, 7]]
     return np.stack([around, np.roll(around, -1, axis=1)], axis=-1).reshape(-1, 2)

@@ -80,7 +80,7 @@ class BodyColumn(IntEnum):
 
 
 class HeldAs(IntEnum):
-    """Where the state of a body's modes is."""
+    """The place where the states of a body's modes are kept."""
 
     STATE = 0  # c
     PAIRS = 1  # LATEST and PREVIOUS

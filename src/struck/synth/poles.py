@@ -30,7 +30,7 @@ class Ringing(Protocol):
 
     @property
     def decays(self) -> Array:
-        """1/s (M,)."""
+        """Decay rates, 1/s (M,)."""
         ...
 
 
@@ -53,7 +53,7 @@ class Poles:
 
     @property
     def modes(self) -> int:
-        """How many of them are modes, M."""
+        """Number of poles that are of modes, M."""
         return len(self.values) - 3 * self.recoils
 
     @classmethod
@@ -84,7 +84,7 @@ class Poles:
 
     @property
     def dropped(self) -> int:
-        """How many modes were left out."""
+        """Number of modes that were left out."""
         return int(np.count_nonzero(self.values == 0))
 
     def steady(self, logarithms: Complex, sample_rate: float) -> Complex:

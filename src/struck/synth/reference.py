@@ -34,7 +34,7 @@ class Tabled:
         return self._ahead / np.exp(self._logs)
 
     def take(self, poles: Poles) -> None:
-        """Replace the poles; states stay."""
+        """Replace the poles; the states of the modes stay."""
         states = self.states
         self._begin(poles)
         self._ahead = states * self._powers[1]
@@ -143,5 +143,5 @@ class Tables:
         )
 
     def take_poles(self, body: int, poles: Poles) -> None:
-        """Replace a body's poles; states stay."""
+        """Replace a body's poles; the states of its modes stay."""
         self._bodies[body].take(poles)

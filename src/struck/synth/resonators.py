@@ -218,7 +218,7 @@ class Resonators:
     def process(
         self, pushes: Sequence[Push] = (), outputs: Sequence[NDArray[np.generic] | None] = ()
     ) -> Array:
-        """Make the next block.
+        """Return the next block of sound of all bodies.
 
         Parameters
         ----------

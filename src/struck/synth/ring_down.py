@@ -27,7 +27,7 @@ _VALUES_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulse:
-    """A half-sine push as the modes feel it."""
+    """A half-sine push, with the gain of each mode."""
 
     gains: Complex  # (M,), gain of each mode times the impulse
     onset: float  # s; sample 0 is at 0 s

@@ -107,7 +107,7 @@ class Hypotheses:
         return replace(twice, scatters=np.concatenate([self.scatters, self.scatters / factor]))
 
     def chosen(self, cases: Index) -> Hypotheses:
-        """Return some of the cases."""
+        """Return some of the hypotheses."""
         return replace(self, **{name: getattr(self, name)[cases] for name in self.__slots__})
 
 
@@ -224,17 +224,17 @@ class FittedModes(Protocol):
 
     @property
     def frequencies(self) -> ArrayLike:
-        """Ringing, Hz (M,)."""
+        """Ringing frequencies, Hz (M,)."""
         ...
 
     @property
     def decays(self) -> ArrayLike:
-        """1/s (M,)."""
+        """Decay rates, 1/s (M,)."""
         ...
 
     @property
     def gains(self) -> ArrayLike:
-        """Complex, (M,) or (channels, M)."""
+        """Complex gains, (M,) or (channels, M)."""
         ...
 
 

@@ -30,7 +30,7 @@ class Terms:
 
     @property
     def count(self) -> int:
-        """Number of coefficients."""
+        """Number of coefficients of the sum."""
         return len(self.labels)
 
     def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
@@ -72,7 +72,7 @@ class LossCurve:
 
     @property
     def count(self) -> int:
-        """Number of coefficients."""
+        """Number of coefficients of the law."""
         return len(self.knots)
 
     def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:

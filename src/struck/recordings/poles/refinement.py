@@ -268,7 +268,7 @@ def residual_energy(segments: Sequence[Segment], ringing: Exponentials) -> float
 def _swept(
     segments: Sequence[Segment], ringing: Exponentials, groups: Sequence[Index], steps: int
 ) -> Exponentials:
-    """Give each group its turn."""
+    """Refine the poles of each group once, in turn."""
     poles, gains = ringing.poles.copy(), ringing.gains.copy(order="C")
     blocks = blocks_around(segments, poles, groups)
     take_turns(blocks, poles, gains, poles[blocks.members], blocks.starts, steps, keep=True)

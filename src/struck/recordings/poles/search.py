@@ -319,7 +319,7 @@ def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
 
 
 def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
-    """Yield the passes, one after the other."""
+    """Yield the search passes, one after the other."""
     longest = max(segment.samples.shape[1] for segment in segments)
     for window, fastest, frames, orders in _WINDOWS:
         size = 2 ** round(np.log2(min(window * segments[0].sample_rate, longest / 4)))

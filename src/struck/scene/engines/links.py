@@ -139,7 +139,7 @@ class MassProperties:
     inertia: Array
 
     def seen_from(self, placement: Placement) -> MassProperties:
-        """Return them in coordinates in which the present ones are placed so."""
+        """Return the mass properties in the coordinates in which the present ones are placed."""
         turn = placement.turn.as_matrix()
         centre = placement.apply(self.centre[None])[0]
         return MassProperties(mass=self.mass, centre=centre, inertia=turn @ self.inertia @ turn.T)

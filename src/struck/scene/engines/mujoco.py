@@ -222,7 +222,7 @@ class MujocoEngine:
 
     @property
     def time(self) -> float:
-        """Of the simulation, s."""
+        """Time of the simulation, s."""
         return float(self.data.time)
 
     def contacts(self, *, forget: bool = False) -> Contacts:

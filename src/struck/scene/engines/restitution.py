@@ -191,7 +191,7 @@ class ContactLaws:
         )
 
     def give(self, spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link]) -> None:
-        """Write them into a specification: the commonest to geoms, the others to pairs of geoms."""
+        """Write the laws into a specification: the commonest to geoms, others to pairs of geoms."""
         touching = [[int(g) for g in link.geoms if touches(model, int(g))] for link in links]
         values = {}
         for one, other in combinations(range(len(links)), 2):

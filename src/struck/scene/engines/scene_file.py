@@ -66,7 +66,7 @@ class SceneFile:
 
     @property
     def is_robot(self) -> bool:
-        """Whether it is a URDF."""
+        """Whether the file is a URDF, not an MJCF."""
         return self.root.tag == "robot"
 
     def spec(self) -> mujoco.MjSpec:

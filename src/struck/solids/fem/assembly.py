@@ -58,7 +58,7 @@ class Hierarchic:
 
     @property
     def count(self) -> int:
-        """Number of functions."""
+        """Number of added basis functions."""
         return int(self.numbers.max()) + 1
 
     def values(self, points: Array | Complex) -> Array | Complex:
@@ -110,7 +110,7 @@ class Displacements:
 
     @classmethod
     def of(cls, mesh: VolumeMesh) -> Self:
-        """Return the functions of a mesh."""
+        """Return the basis functions of a mesh."""
         if not mesh.cubic:
             return cls(mesh=mesh, numbers=mesh.elements, added=None)
         added = Hierarchic.of(mesh, np.zeros(len(mesh.nodes), bool), degree=3)
@@ -119,7 +119,7 @@ class Displacements:
 
     @property
     def count(self) -> int:
-        """Number of functions."""
+        """Number of basis functions."""
         return len(self.mesh.nodes) + (self.added.count if self.added else 0)
 
     @property
@@ -178,12 +178,12 @@ class System:
 
     @property
     def node_count(self) -> int:
-        """Nodes that can move."""
+        """Number of nodes that are free to move."""
         return len(self.starts) - 1
 
     @property
     def unknowns(self) -> int:
-        """Displacements, three a node."""
+        """Number of unknown displacements, three a node."""
         return 3 * self.node_count
 
     @property
@@ -193,7 +193,7 @@ class System:
 
     @property
     def columns(self) -> Index:
-        """Column of each node pair (P,)."""
+        """Column of the sparse matrix for each pair of nodes (P,)."""
         return np.repeat(np.arange(self.node_count), np.diff(self.starts))
 
     def mass_matrix(self) -> sparse.csr_matrix:

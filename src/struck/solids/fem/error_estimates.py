@@ -56,7 +56,7 @@ def _is_reduced(mesh: VolumeMesh) -> bool:
 def energies_gained(
     basis: Displacements, finer: Hierarchic, material: Material, values: Array, vectors: Array
 ) -> tuple[Array, Array]:
-    """Return twice the energy gained, and twice that of the modes at all points (M,)."""
+    """Return twice the strain energy gained, and twice the modes' energy at all points (M,)."""
     modes = len(values)
     forces, stiffness = np.zeros((finer.count, 3 * modes)), np.zeros((finer.count, 9))
     everywhere = np.zeros(modes)

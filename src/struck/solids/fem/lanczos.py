@@ -178,11 +178,11 @@ class _Basis:
 
     @property
     def vectors(self) -> Array:
-        """The vectors so far (k, n)."""
+        """The Lanczos vectors computed so far (k, n)."""
         return self._rows[: self._used]
 
     def append(self, block: Array) -> None:
-        """Add the columns of a block (n, b)."""
+        """Add the columns of a block (n, b) to the Lanczos vectors."""
         stop = self._used + block.shape[1]
         if stop > len(self._rows):
             rows = np.empty((max(stop, 3 * len(self._rows) // 2), self._rows.shape[1]))

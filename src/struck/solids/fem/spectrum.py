@@ -259,7 +259,7 @@ DENSE_LIMIT = 1200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solver:
-    """How eigenpairs are computed."""
+    """The method by which eigenpairs are computed."""
 
     lumped: bool = False  # mass; linear tetrahedra only (2002, eq. 15)
     backend: str = "auto"  # sparse factorisation: "auto", "rslab" or "superlu"
@@ -295,7 +295,7 @@ class Search:
 
     @property
     def small(self) -> bool:
-        """Whether LAPACK takes the whole matrix."""
+        """Whether the matrix is small enough for LAPACK as a whole."""
         return self.system.unknowns <= self.solver.dense_limit
 
     def pairs(self) -> Iterator[Eigenpairs]:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """How finely a body is filled."""
+    """Number of nodes and layers with which a body is filled."""
 
     nodes: int  # to begin with
     most: int  # nodes not to exceed

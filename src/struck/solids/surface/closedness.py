@@ -234,7 +234,7 @@ class Shells:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Shells:
-        """Take a surface apart."""
+        """Return a surface taken apart into closed pieces."""
         labels = pieces(mesh)
         inner, around = nesting(mesh, labels)
         volumes = volumes_of(mesh, labels)
@@ -242,7 +242,7 @@ class Shells:
 
     @property
     def depths(self) -> Index:
-        """How many pieces lie around each (P,)."""
+        """Number of pieces that lie around each piece (P,)."""
         return np.bincount(self.inner, minlength=len(self.volumes))
 
     def outward(self) -> tuple[Shells, int]:
@@ -271,7 +271,7 @@ class Shells:
         return components(np.concatenate([crossing, hold]), len(self.volumes))
 
     def only(self, chosen: Mask) -> Shells:
-        """Keep the `chosen` pieces (P,)."""
+        """Return the surface with only the `chosen` pieces (P,)."""
         if chosen.all():
             return self
         return Shells.of(submesh(self.mesh, np.flatnonzero(chosen[self.labels])))

@@ -177,7 +177,7 @@ class WalledSheet:
 
     @property
     def thickness(self) -> float:
-        """Of the wall, m."""
+        """Thickness of the wall, m."""
         return self.wall
 
     @cached_property
@@ -186,7 +186,7 @@ class WalledSheet:
 
     @property
     def rough_volume(self) -> float:
-        """Volume of the material, about, m^3."""
+        """Volume of the material, estimated, m^3."""
         return float(self.mesh.areas.sum()) * self.wall
 
     @cached_property

@@ -30,7 +30,7 @@ _CRUMB = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rebuilt:
-    """A new surface."""
+    """A surface made anew from winding numbers, with its errors."""
 
     mesh: Mesh
     spacing: float  # of the lattice, m

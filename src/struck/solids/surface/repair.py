@@ -49,7 +49,7 @@ _BURIED = 1e-3  # share of the area within the material from which on crossing f
 _LOST, _INVENTED = 0.05, 0.1  # share that a rebuilt surface may lose, or have in excess
 _PATCH = 0.02  # share of the area below which pieces of an open surface are crumbs
 MOST_FACES = 2_000_000
-"""Faces of a surface that is repaired at most: of that many it takes minutes."""
+"""Largest number of faces of a surface that is repaired, which takes minutes."""
 
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _body(surface: Mended, solid: Mask, record: RepairLog) -> Mesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Crossing:
-    """Where faces cross."""
+    """Pairs of faces that cross, and the size of the crossing."""
 
     pairs: Index  # (K, 2); of two pieces only where they overlap, not where they touch
     limits: Mesh | None  # what parts material from air
@@ -374,7 +374,7 @@ class RepairLog:
     changed: list[str] = field(default_factory=list)
 
     def note(self, found: str, changed: str) -> None:
-        """Write both down."""
+        """Record a fault and the change that mends it."""
         self.found.append(found)
         self.changed.append(changed)
 
@@ -389,7 +389,7 @@ class Mended:
 
     @property
     def mesh(self) -> Mesh:
-        """The closed surface."""
+        """The surface after repair, closed."""
         return self.closed.mesh
 
     @property
