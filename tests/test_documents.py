@@ -6,17 +6,22 @@ import os
 import re
 import runpy
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from _pytest.mark import ParameterSet
+
+import struck
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
     ROOT / "README.md",
     *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts),
 ]
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+EXAMPLES = sorted((ROOT / "examples").rglob("*.py"))
+GALLERY = "examples/gallery/"
 # Each takes seconds, and shows what a test elsewhere samples: make prove runs them.
 DEAR = {
     "docs/how-to/closed_forms.md",
@@ -49,6 +54,14 @@ DEAR = {
     "examples/walk_past.py",
     "examples/walk_round_a_bowl.py",
 }
+SAMPLE = {"examples/gallery/f_pluck_and_release.py"}  # of the gallery, whose pages run all of it
+# What each page of the gallery shows: a verb of struck, or something that pushes a body.
+SHOWN = {
+    *("Binaural", "ForceTrack", "Hold", "Pluck", "Release", "Roll", "Room", "Scrape", "Strike"),
+    *("TouchLog", "analyze", "analyze_many", "audible", "calibrated", "capture", "compare"),
+    *("explore", "fit", "load", "Player", "radiating", "render", "save", "show", "simulate"),
+    *("sonic_distance", "sound_map", "tune"),
+}
 BLOCK = re.compile(
     r"^```(?P<kind>python|console)(?P<words>[^\n]*)\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -61,8 +74,9 @@ def name_of(path: Path) -> str:
 
 
 def in_its_run(path: Path) -> ParameterSet:
-    marks = [pytest.mark.prove] if name_of(path) in DEAR else []
-    return pytest.param(path, marks=marks, id=name_of(path))
+    name = name_of(path)
+    dear = name in DEAR or (name.startswith(GALLERY) and name not in SAMPLE)
+    return pytest.param(path, marks=[pytest.mark.prove] if dear else [], id=name)
 
 
 def run_python(code: str, namespace: dict[str, object], page: Path, line: int) -> None:
@@ -116,3 +130,86 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize("example", [in_its_run(each) for each in EXAMPLES])
 def test_example(example: Path) -> None:
     runpy.run_path(str(example), run_name="__main__")
+
+
+def test_gallery_shows_every_verb_and_excitation() -> None:
+    text = "\n".join(path.read_text(encoding="utf-8") for path in EXAMPLES if GALLERY in str(path))
+    verbs = {name for name in struck.__all__ if name[0].islower()} - {"materials", "play"}
+    assert verbs <= SHOWN
+    assert {name for name in SHOWN if f"{name}(" in text} == SHOWN
+
+
+OFFLINE = """
+import runpy, socket, sys
+def refuse(*_): raise OSError("there is no network")
+socket.socket.connect = socket.getaddrinfo = refuse
+sys.argv = ["sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", sys.argv[1]]
+runpy.run_module("sphinx", run_name="__main__")
+"""
+
+
+@pytest.mark.prove
+def test_pages_are_made_without_network_sound_device_or_home(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx_gallery")
+    done = subprocess.run(
+        [sys.executable, "-c", OFFLINE, str(tmp_path / "pages")],
+        cwd=ROOT,
+        env={**homeless(tmp_path), "STRUCK_CACHE": os.environ["STRUCK_CACHE"]},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    first = (tmp_path / "pages/index.html").read_text(encoding="utf-8")
+    played = re.findall(r'src="(_static/sounds/\w+\.wav)"', first)
+    assert played
+    assert all((tmp_path / "pages" / each).stat().st_size > 10_000 for each in played)
+    shown = sorted((tmp_path / "pages/gallery").glob("[a-z]_*.html"))
+    assert len(shown) >= 20
+    for page in shown:
+        text = page.read_text(encoding="utf-8")
+        assert "sphx_glr_" in text, page.name  # a picture
+        assert "<audio" in text or page.name.startswith("t_"), page.name
+
+
+def homeless(folder: Path) -> dict[str, str]:
+    """Return an environment whose home no folder can be made in, not even by root."""
+    (folder / "file").touch()
+    nowhere = str(folder / "file/home")
+    kept = {name: os.environ[name] for name in ("PATH", "SYSTEMROOT") if name in os.environ}
+    return {**kept, "HOME": nowhere, "USERPROFILE": nowhere, "MPLBACKEND": "Agg"}
+
+
+FIRST_RUN = """
+import struck
+from struck.shapes import Bar
+bar = struck.analyze(Bar(length=0.2, width=0.03, thickness=0.006, ends="free"), "steel")
+struck.render(bar, struck.Strike(at="end"), seconds=0.5).save("bar.wav")
+struck.save(bar, "bar.struck")
+struck.show(bar, "bar.png")
+"""
+NO_HOME = """
+import os, pathlib
+def homeless(*_): raise RuntimeError("Could not determine home directory.")
+pathlib.Path.home = homeless
+"""
+
+
+@pytest.mark.parametrize("home", ["read-only", "none"])
+def test_first_run_needs_no_home(home: str, tmp_path: Path) -> None:
+    environment = homeless(tmp_path)
+    if home == "none":
+        del environment["HOME"], environment["USERPROFILE"]
+    program = (NO_HOME if home == "none" else "") + FIRST_RUN
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert all((tmp_path / f"bar.{ending}").exists() for ending in ("wav", "struck", "png"))
+    assert done.stderr.count("CacheWarning") <= 1, done.stderr

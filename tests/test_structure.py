@@ -189,6 +189,7 @@ def written_files() -> Iterator[Path]:
     inside = (path for folder in folders for path in (ROOT / folder).rglob("*"))
     for path in (*ROOT.iterdir(), *inside):
         generated = {"__pycache__", "_build"} & set(path.parts)
+        generated |= {"made by Sphinx"} if path.is_relative_to(ROOT / "docs/gallery") else set()
         if path.is_file() and path.name != ".git" and not generated:
             yield path
 

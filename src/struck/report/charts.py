@@ -248,14 +248,15 @@ def _lowest_shown(frequencies: Array, highest: float) -> float:
 
 
 def _peaks(frequencies: Array, levels: Array, most: int = 8) -> list[int]:
-    """Return the strongest peaks, no two closer than 10 %, so that labels do not collide."""
+    """Return the strongest peaks whose labels do not collide: 25 %, or 10 % and 6 dB, apart."""
     from scipy.signal import find_peaks
 
     found, _ = find_peaks(levels, height=-60, prominence=12)
     chosen: list[int] = []
     for peak in found[np.argsort(-levels[found])]:
         apart = np.abs(np.log(frequencies[chosen] / frequencies[peak]))
-        if len(chosen) < most and apart.min(initial=np.inf) > 0.1:
+        higher = np.abs(levels[chosen] - levels[peak])
+        if len(chosen) < most and bool(((apart > 0.25) | ((apart > 0.1) & (higher > 6))).all()):
             chosen.append(int(peak))
     return chosen
 

@@ -1,0 +1,27 @@
+"""
+Sound map and sonic distance
+============================
+
+How many sounds does a body need? `struck.sound_map`, `struck.sonic_distance` and `struck.audible`.
+"""
+
+import struck
+from struck.report import sound_map_picture
+from struck.shapes import RectangularPlate
+
+shape = RectangularPlate(length=0.30, width=0.20, thickness=0.003, edges="clamped")
+plate = struck.analyze(shape, "steel", band=(20, 4000))
+made = struck.sound_map(plate, 6.0)
+print(f"{len(made.contacts)} stored contacts: no place is more than 6 dB from its own")
+sound_map_picture(made)
+
+# %%
+# How different two places sound, in dB; and how many modes are ever heard.
+middle, corner = (0.15, 0.10), (0.03, 0.03)
+print(f"{struck.sonic_distance(plate, plate, at=middle, against=corner):.1f} dB apart")
+print(f"{len(struck.audible(plate).frequencies)} of {len(plate.frequencies)} modes are audible")
+
+# %%
+# Struck in the middle, then near the corner.
+taps = [struck.Strike(at=middle), struck.Strike(at=corner, time=0.7)]
+struck.render(plate, taps, seconds=1.5)
