@@ -42,6 +42,7 @@ check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, and what nothing reac
 	$(BIN)/vulture src $$(find src -name '*.pyi')
 
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
+	$(BIN)/python bench/starting.py
 	$(BIN)/python bench/solids.py
 	$(BIN)/python bench/meshing.py
 	$(BIN)/python bench/everyday.py --only mug,glass,table --accuracy standard
@@ -63,7 +64,7 @@ wheels: $(ENVIRONMENT)/build.stamp  ## Wheels of five platforms, in dist
 		STRUCK_PLATFORM=$$platform $(BIN)/python -m hatchling build -t wheel -d dist || exit 1; done
 
 clean:  ## Remove everything that make made, the environment too
-	rm -rf $(ENVIRONMENT) gallery docs/_build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(ENVIRONMENT) gallery docs/_build docs/gallery docs/static/sounds dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(ENVIRONMENT)/pip.stamp:
 	@$(or $(PYTHON),false) -c '$(RECENT)' || \
