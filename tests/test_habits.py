@@ -322,7 +322,7 @@ def test_progress_is_a_line_after_two_and_each_ten_seconds_without_a_terminal(
         clock[0] = float(second)
         told("iterate", second / 100)
     lines = capsys.readouterr().err.splitlines()
-    assert lines == [f"struck: iterate  {n} %, about {100 - n} s left" for n in (2, 12, 22, 32)]
+    assert lines == [f"struck: iterate {n:3} %, about {100 - n} s left" for n in (2, 12, 22, 32)]
     provenance.reported(None)("iterate", 0.9)
     clock[0] = 100.0
     struck.analyze(BAR, "steel", progress=None)
