@@ -19,7 +19,7 @@ _Made = TypeVar("_Made")
 
 
 def thread_count() -> int:
-    """Return how many threads a factorisation may use: as told, else the cores we own, at most 4.
+    """Return the threads of a factorisation: STRUCK_THREADS, else the cores we own, at most 4.
 
     STRUCK_THREADS tells, or else OMP_NUM_THREADS.
     """
@@ -29,7 +29,7 @@ def thread_count() -> int:
 
 
 def threads_told() -> int | None:
-    """Return the number of threads that STRUCK_THREADS tells, None where it is not set."""
+    """Return the number of threads in STRUCK_THREADS, None where it is not set."""
     told = os.environ.get(THREADS, "")
     if told and not (told.isdecimal() and 0 < int(told) <= 1024):
         raise OptionError(f"{THREADS} is {told!r}: set a whole number from 1 to 1024, or unset it")
@@ -37,7 +37,7 @@ def threads_told() -> int | None:
 
 
 def in_few_threads(work: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
-    """Let matrix products within a function use one thread, or as many as STRUCK_THREADS tells."""
+    """Let matrix products within a function use one thread, or as many as STRUCK_THREADS says."""
 
     # Blocks of vectors are many and small: more threads mostly wait, busily (`bench/threads.py`).
     @functools.wraps(work)

@@ -101,11 +101,11 @@ def silent(_stage: str, _fraction: float) -> None:
 
 
 def shown(_stage: str, _fraction: float) -> None:
-    """Stand for a report of each work's own, which `reported` begins."""
+    """Take the place of a progress of each work's own, which `reported` begins."""
 
 
 def reported(progress: Progress | None) -> Progress:
-    """Return who is told of one work: nobody for None; a bar, or a line now and then, unless said.
+    """Return the function that shows one work's progress: silent for None, else a bar or lines.
 
     In a notebook that is a bar, elsewhere a line on stderr after two seconds and each ten more.
     """
@@ -178,7 +178,7 @@ class NotebookProgress:
 
 
 def _in_notebook() -> bool:
-    """Tell whether a kernel of IPython runs this, which shows HTML."""
+    """Return whether a kernel of IPython runs this, which shows HTML."""
     ipython: Any = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython and "IPython.display" in sys.modules else None
     return getattr(shell, "kernel", None) is not None
