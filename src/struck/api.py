@@ -16,24 +16,20 @@ if TYPE_CHECKING:
 
     from struck.analysis.analysis import Fixed, Source
     from struck.batch.batch_report import BatchReport
-    from struck.ears.listeners import Listener
-    from struck.ears.room import Room
+    from struck.ears import Listener, Room
     from struck.excitation.strike import Strike
     from struck.explorer.server import Explorer
     from struck.files.sofa_fields import Places
     from struck.files.sound import Sound
     from struck.live.player import Player
+    from struck.model import Material, Mesh, ModalModel
     from struck.model.contact import Place
-    from struck.model.material import Material
-    from struck.model.mesh import Mesh
-    from struck.model.model import ModalModel
     from struck.perception.sound_map import SoundMap
     from struck.recordings.takes import Recording
     from struck.report.comparison import Comparison, Other
-    from struck.scene.body import Action, Body, Scene
-    from struck.scene.contacts import Contacts
+    from struck.scene import Body, Contacts, Scene, Simulation
+    from struck.scene.body import Action
     from struck.scene.engines.mujoco import Control
-    from struck.scene.engines.simulation import Simulation
 
 
 @checked
@@ -54,6 +50,7 @@ def analyze(
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
+    modes: int | None = None,
     method: str | None = None,
     backend: str = "auto",
     cache: bool | str | os.PathLike[str] = True,
@@ -91,6 +88,8 @@ def analyze(
         "obrien2002" or "heuristic1998" (relative).
     recoil : bool
         The click of a free body as a whole; never by the papers' own ways, named by a year.
+    modes : int, optional
+        At most so many, the loudest over contacts; `provenance` tells how far that is heard, in dB.
     method, backend : str
         For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
         For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
@@ -99,8 +98,7 @@ def analyze(
     cache : bool or path
         Where finished stages are kept: the user's cache (or $STRUCK_CACHE), not at all, a folder.
     progress : callable or None
-        Told the stage and the fraction of it that is done; a line on stderr each ten seconds, or a
-        bar in notebooks, unless given; None is silent.
+        Told the stage and fraction done; else lines on stderr or a notebook's bar. None: silent.
 
     Returns
     -------
@@ -116,8 +114,12 @@ def analyze(
 
     from struck.analysis import analysis
 
-    computed = radiation == "field"
-    return (analysis.analyze_with_field if computed else analysis.analyze)(**given)
+    work = analysis.analyze_with_field if given["radiation"] == "field" else analysis.analyze
+    if given.pop("modes") is not None:
+        from struck.perception import audibility
+
+        return audibility.within_budget(modes, work, **given)
+    return work(**given)
 
 
 def analyze_many(
@@ -563,8 +565,7 @@ def tune(
     lowest : float
         Hz, or a note as "A5" or "A5+12c".
     **options
-        Of other modes, ``frequency=, mode="bending 2"``; accuracy and progress: see
-        `struck.analysis.tune`, which also tells by how much the body was changed.
+        Of other modes ``frequency=, mode="bending 2"``, and more, as of `struck.analysis.tune`.
 
     Raises
     ------
@@ -573,7 +574,6 @@ def tune(
     """
     from struck.analysis import tuning
 
-    options["progress"] = reported(options.get("progress", shown))
     return tuning.tune(body, material, vary=vary, lowest=lowest, **options).body
 
 

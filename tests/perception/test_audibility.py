@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+import struck
 from struck.errors import OptionError
 from struck.model.contact import Place
 from struck.model.damping import Rayleigh
 from struck.model.model import ModalModel
 from struck.perception import audibility
-from struck.perception.audibility import audible
-from struck.perception.sonic_distance import HeardModel, band_excess, erb_distance, sonic_distance
+from struck.perception.audibility import _of_modes, audible
+from struck.perception.sonic_distance import (
+    HeardModel,
+    band_excess,
+    contacts_over,
+    erb_distance,
+    sonic_distance,
+)
+from struck.shapes import RectangularPlate
 from tests.perception.bodies import LEFT, RIGHT, chord, clamped_plate, hinged_bar, random_contacts
 
 
@@ -134,3 +142,28 @@ def test_bad_arguments_are_refused() -> None:
         audible(model, level=-60)
     with pytest.raises(OptionError, match="0 modes"):
         audible(model.damped(Rayleigh(mass=1e9, stiffness=0)))
+
+
+@pytest.mark.parametrize("modes", [12, 40])
+def test_a_budget_of_modes_keeps_the_sonic_distance_that_it_states(modes: int) -> None:
+    plate = RectangularPlate(length=0.3, width=0.2, thickness=0.002, edges="free")
+    whole = struck.analyze(plate, "steel", band=(20, 8000), recoil=False)
+    few = struck.analyze(plate, "steel", band=(20, 8000), recoil=False, modes=modes)
+    assert len(few.frequencies) == modes < len(whole.frequencies)
+    told = few.provenance.dropped[-1]
+    stated = few.provenance.details["budget_distance"]
+    assert f"{len(whole.frequencies) - modes} of {len(whole.frequencies)} modes" in told
+    assert f"by more than {stated:.2f} dB of sonic distance" in told
+    points, _ = contacts_over(whole.geometry, 1000)
+    some = points[np.random.default_rng(7).choice(len(points), 20, replace=False)]
+    distances = [struck.sonic_distance(whole, few, at=point) for point in some]
+    assert 0.3 * stated < max(distances) <= stated
+    # The first modes, as many, are further off at most of the contacts.
+    first = _of_modes(whole, np.arange(modes), np.ones(modes), "lie higher")
+    others = [struck.sonic_distance(whole, first, at=point) for point in some]
+    assert np.median(distances) < np.median(others)
+
+
+def test_a_budget_below_one_mode_is_refused_before_the_work() -> None:
+    with pytest.raises(OptionError, match="modes is 0: give a whole number of at least 1"):
+        struck.analyze("no_file.stl", "steel", modes=0)

@@ -20,7 +20,7 @@ from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
 from struck.model.modes import Modes
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, reported, shown
 from struck.solids.fem.vibration import lowest_frequency, vibration_modes
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def tune(
     frequency: float | str | None = None,
     mode: int | str = 1,
     accuracy: str | None = None,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> Tuning:
     """Find the dimension `vary` that makes a mode of `body` ring at a frequency, Hz.
 
@@ -198,8 +198,8 @@ def tune(
         across the longest axis move. Two modes of one frequency count once in a family.
     accuracy : str, optional
         "preview", "standard" (unless given) or "fine"; not of what a formula computes.
-    progress : callable
-        Told the stage and the fraction of it that is done; last, by how much what was changed.
+    progress : callable or None
+        As for `struck.analyze`; told last by how much what was changed.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def tune(
             f"{type(body).__name__} has no dimensions to vary: give a body of struck.solids or "
             "struck.shapes, or scale its model by ModalModel.tuned(lowest=)"
         )
-    chosen = _Mode.of(mode)
+    progress, chosen = reported(progress), _Mode.of(mode)
     wanted = _wanted(lowest, frequency, chosen)
     if accuracy is not None and is_shape(body) and chosen.family in {"", "bending"}:
         raise OptionError(

@@ -13,6 +13,7 @@ from struck.cli.options import (
     BAND,
     BODY,
     MATERIAL,
+    add_budget,
     arguments_of,
     body_named,
     makers,
@@ -36,6 +37,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("body", nargs="?", help=BODY)
     parser.add_argument("--list", action="store_true", help="list the bodies named so, and end")
     add_how(parser)
+    add_budget(parser)
     parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
 
 
@@ -84,7 +86,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     body, name = body_named(options.body), Path(options.body.partition(":")[0]).stem
     output = model_path(options.output or f"{name}.struck", unlike=[options.body])
     material = material_named(options.material, options.damping)
-    model = struck.analyze(body, material, progress=progress, **how(options))
+    model = struck.analyze(body, material, modes=options.modes, progress=progress, **how(options))
     struck.save(model, output)
     return described(model, f"wrote {output}", output=str(output))
 

@@ -217,6 +217,13 @@ def add_listener(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
 
 
+def add_budget(parser: argparse.ArgumentParser) -> None:
+    """Declare how many modes are kept."""
+    parser.add_argument(
+        "--modes", type=int, metavar="N", help="at most N, the loudest over contacts"
+    )
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declare the room around bodies and listener."""
     group = parser.add_argument_group("room")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_listener, listener
+from struck.cli.options import add_budget, add_listener, listener
 from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -38,6 +38,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--voices", type=int, default=16, help="excitations at once (16)")
     parser.add_argument("--volume", type=float, default=0.0, help="dB; 0: a strike peaks at -12")
     add_listener(parser)
+    add_budget(parser)
     parser.add_argument("--seconds", type=float, help="end by itself")
     parser.add_argument(
         "--strikes-per-second", dest="strikes", type=float, default=0.0, help="at random (0)"
@@ -55,11 +56,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck play`."""
     from struck.live.keys import repeated
+    from struck.perception.audibility import budgeted
 
     _require_counts(options)
     if options.list_devices:
         return _devices()
-    models = [struck.load(path) for path in options.models]
+    models = [budgeted(struck.load(path), options.modes) for path in options.models]
     if options.soak is not None:
         models = repeated(models or [_usual_model()], _SOAK_MODES)
         options.seconds, options.busy = options.soak, True

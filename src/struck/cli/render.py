@@ -10,7 +10,7 @@ from typing import Any
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_listener, add_room, listener, numbers, place, room
+from struck.cli.options import add_budget, add_listener, add_room, listener, numbers, place, room
 from struck.errors import OptionError
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
@@ -22,6 +22,7 @@ from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import chosen
 from struck.files.sound_set import TABLE, save_set
 from struck.model.provenance import TerminalProgress
+from struck.perception.audibility import budgeted
 from struck.scene.body import Action
 
 EXAMPLES = (
@@ -48,6 +49,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     add_listener(parser)
     add_room(parser)
+    add_budget(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument(
@@ -142,7 +144,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 
 def _model(options: argparse.Namespace) -> struck.ModalModel:
-    model = struck.load(options.model)
+    model = budgeted(struck.load(options.model), options.modes)
     return model if options.pitch is None else model.charted(pitch=options.pitch)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +15,18 @@ from struck.model.contact import Place
 from struck.model.gains import Gains, ShapeGains
 from struck.model.model import ModalModel
 from struck.perception.auditory_scale import JUST_NOTICED, spreading, threshold_in_quiet
-from struck.perception.sonic_distance import HeardModel, contacts_over, filter_centres, surface_of
+from struck.perception.sonic_distance import (
+    HeardModel,
+    band_excess,
+    contacts_over,
+    erb_distance,
+    filter_centres,
+    surface_of,
+)
 
 # Spread over the surface where nobody says which contacts count.
 _CONTACTS = 256
+_SPREAD = 1024  # contacts over which the loss by a number of modes is told
 # Filters a quarter of their bandwidth apart see what a mode adds between two others.
 _FINE = 0.25
 # How much a change of a kept mode counts against what it mends: without it, modes that share a
@@ -46,7 +55,66 @@ def audible(
             f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is heard"
         )
     factors = _solved(model.frequencies, cases, kept)
-    return _of_modes(model, kept, factors, hearing.level)
+    loss = f"are not heard when the loudest contact reaches {hearing.level:g} dB"
+    return _of_modes(model, kept, factors, loss, audible_level=hearing.level)
+
+
+@checked
+def budgeted(
+    model: ModalModel, modes: int | None, *, listener: ArrayLike | None = None
+) -> ModalModel:
+    """Return a model of at most so many modes: those that are loudest over contacts.
+
+    A mode counts by its share of the energy behind the ear's filters, the mean over contacts all
+    over the surface. What is left out is told in `provenance`, in dB of sonic distance.
+
+    Raises
+    ------
+    OptionError
+        On less than one mode, or a model without mode shapes.
+    """
+    require_budget(modes)
+    if modes is None or (count := len(model.frequencies)) <= modes:
+        return model
+    if not isinstance(model.gains, ShapeGains):
+        raise OptionError(
+            f"modes is {modes} of {count}, and this model has no mode shapes: leave modes out "
+            "where it was made, as by struck.fit(modes=)"
+        )
+    contacts, hearing = contacts_over(surface_of(model), _SPREAD), HeardModel.at(model, listener)
+    before = hearing.intensities(*contacts)
+    centres = filter_centres()
+    passing = spreading(model.frequencies, centres)
+    around = before.reshape(-1, count) @ passing.T + 10 ** (threshold_in_quiet(centres) / 10)
+    share = before.reshape(-1, count) * ((1 / around) @ passing)
+    kept = np.sort(np.argsort(-share.mean(axis=0), kind="stable")[:modes])
+    fewer = _of_modes(model, kept, np.ones(modes), "are beyond the number asked for")
+    after = HeardModel.at(fewer, listener).intensities(*contacts)
+    distances = erb_distance(
+        band_excess(model.frequencies, before), band_excess(fewer.frequencies, after)
+    )
+    most, middle = float(distances.max()), float(np.median(distances))
+    told = f"which changes no contact by more than {most:.2f} dB of sonic distance"
+    lost = f"{fewer.provenance.dropped[-1]}, {told} ({middle:.2f} dB in the median)"
+    dropped = (*fewer.provenance.dropped[:-1], lost)
+    made = replace(fewer.provenance, dropped=dropped).extended(budget_distance=most)
+    return replace(fewer, provenance=made)
+
+
+def within_budget(
+    modes: int | None,
+    work: Callable[..., ModalModel],
+    **given: Any,  # noqa: ANN401 - of the work
+) -> ModalModel:
+    """Return what `work` makes of its arguments, at most so many modes of it."""
+    require_budget(modes)
+    return budgeted(work(**given), modes)
+
+
+def require_budget(modes: int | None) -> None:
+    """Refuse less than one mode."""
+    if modes is not None and modes < 1:
+        raise OptionError(f"modes is {modes}: give a whole number of at least 1, or None for all")
 
 
 def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: HeardModel) -> Array:
@@ -99,12 +167,11 @@ def _solved(frequencies: Array, intensities: Array, kept: Index) -> Array:
     return factors
 
 
-def _of_modes(model: ModalModel, kept: Index, factors: Array, level: float) -> ModalModel:
+def _of_modes(
+    model: ModalModel, kept: Index, factors: Array, why: str, **details: object
+) -> ModalModel:
     lost = np.setdiff1d(np.arange(len(model.frequencies)), kept)
-    loss = (
-        f"{len(lost)} of {len(model.frequencies)} modes are not heard when the loudest contact "
-        f"reaches {level:g} dB"
-    )
+    loss = f"{len(lost)} of {len(model.frequencies)} modes {why}"
     slopes, errors = model.poisson_slopes, model.errors
     return replace(
         model,
@@ -115,9 +182,7 @@ def _of_modes(model: ModalModel, kept: Index, factors: Array, level: float) -> M
         poisson_slopes=None if slopes is None else slopes[kept],
         errors=None if errors is None else errors[kept],
         complete_to=min(model.complete_to, float(model.natural_frequencies[lost].min())),
-        provenance=model.provenance.extended(
-            references=_REFERENCES, dropped=(loss,), audible_level=level
-        ),
+        provenance=model.provenance.extended(references=_REFERENCES, dropped=(loss,), **details),
     )
 
 
