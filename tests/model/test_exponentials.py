@@ -75,6 +75,15 @@ def test_gains_of_slow_neighbours_are_those_of_least_squares() -> None:
     assert found == pytest.approx(ringing.gains, abs=1e-6)
 
 
+def test_a_mode_at_0_hz_takes_nothing_of_the_others() -> None:
+    """Its sine is no sound at all: no gain of it is better than another."""
+    ringing = some_modes(4)
+    poles = np.append(ringing.poles, -0.04 + 0j)
+    found = best_gains(poles, directly(ringing, 20000), RATE)
+    assert np.isfinite(found).all()
+    assert np.allclose(found[:, :7], ringing.gains, atol=1e-4)
+
+
 def test_a_mode_is_an_exponential_from_frame_to_frame() -> None:
     pole = -40 + 2j * np.pi * 1234.5
     one = Exponentials(poles=np.array([pole]), gains=np.array([[1.0 + 0j]]))

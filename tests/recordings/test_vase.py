@@ -10,16 +10,20 @@ import pytest
 import struck
 from struck import Mono, Strike
 from struck.model.material import AIR
+from struck.model.survey import from_spherical
 from struck.recordings.fit import Fitting, fit_recordings
 from struck.recordings.takes import Take
+from tests.model import test_point_sources as point_sources
 from tests.model.vases import HEIGHTS, NODES, RADIUS, RATE, Vase, error, listeners
 
 IMPACT, SECONDS = 0.3, 0.8
 
 
-def takes(vase: Vase, pairs: list[tuple[int, int]], level: float, seed: int) -> list[Take]:
-    """Record pairs of height and listener: each in noise, sound arriving as late as its way."""
-    chance, places = np.random.default_rng(seed), listeners()
+def takes(
+    vase: Vase, pairs: list[tuple[int, int]], level: float, seed: int, places: np.ndarray
+) -> list[Take]:
+    """Record pairs of height and place: each in noise, sound arriving as late as its way."""
+    chance = np.random.default_rng(seed)
     heights, heard = np.array(pairs).T
     ways = np.linalg.norm(places[heard], axis=1)[:, None] / AIR.sound_speed
     times = np.arange(round(SECONDS * RATE)) / RATE - IMPACT
@@ -35,12 +39,18 @@ def takes(vase: Vase, pairs: list[tuple[int, int]], level: float, seed: int) -> 
 
 
 def fitted(
-    vase: Vase, pairs: list[tuple[int, int]], level: float, seed: int, **options: object
+    vase: Vase,
+    pairs: list[tuple[int, int]],
+    level: float,
+    seed: int,
+    places: np.ndarray | None = None,
+    **options: object,
 ) -> Fitting:
+    places = listeners() if places is None else places
     return fit_recordings(
-        takes(vase, pairs, level, seed),
+        takes(vase, pairs, level, seed, places),
         contacts=[HEIGHTS[height] for height, _ in pairs],
-        listeners=[listeners()[listener] for _, listener in pairs],
+        listeners=[places[listener] for _, listener in pairs],
         symmetry="axial",
         radius=RADIUS,
         cache=False,
@@ -109,6 +119,47 @@ def test_modes_silent_at_the_pivot_are_named(vase: Vase) -> None:
     assert silent
     assert all(np.abs(named - tone).min() < 1 for tone in silent)
     assert any("were not measured" in note for note in made.model.provenance.dropped)
+
+
+class Sources(point_sources.Vase):
+    """Modes that are equally loud in the mean over places, and that ring."""
+
+    def __init__(self, places: np.ndarray) -> None:
+        super().__init__(0)
+        self.decays = 1.5 + 2.5e-7 * self.frequencies**2
+        self.louder = 1 / np.sqrt(np.square(np.abs(self.outputs(places))).mean(axis=0))
+
+    def gains(self, heights: np.ndarray, places: np.ndarray) -> np.ndarray:
+        return self.drives(heights)[:, None] * self.outputs(places) * self.louder
+
+
+@pytest.mark.prove
+def test_levels_around_point_sources_are_told_by_their_sound() -> None:
+    """All 57 takes, and 21 of them: 3 heights at one place, and one height at all."""
+    places, chance = point_sources.listeners(), np.random.default_rng(50)
+    unseen = from_spherical(
+        chance.uniform(0.6, 1.5, 80),
+        chance.uniform(0, 2 * np.pi, 80),
+        np.arccos(chance.uniform(-1, 1, 80)),
+    )
+    vase = Sources(places)
+    true = np.abs(vase.gains(HEIGHTS[:, 0], unseen))
+    medians = []
+    for kept in (57, 21):
+        pairs = [(height, each) for height in range(3) for each in range(19)]
+        pairs = [pair for pair in pairs if kept == 57 or pair[0] == 1 or pair[1] == 9]
+        model = fitted(vase, pairs, 45, 0, places).model
+        assert np.abs(model.frequencies - vase.frequencies).max() < 0.5
+        drives = model.gains.at(HEIGHTS, np.zeros((3, 3)))
+        found = np.abs(np.einsum("prm,qrm->pqm", drives, model.gains.toward(unseen)))
+        levels = 20 * np.log10(found / true)
+        off = np.median(np.abs(levels - np.median(levels)), axis=(0, 1))
+        low, named = vase.frequencies < 4500, np.isin(np.arange(24), model.gains.unmeasured)
+        assert np.count_nonzero(named) <= 8
+        assert off[~named].max() <= 3
+        medians.append(np.median(off[low]))
+    assert medians[0] <= 1
+    assert medians[1] - medians[0] <= 0.3
 
 
 def test_a_walk_round_it_is_as_smooth_as_standing_still(

@@ -127,7 +127,8 @@ def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComp
             [direct.imag + mirrored.imag, direct.real + mirrored.real],
         ]
     )
-    matrix[np.diag_indices_from(matrix)] *= 1 + 1e-10
+    powers = matrix.diagonal()  # none at all is what the sine of a mode at 0 Hz has
+    matrix += np.diag(1e-10 * powers + 1e-14 * powers.max(initial=0.0))
     sums = correlations(poles, samples, sample_rate)
     sides = np.hstack((-sums.imag, sums.real))
     solved = np.linalg.solve(matrix, sides.T).T

@@ -561,7 +561,8 @@ def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str,
     if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:
         notes.append(
             f"listeners are at {around} azimuths from the contact: a mode of {around} or more "
-            f"waves around is taken for one of fewer; record at {2 * ORDER + 1}, 0 to 180 degrees"
+            "waves around is taken for one of fewer; record on a spiral, each at "
+            "another azimuth and height"
         )
     if len(coarse):
         tones = survey.frequencies[coarse]

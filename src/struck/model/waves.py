@@ -86,45 +86,86 @@ def _powers(count: int) -> Array:
 
 
 def fit_waves(
-    laws: Sequence[DistanceLaw], places: Array, outputs: Complex, weights: Array, *, mirrored: bool
+    laws: Sequence[DistanceLaw],
+    places: Array,
+    outputs: Complex,
+    weights: Array,
+    *,
+    mirrored: bool,
+    sizes: Array | None = None,
 ) -> tuple[Complex, Array]:
     """Return parts (K, B, M) of r^-(k+1) Y_lm, fitted to outputs at places, and their error.
 
-    The error (M,) is that of each listener as told by all others, over what was heard, by energy.
+    The error (M,) is that of each listener as told by all others, over what was heard, by energy;
+    infinite where the places cannot tell an angular order, or not so many degrees as a body of
+    these sizes (M,), wave number times radius, radiates.
     """
     # Law, highest degree and noise are averaged over by their evidence (Rasmussen & Williams,
-    # Gaussian Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5). There are never
-    # more harmonics than listeners; outputs that are `mirrored` are even in y, and as a rule of one
-    # angular order, as modes of a body round about the z axis are.
+    # Gaussian Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5).
     distances = np.linalg.norm(places, axis=1)
     order = len(laws[0].coefficients) - 1
-    harmonics, (degree, angular) = (
-        real_harmonics(places / distances[:, None], order),
-        degrees(order),
-    )
-    sides = (angular >= 0) | (not mirrored)
-    choices = [sides & (degree <= highest) for highest in range(ORDER + 1)]
-    for turns in range(order + 1) if mirrored else ():
-        highest = range(max(turns, 1), order + 1)
-        choices += [(angular == turns) & (degree <= most) for most in highest]
-    choices = [each for each in choices if np.count_nonzero(each) <= len(places)]
+    harmonics = real_harmonics(places / distances[:, None], order)
+    choices = _choices(order, len(places), mirrored=mirrored)
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
     cases = list(product(range(len(laws)), choices, NOISES))
-    fits = [problems[number].solved(chosen, noise) for number, chosen, noise in cases]
-    believed = shares(np.stack([evidence for evidence, _ in fits]))
+    fits = [problems[number].solved(chosen, noise) for number, (chosen, _), noise in cases]
+    evidence = np.stack([each for each, _ in fits])
+    believed = shares(evidence)
+    degree = degrees(order)[0]
     parts = np.zeros((order + 1, len(degree), outputs.shape[1]), np.complex128)
-    for share, (number, chosen, _), (_, found) in zip(believed, cases, fits, strict=True):
+    for share, (number, (chosen, _), _), (_, found) in zip(believed, cases, fits, strict=True):
         if share.any():
             parts[:, chosen] += laws[number].coefficients[:, chosen] * (share * found.T)
     used = max(ORDER, int(degree[parts.any(axis=(0, 2))].max(initial=0)))
-    parts = parts[: used + 1, : (used + 1) ** 2]
     errors = np.zeros(outputs.shape[1])
     best = believed.argmax(axis=0)
     for case in np.unique(best):
-        number, chosen, noise = cases[case]
+        number, (chosen, _), noise = cases[case]
         modes = np.flatnonzero(best == case)
         errors[modes] = problems[number].left_out_errors(modes, chosen, noise, fits[case][1])
-    return parts, errors
+    turns = np.array([turns for _, (_, turns), _ in cases])
+    errors[_untold(evidence, turns, best, _polar_angles(places), sizes)] = np.inf
+    return parts[: used + 1, : (used + 1) ** 2], errors
+
+
+_ANY = -1  # instead of an angular order
+_SURE = 20.0  # by which the evidence for an order exceeds that for any other
+_POLAR = 0.05  # rad: nearer polar angles count as one
+
+
+def _choices(order: int, places: int, *, mirrored: bool) -> list[tuple[Mask, int]]:
+    """Return sets of harmonics, never more than places, each with its angular order or `_ANY`.
+
+    Outputs that are `mirrored` are even in y, and as a rule of one angular order, as modes of a
+    body round about the z axis are.
+    """
+    degree, angular = degrees(order)
+    sides = (angular >= 0) | (not mirrored)
+    choices = [(sides & (degree <= highest), _ANY) for highest in range(ORDER + 1)]
+    for turns in range(order + 1) if mirrored else ():
+        highest = range(max(turns, 1), order + 1)
+        choices += [((angular == turns) & (degree <= most), turns) for most in highest]
+    return [each for each in choices if np.count_nonzero(each[0]) <= places]
+
+
+def _untold(evidence: Array, turns: Index, best: Index, angles: int, sizes: Array | None) -> Mask:
+    """Return the modes (M,) of one angular order that the places cannot tell from another.
+
+    Only orders that a body of these sizes (M,) radiates count. Named are also modes whose degrees,
+    from the order up to the size, outnumber polar angles.
+    """
+    own = turns[best]
+    sizes = np.full(len(own), np.nan) if sizes is None else sizes
+    rivals = (turns[:, None] != own) & (turns[:, None] != _ANY) & ~(turns[:, None] > sizes)
+    others = np.where(rivals, evidence, -np.inf).max(axis=0)
+    alike = evidence.max(axis=0) - others < _SURE
+    return (own != _ANY) & (alike | (np.floor(sizes) - own + 1 > angles))
+
+
+def _polar_angles(places: Array) -> int:
+    """Return how many polar angles places (Q, 3) have."""
+    angles = np.sort(np.arccos(places[:, 2] / np.linalg.norm(places, axis=1)))
+    return 1 + int(np.count_nonzero(np.diff(angles) > _POLAR))
 
 
 def azimuths_of(places: Array) -> int:
@@ -226,7 +267,8 @@ class SphericalWaves:
         order = AXIAL if mirrored else ORDER
         same, levels = DistanceLaw.same(reference, order), np.abs(outputs)
         laws = (same, DistanceLaw.waves(reference, wave_numbers, order))
-        parts, errors = fit_waves(laws, places, outputs, weights, mirrored=mirrored)
+        sizes = wave_numbers * radius if radius else None
+        parts, errors = fit_waves(laws, places, outputs, weights, mirrored=mirrored, sizes=sizes)
         waves = cls(
             parts=parts,
             errors=errors,
