@@ -8,7 +8,7 @@ import pytest
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine
-from struck.recordings.poles.selection import weed
+from struck.recordings.poles.selection import prune, weed
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -46,3 +46,26 @@ def test_a_weak_mode_that_is_there_stays() -> None:
 def test_nothing_is_weeded_of_nothing() -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), 1)
     assert weed([given], Exponentials.silence(1)).count == 0
+
+
+def chosen(frequencies: list[float], gains: list[list[float]], budget: int) -> list[float]:
+    """Return which modes of hits with gains (hits, M) a budget keeps, Hz."""
+    poles = np.array([-20 + 2j * np.pi * each for each in frequencies])
+    ringing = Exponentials(poles=poles, gains=np.array(gains, complex))
+    chance = np.random.default_rng(0)
+    noise = 1e-4 * chance.standard_normal((len(gains), RATE // 2))
+    silent = Segment.of(noise, RATE, Noise.white(np.full(len(gains), 1e-8)))
+    segment = Segment.of(
+        silent.model(ringing) + noise, RATE, Noise.white(np.full(len(gains), 1e-8))
+    )
+    return prune([segment], ringing, budget=budget).frequencies.round().tolist()
+
+
+def test_a_mode_that_all_hits_need_is_worth_more_than_a_loud_one_of_one() -> None:
+    assert chosen([500, 1500], [[10, 20], [1, 0.01], [1, 0.01]], 1) == [500]
+    assert chosen([500, 1500], [[10, 20]], 1) == [1500]
+
+
+def test_a_mode_alone_in_its_band_is_worth_a_little_more() -> None:
+    assert chosen([1000, 1030, 4000], [[1.0, 0.70, 0.67]], 2) == [1000, 4000]
+    assert chosen([1000, 1030, 4000], [[1.0, 0.70, 0.50]], 2) == [1000, 1030]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
@@ -107,3 +108,28 @@ def test_gains_scatter_by_their_standard_errors() -> None:
         away.append(np.abs(found.gains - gains) / errors)
     # 240 values of a standard complex normal distribution: its rms is known to 3 %.
     assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1, abs=0.1)
+
+
+def test_errors_follow_what_is_left_in_a_mode_s_own_band_and_time() -> None:
+    """A hiss from 1 to 3 kHz, 30 dB under the modes, dies away long before they do."""
+    frequencies = np.array([311.0, 702, 1150, 1291, 1720, 2217, 2700, 3405, 5120, 7800])
+    decays = np.array([3.0, 4, 6, 6, 8, 9, 10, 14, 20, 30])
+    band = butter(4, [1000, 3000], "band", fs=RATE, output="sos")
+    times = np.arange(RATE) / RATE
+    away, hissing = [], (frequencies > 1000) & (frequencies < 3000)
+    for seed in range(6):
+        chance = np.random.default_rng(seed)
+        gains = np.exp(2j * np.pi * chance.random((1, 10)))
+        clean = ringing(frequencies, decays, gains, RATE)
+        hiss = np.exp(-30 * times) * sosfilt(band, chance.standard_normal(RATE))
+        hiss *= 10 ** (-30 / 20) * np.linalg.norm(clean[:, :4410]) / np.linalg.norm(hiss[:4410])
+        noise = 1e-4 * chance.standard_normal(clean.shape)
+        segment = Segment.of(clean + hiss + noise, RATE, Noise.white([1e-8]))
+        truth = Exponentials(poles=-decays + 2j * np.pi * frequencies, gains=gains)
+        found = refine([segment], truth, sweeps=3, steps=6)
+        errors = standard_errors([segment], found)
+        away.append(np.abs(found.frequencies - frequencies) / errors.frequencies)
+        away.append(np.abs(found.decays - decays) / errors.decays)
+    assert np.mean(np.array(away) < 2) >= 0.8
+    assert np.mean(np.array(away)[:, hissing] < 2) >= 0.8
+    assert 0.3 < np.median(np.array(away)[:, hissing]) < 1.2  # 0.67 of a normal distribution

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from struck.core import entry
 from struck.model.arrays import AnyComplex, Array, Index
 from struck.model.exponentials import Exponentials
+from struck.recordings.noise import Noise, blackman_harris, frames
 from struck.recordings.poles.normal_equations import normal_equations
 from struck.recordings.poles.projection import (
     GroupBlocks,
@@ -73,18 +75,57 @@ def standard_errors(segments: Sequence[Segment], ringing: Exponentials) -> Stand
 
     The inverse of the Fisher information of the poles of a group, its complex gains eliminated; for
     exponentials in noise it is the same for the angular frequency as for the decay rate. Where a
-    fit leaves more than the noise, the residual takes the noise's place. Gains are bounded with the
-    poles as they are.
+    fit leaves more than the noise, the residual takes the noise's place, as far as it sounds while
+    a mode does. Gains are bounded with the poles as they are.
     """
-    found = pole_statistics(segments, ringing)
+    met = [_as_met(segment, ringing) for segment in segments]
+    found = pole_statistics([segment for segment, _ in met], ringing)
     errors = np.sqrt(found.variances / 2)
-    return StandardErrors(
-        frequencies=errors / (2 * np.pi), decays=errors, gains=np.sqrt(found.sizes)
-    )
+    sizes = found.sizes * np.concatenate([louder for _, louder in met])
+    return StandardErrors(frequencies=errors / (2 * np.pi), decays=errors, gains=np.sqrt(sizes))
+
+
+_WINDOW, _BREADTH = 0.023, 4  # s, and its bins on either side that tell what is left at a mode
+_FRAMES = 4  # at least
+
+
+def _as_met(segment: Segment, ringing: Exponentials) -> tuple[Segment, Array]:
+    """Return a segment with its noise as the modes meet it: raised to the residual in their bands.
+
+    The noise is that of the poles, which a mode tells by how t exp(-d t) goes; with it comes by how
+    much more power each gain, told by exp(-d t), meets (C, M).
+    """
+    rate, order = segment.sample_rate, np.argsort(ringing.frequencies)
+    size = 2 ** int(np.log2(min(_WINDOW * rate, segment.samples.shape[1] / _FRAMES)))
+    if not ringing.count or size < 2 * _BREADTH:
+        return segment, np.ones((len(segment.samples), ringing.count))
+    window = blackman_harris(size)
+    left = np.pad(segment.residual(ringing), ((0, 0), (size // 2, 0)), mode="reflect")
+    powers = np.abs(frames(left, window, size // 2)) ** 2 / (window**2).sum()
+    smooth = uniform_filter1d(powers, 2 * _BREADTH + 1, axis=2)
+    bins = np.minimum(np.round(ringing.frequencies * size / rate).astype(int), size // 2 - 1)
+    times = np.arange(powers.shape[1])[:, None] * (size // 2) / rate
+    usual = segment.noise.at(ringing.frequencies)
+    sounding = np.exp(-2 * ringing.decays * times)
+    told = sounding * (times - (sounding * times).sum(axis=0) / sounding.sum(axis=0)) ** 2
+    heard = smooth[:, :, bins]
+    poles, gains = (_clear(heard, weights, usual) for weights in (told, sounding))
+    places, first = np.unique(ringing.frequencies[order], return_index=True)
+    noise = Noise(frequencies=places, densities=poles[:, order][:, first])
+    return replace(segment, noise=noise), gains / poles
+
+
+def _clear(heard: Array, weights: Array, usual: Array) -> Array:
+    """Return weighted means (C, M) of powers (C, T, M) where they exceed the usual by chance."""
+    shares = weights / np.maximum(weights.sum(axis=0), _LEAST)
+    ratios = np.einsum("ctm,tm->cm", heard, shares) / usual
+    values = _BREADTH / np.square(shares).sum(axis=0)
+    return np.where(ratios > 1 + _CHANCE / np.sqrt(values), ratios, 1.0) * usual
 
 
 _REGULAR = 1e-13  # share by which the matrix's diagonal is raised
 _LEAST = 1e-300  # least divisor
+_CHANCE = 3.0  # standard deviations by which a residual exceeds the noise
 
 
 def write_statistics(
