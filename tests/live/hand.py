@@ -89,6 +89,14 @@ class HandPlayer(Player):
             heard.append(self.hand.play()[0].copy())
         return np.concatenate(heard)
 
+    def hear_both(self, blocks: int) -> NDArray[np.float32]:
+        """Return so many blocks (2, n) of both channels."""
+        heard = []
+        for _ in range(blocks):
+            self._feeder.fill_up()
+            heard.append(self.hand.play().copy())
+        return np.concatenate(heard, axis=1)
+
     def hear_late(self, blocks: int) -> NDArray[np.float32]:
         """Return so many blocks that no records come for, after those that wait."""
         return np.concatenate([self.hand.play()[0].copy() for _ in range(blocks)])

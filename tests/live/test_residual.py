@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
+from scipy.signal import butter, correlate, sosfilt
 
 import struck
 from struck import ModalModel, Strike
@@ -68,6 +68,20 @@ def test_a_started_strike_brings_its_attack_as_well(by_hand: Make) -> None:
     heard = heard_after(player, strike, 100)
     expected = struck.render(drum(), strike, seconds=0.25).samples[0]
     assert apart(heard, expected) < -60
+
+
+def test_two_bare_ears_hear_what_is_rendered_for_them(by_hand: Make) -> None:
+    ears = struck.Stereo(position=(0, 1, 0))
+    player = by_hand(drum(), volume=-30, listener=ears)
+    player.hear(OPENED)
+    player.strike(Strike(time=0.01))
+    heard = player.hear_both(100) / player.gain
+    expected = struck.render(drum(), Strike(time=0.01), seconds=0.25, listener=ears).samples
+    # Ears are one delay line more; both are late alike.
+    late = int(np.argmax(correlate(heard[0], expected[0], "full"))) - expected.shape[1] + 1
+    assert BLOCK + LEAD + LATE <= late < 2 * (BLOCK + LEAD + LATE)
+    for one, other in zip(heard, expected, strict=True):
+        assert apart(one[late:], other) < -60
 
 
 def test_two_ears_hear_the_attack_too(by_hand: Make) -> None:
