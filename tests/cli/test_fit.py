@@ -66,6 +66,7 @@ def test_a_machine_is_told_the_errors(
     assert len(told["frequencies"]) == len(told["decay_errors"]) == 4
     assert told["modal"] is True
     assert told["signal_to_residual"] > 10
+    assert 0.9 < told["provenance"]["details"]["explained_by_one_strike"] <= 1
     assert told["report"] is None
 
 

@@ -11,8 +11,10 @@ from numpy.random import default_rng
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
+from struck.errors import RecordingError
 from struck.recordings.disturbances import lossy
 from struck.recordings.onsets import find_hits, findings
+from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
 from tests.recordings import sounds
 
@@ -93,9 +95,42 @@ def test_a_take_is_told_what_was_done_to_it() -> None:
     )
 
 
+def rung(seconds: float, rate: int = RATE) -> Array:
+    times = np.arange(round(seconds * rate)) / rate
+    waves = (
+        np.sin(2 * np.pi * np.outer(times, [440.0, 1210.0, 2600.0])) * np.exp(-8 * times)[:, None]
+    )
+    return 0.2 * waves.sum(axis=1) + 1e-4 * default_rng(5).standard_normal(len(times))
+
+
+def told_of(samples: Array) -> str:
+    take = Take(samples=np.round(32767 * samples)[None] / 32767, sample_rate=RATE, name="tap.wav")
+    return " ".join(findings(take, find_hits(take)))
+
+
+def test_a_loop_is_told_and_a_body_is_not_accused() -> None:
+    clean = rung(1.0)
+    begin, end = round(0.4 * RATE), round(0.55 * RATE)
+    looped = np.concatenate([clean[:end], np.tile(clean[begin:end], 4)])
+    assert "tap.wav repeats 0.150 s of itself from 0.5" in told_of(looped)
+    assert "repeats" not in told_of(clean)
+    assert "repeats" not in told_of(np.pad(clean, (RATE, RATE)))  # digital silence
+
+
+def test_a_take_of_a_tenth_of_a_second_is_told_what_it_lacks() -> None:
+    assert "tap.wav holds 0.1 s after a hit at most: tones nearer than 10 Hz" in told_of(rung(0.1))
+    assert "after a hit" not in told_of(rung(1.0))
+    faded = rung(0.2) * np.exp(-60 * np.arange(round(0.2 * RATE)) / RATE)
+    assert "after a hit" not in told_of(faded)
+    soon = np.pad(rung(0.04), (round(0.1 * RATE), 0))
+    with pytest.raises(RecordingError, match="it ends 40 ms after its last hit"):
+        fit_poles(Take(samples=soon[None], sample_rate=RATE, name="tap.wav"))
+
+
 @pytest.mark.prove
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings are not beside the checkout")
 def test_no_real_take_is_accused() -> None:
     takes = [Take.load(path) for path in sorted(RECORDINGS.glob("**/*.wav"))]
     accused = [each.name for each in takes if lossy(each.samples[0], each.sample_rate)]
     assert not accused
+    assert not any("repeats" in note for each in takes for note in findings(each, find_hits(each)))

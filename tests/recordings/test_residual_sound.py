@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfilt
 import struck
 from struck import InternalFriction, Strike
 from struck.recordings.fit import Fitting, fit_recordings
-from struck.recordings.residual_sound import band_energies, ear_bands, loudest
+from struck.recordings.residual_sound import band_energies, ear_bands, loudest, one_strike
 from struck.recordings.takes import Take
 from tests.recordings.strings import ONSET, RATE, hit, noise, ringing, take
 from tests.recordings.strings import gains as gains_at
@@ -72,6 +72,17 @@ def test_noise_decays_as_it_did(hissing: tuple[Take, Fitting]) -> None:
     loud = (rest.levels > 0) & (rest.edges[:-1] > 5000)  # above all tones
     assert np.count_nonzero(loud) > 5
     assert np.median(rest.decays[loud]) == pytest.approx(HISS, rel=0.15)
+
+
+def test_one_strike_explains_its_share_of_several() -> None:
+    """Of two blows of one strength, and a third of half of it: 4 of 9 parts of the energy."""
+    length = round(0.5 * RATE)
+    one = ringing(gains_at(np.array(0.05))[0], onset=0.0, seconds=0.5)
+    sound = np.concatenate([np.zeros(length), one, one, 0.5 * one])
+    made = fitted(take(sound + noise(len(sound), 80, 4)))
+    assert one_strike(made.fitted) == pytest.approx(4 / 9, abs=0.01)
+    told = made.model.provenance.details["explained_by_one_strike"]
+    assert told == pytest.approx(4 / 9, abs=0.01)
 
 
 def test_what_modes_explain_alone_needs_no_residual() -> None:

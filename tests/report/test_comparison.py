@@ -18,7 +18,7 @@ from struck.recordings.noise import Noise
 from struck.recordings.poles.search import search
 from struck.recordings.segments import Segment
 from struck.report.comparison import HEADINGS, Comparison, compare
-from struck.shapes import Bar
+from struck.shapes import Bar, CircularMembrane
 from struck.solids import Block
 
 Array = NDArray[np.float64]
@@ -112,6 +112,22 @@ def test_a_longer_pulse_dulls_the_model(bar: ModalModel) -> None:
     passed = np.abs(np.cos(np.pi * turns) / (1 - (2 * turns) ** 2))
     loud = passed > 1e-2
     assert found.level_differences[loud] == pytest.approx(20 * np.log10(passed[loud]), abs=0.05)
+
+
+def test_a_twin_at_one_frequency_is_heard_with_the_other() -> None:
+    """A circular membrane has its modes with a nodal diameter two by two."""
+    membrane = CircularMembrane(radius=0.15, thickness=2.5e-4, tension=3000.0)
+    drum = struck.analyze(membrane, "nylon", band=(50, 1200))
+    once = np.unique(drum.frequencies.round(6), return_index=True)[1]
+    assert len(once) < len(drum.frequencies)
+    heard = SimpleNamespace(
+        frequencies=drum.frequencies[once], decays=drum.decays[once] + 1, gains=np.ones(len(once))
+    )
+    found = compare(drum, heard, strike=Strike(at=(0.1, 0.02, 0)))
+    assert len(found.pairs) == len(once)
+    assert not len(found.missing)
+    assert len(found.twins) + len(found.pairs) == len(drum.frequencies)
+    assert any("share a frequency" in line for line in found.summary())
 
 
 def test_size_and_damping_show_as_cents_and_ratios(bar: ModalModel) -> None:

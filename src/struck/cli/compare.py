@@ -101,6 +101,7 @@ def _facts(found: Comparison) -> dict[str, object]:
     return {
         "pairs": [dict(zip(columns, row, strict=True)) for row in rows],
         "missing": mine.frequencies[found.missing].tolist(),
+        "twins": mine.frequencies[found.twins].tolist(),
         "extra": theirs.frequencies[found.extra].tolist(),
         "level_offset": found.level_offset,
         "explained": found.explained,

@@ -138,7 +138,11 @@ def _residual_line(fitting: Fitting) -> str:
 def _result(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
     fitted = fitting.fitted
     verdict = fitted.verdict
-    ratio = f"signal to residual {verdict.signal_to_residual:.1f} dB"
+    share = fitting.model.provenance.details["explained_by_one_strike"]
+    ratio = (
+        f"signal to residual {verdict.signal_to_residual:.1f} dB; one strike of the model explains "
+        f"{100 * share:.3g} % of its take's energy"
+    )
     caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
     return described(
         fitting.model,

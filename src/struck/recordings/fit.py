@@ -30,7 +30,13 @@ from struck.recordings.disturbances import without_hum
 from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, NAME, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
-from struck.recordings.residual_sound import SHORT, may_be_of_room, remainder, reverberation
+from struck.recordings.residual_sound import (
+    SHORT,
+    may_be_of_room,
+    one_strike,
+    remainder,
+    reverberation,
+)
 from struck.recordings.takes import Recorded, Recording, Take
 
 if TYPE_CHECKING:
@@ -361,6 +367,7 @@ def _provenance(
         "hits": hits,
         "channels": int(np.bincount(gathered.hits).max()),
         "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
+        "explained_by_one_strike": round(one_strike(fitted), 4),
         "rank_error": _middle(getattr(gains, "rank_errors", None), ~fitted.blow),
         "blow": np.flatnonzero(fitted.blow).tolist() or None,
         "vague": np.flatnonzero(fitted.vague).tolist() or None,

@@ -193,6 +193,9 @@ _AUDIBLE = 20.0  # end over lead-in, dB
 _CHANGED = 6.0  # dB
 _LEVEL_BLOCK = 0.05  # s
 _FALLEN = 40.0  # dB
+_SOON, _PARTS = 0.25, 10  # s after a hit; parts of which the first and the last are compared
+# samples of a window that is looked for again, at so many places; and the shortest loop, s
+_ALIKE, _PLACES, _REPEATED = 64, 32, 0.03
 _QUANTUM = 2.0**-23  # 24 bits: what is softer than its rounding is no sound of a room
 
 
@@ -232,6 +235,8 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     yield from _forces(take)
     yield from _clipping(take)
     yield from processed(take)
+    yield from _loops(take)
+    yield from _short(take, hits)
     peak = 20 * np.log10(np.abs(take.samples).max())
     if peak < _QUIET:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"
@@ -267,6 +272,47 @@ def _ending(take: Take, before: Array) -> Iterator[str]:
             f"the noise of {take.name} changes by {levels.min() - quiet:.0f} dB: turn automatic "
             "gain and noise suppression off, for decays are wrong with them"
         )
+
+
+def _short(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
+    """Yield what a take lacks that is over, or struck again, while it still sounds."""
+    longest = max(hits, key=lambda hit: hit.end - hit.onset)
+    seconds = (longest.end - longest.onset) / take.sample_rate
+    size = max(1, round(seconds / _PARTS * take.sample_rate))
+    energies = [
+        float((take.samples[:, first : first + size] ** 2).sum())
+        for first in (longest.start, longest.end - size)
+    ]
+    if seconds < _SOON and energies[1] > 10 ** (-_FALLEN / 10) * energies[0]:
+        yield (
+            f"{take.name} holds {seconds:.2g} s after a hit at most: tones nearer than "
+            f"{1 / seconds:.0f} Hz count as one, and what rings for longer is hardly known; record "
+            "a second or more"
+        )
+
+
+def _loops(take: Take) -> Iterator[str]:
+    """Yield where a take repeats itself sample by sample, which no body and no noise does."""
+    rate, last = take.sample_rate, take.samples.shape[1] - 2 * _ALIKE
+    loudest = take.samples[int((take.samples**2).sum(axis=1).argmax())]
+    for start in np.linspace(0, max(last, 0), _PLACES).astype(int):
+        window = loudest[start : start + _ALIKE]
+        if len(np.unique(window)) < _ALIKE // 4:
+            continue
+        later = np.arange(start + 1, len(loudest) - _ALIKE)
+        for place, value in enumerate(window):
+            later = later[loudest[later + place] == value]
+        for again in later[:1]:
+            lag = int(again) - int(start)
+            differs = np.flatnonzero(loudest[again:] != loudest[start : len(loudest) - lag])
+            length = differs[0] if len(differs) else len(loudest) - again
+            if length > _REPEATED * rate:
+                yield (
+                    f"{take.name} repeats {lag / rate:.3f} s of itself from {again / rate:.2f} s "
+                    "on, sample by sample: a loop, not a body that rings; its decays are those of "
+                    "a machine, so cut it off before"
+                )
+                return
 
 
 def _forces(take: Take) -> Iterator[str]:

@@ -157,6 +157,19 @@ def loudest(fitted: Fitted) -> int:
     return int(np.argmax([(fitted.heard_in(row)[0] ** 2).sum() for row in range(len(fitted.rows))]))
 
 
+def one_strike(fitted: Fitted) -> float:
+    """Return the share of the energy of a take's hits that one strike, the loudest, explains."""
+    best = fitted.rows[loudest(fitted)]
+    whole = explained = 0.0
+    for row, what in enumerate(fitted.rows):
+        if what.take == best.take:
+            sound, model = fitted.heard_in(row)
+            energy = float((sound**2).sum())
+            whole += energy
+            explained += (what.hit == best.hit) * (energy - float(((sound - model) ** 2).sum()))
+    return max(explained / whole, 0.0) if whole else 0.0
+
+
 def _decays(left: Array, sample_rate: int, edges: Array, floor: Array) -> Array:
     """Return amplitude decay rates of the residual noise in bands, 1/s."""
     spectrum = np.fft.rfft(left)

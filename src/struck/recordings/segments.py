@@ -136,10 +136,17 @@ def cut(
         if not stretches:
             raise RecordingError(
                 f"no hit of {take.name} rings freely for {_SHORTEST} s: record single hits that "
-                "are not clipped"
+                f"are not clipped, and on for a second or more{_ends_soon(take, begun[-1])}"
             )
         found += stretches
     return found
+
+
+def _ends_soon(take: Take, hit: Hit) -> str:
+    """Return after how little of its last hit a take ends, in words."""
+    rest = take.samples.shape[1] - hit.start
+    lasts = f"; it ends {1000 * rest / take.sample_rate:.0f} ms after its last hit"
+    return lasts if rest < 2 * _SHORTEST * take.sample_rate else ""
 
 
 def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:

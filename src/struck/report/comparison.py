@@ -64,6 +64,7 @@ _DOUBT = 0.1  # audibility of a mode at least: nobody strikes a node so well, or
 _BEFORE = 0.02  # of a recording before its hit, s
 _EARS = 2
 _SILENT = 1e-6
+_SHARED = 1e-3  # relative distance of modes that ring as one
 _QUIETEST = -60.0  # modes that far below the loudest one's energy, dB, are as often heard as not
 _SECONDS, _LONGEST = 3.0, 10.0
 _SAMPLE_RATE = 48000  # of fitted modes without a recording, Hz
@@ -90,6 +91,9 @@ class Comparison:
         Median of the level differences, dB, taken out of them unless both are calibrated.
     missing : array
         Numbers of the model's modes that the other lacks though they should be heard.
+    twins : array
+        Numbers of the model's unpaired modes that share their frequency with a paired one, as those
+        of a round body do: they are heard as one.
     extra : array
         Numbers of the other's modes that the model lacks though it should have them.
     explained : bool
@@ -104,6 +108,7 @@ class Comparison:
     level_differences: Array
     level_offset: float
     missing: Index
+    twins: Index
     extra: Index
     explained: bool
 
@@ -126,6 +131,9 @@ class Comparison:
             f"{len(self.missing)} of the model should be in the {name} and are not",
             f"{len(self.extra)} of the {name} should be in the model and are not",
         ]
+        if len(self.twins):
+            alike = f"{len(self.twins)} of the model share a frequency with a paired one"
+            lines.insert(1, f"{alike}, and are heard with it")
         lines += [f"the {side.name} is {side.struck}" for side in (self.model, self.other)]
         if not self.explained:
             lines.append("caution: random modes would agree as well; this may be another body")
@@ -246,6 +254,9 @@ def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) ->
     offset = float(np.nanmedian(levels)) if np.isfinite(levels).any() else 0.0
     absolute = mine.calibrated and theirs.calibrated
     decays = np.where(tones.decays[one] > 0, tones.decays[one], np.nan)
+    missing = mine.missing_from(pairing.missing, theirs, pairing.factor)
+    apart = np.abs(tones.frequencies[missing, None] / tones.frequencies[one] - 1)
+    twins = apart.min(axis=1, initial=np.inf) < _SHARED
     return Comparison(
         model=mine,
         other=theirs,
@@ -254,7 +265,8 @@ def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) ->
         decay_ratios=others.decays[two] / decays,
         level_differences=levels if absolute else levels - offset,
         level_offset=offset,
-        missing=mine.missing_from(pairing.missing, theirs, pairing.factor),
+        missing=missing[~twins],
+        twins=missing[twins],
         extra=theirs.missing_from(pairing.extra, mine, 1 / pairing.factor),
         explained=explained,
     )

@@ -21,7 +21,7 @@ from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
 from struck.recordings.poles.search import Fitted
 from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict
-from struck.recordings.residual_sound import loudest
+from struck.recordings.residual_sound import loudest, one_strike
 from struck.recordings.takes import Recorded
 from struck.report import fit_pictures
 from struck.report.charts import counted
@@ -118,13 +118,18 @@ def _with_rest(fitting: Fitting, hit: RenderedHit) -> RenderedHit:
 
 def _summary(fitting: Fitting) -> str:
     fitted, model = fitting.fitted, fitting.model
-    own = ~fitted.blow
+    own = ~(fitted.blow | fitted.vague)
     verdict, *meaning = verdict_lines(fitted.verdict, len(own))
-    lines = [*meaning, modes_line(model.frequencies[own], model.decays[own]), _made_of(fitting)]
-    if not own.all():
-        lines.insert(
-            2, f"{counted(int(np.count_nonzero(~own)), 'further mode')} stand for the blow."
-        )
+    share = one_strike(fitted)
+    meaning.append(f"One strike of the model explains {100 * share:.3g} % of its take's energy.")
+    known = own if own.any() else ~own
+    lines = [*meaning, modes_line(model.frequencies[known], model.decays[known])]
+    lines.append(_made_of(fitting))
+    unsure = int(np.count_nonzero(fitted.vague & ~fitted.blow)), int(np.count_nonzero(fitted.blow))
+    for count, what in zip(unsure, (_VAGUE, "for the blow"), strict=True):
+        if count:
+            stand = "stands" if count == 1 else "stand"
+            lines.insert(-1, f"{counted(count, 'further mode')} {stand} {what}.")
     kind = "modal" if fitted.verdict.modal else "caution"
     told = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
     notes = list(dict.fromkeys((*fitted.notes, *model.provenance.dropped)))
@@ -216,7 +221,8 @@ def _spectrograms(first: RenderedHit, fitted: Fitted) -> str:
 def _modes(fitting: Fitting, first: RenderedHit) -> str:
     fitted = fitting.fitted
     lowest = fit_pictures.lowest_shown(fitted.frequencies)
-    drawn = fit_pictures.spectra(first, fitted.frequencies, lowest)
+    sure = ~(fitted.blow | fitted.vague)
+    drawn = fit_pictures.spectra(first, fitted.frequencies, sure, lowest)
     seen = _drawing("Spectra of original and residual, with the modes", drawn)
     known = _known(fitting.model)
     errors = np.where(known, fitted.decay_errors, np.nan)
@@ -298,7 +304,7 @@ def _ratio(verdict: ModalVerdict) -> str:
         return "The modes leave nothing."
     share = 100 * 10 ** (-ratio / 10)
     return (
-        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {share:.2g} % of the "
+        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {figure(share)} % of the "
         f"energy; {_meaning(verdict)}."
     )
 
@@ -391,10 +397,11 @@ def figure(value: float, digits: int = 2) -> str:
 
 
 def _levels(fitted: Fitted) -> Array:
-    """Return levels of modes where they are loudest, dB below the loudest of all (M,)."""
+    """Return levels of modes where they are loudest, dB re the object's loudest (M,)."""
     sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
+    own = sizes[~fitted.blow] if not fitted.blow.all() else sizes
     with np.errstate(divide="ignore"):
-        return np.asarray(20 * np.log10(sizes / sizes.max(initial=1e-300)), np.float64)
+        return np.asarray(20 * np.log10(sizes / own.max(initial=1e-300)), np.float64)
 
 
 def _take_row(
@@ -442,8 +449,9 @@ _LOST = "It was saved without them: fit with residual=True, or --residual, to ke
 _SWITCH = "A name plays its sound; another one goes on with that from the same moment."
 _ERRORS = (
     "&plusmn; are standard errors. Levels are those of each mode where it is loudest, as it sets "
-    "in, below the loudest of all. A heading sorts."
+    "in, re the object's loudest. A heading sorts."
 )
+_VAGUE = "beside them whose decay is known to no better than 30 %"
 _RANK = (
     "Rank error: how far the gains of a mode are from a part of the contact times a part of the "
     "listener. Where it is large, the object was moved or held otherwise between takes, or two "

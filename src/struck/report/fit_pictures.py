@@ -223,8 +223,8 @@ def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
     return figure
 
 
-def spectra(hit: RenderedHit, frequencies: Array, lowest: float) -> Figure:
-    """Draw the spectra of original and residual, with the frequencies of the modes marked."""
+def spectra(hit: RenderedHit, frequencies: Array, sure: Mask, lowest: float) -> Figure:
+    """Draw the spectra of original and residual, with the `sure` modes (M,) and others marked."""
     figure = chart(WIDE, 4.4)
     axes = figure.subplots()
     middles, heard = strongest(_sound(hit.original, hit.sample_rate))
@@ -232,15 +232,16 @@ def spectra(hit: RenderedHit, frequencies: Array, lowest: float) -> Figure:
     levels = decibels(np.concatenate([heard, left])).reshape(2, -1)
     axes.plot(middles, levels[0], color=BLUE, linewidth=0.9, label="original")
     axes.plot(middles, levels[1], color=ORANGE, linewidth=0.8, alpha=0.8, label="residual")
-    if len(frequencies):
-        heights = np.interp(frequencies, middles, levels[0])
-        axes.vlines(frequencies, heights, 6, color=FAINT, linewidth=0.5, alpha=0.5)
-        axes.plot(frequencies, np.full(len(frequencies), 6.0), "v", color=INK, markersize=4,
-                  label="modes")  # fmt: skip
+    kinds = ((sure, INK, "modes"), (~sure, FAINT, "of the blow, or vague"))
+    for tones, colour, label in ((frequencies[each], *rest) for each, *rest in kinds):
+        if len(tones):
+            heights = np.interp(tones, middles, levels[0])
+            axes.vlines(tones, heights, 6, color=FAINT, linewidth=0.5, alpha=0.5)
+            axes.plot(tones, np.full(len(tones), 6.0), "v", color=colour, markersize=4, label=label)
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 12))
     highest = hit.sample_rate / 2
     frequency_axis(axes, min(lowest, highest / 2), highest)
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, fontsize=9, frameon=False)
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, fontsize=9, frameon=False)
     return figure
 
 

@@ -69,7 +69,7 @@ def summary(model: ModalModel) -> list[str]:
         lines.append(f"size      {size} m, {model.geometry.up} up")
     lines.append(f"gains     {_unit(model)}")
     if not isinstance(model.gains, ShapeGains):
-        lines += _recorded(model)
+        lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines.append(f"method    {model.provenance.method}")
     details = model.provenance.details.items()

@@ -153,7 +153,8 @@ def fitted_of(
     kept = ~(surrounding | weak | (blow & measured))
     endless = np.count_nonzero((errors.decays > heard.decays) & kept & ~blow)
     if endless:
-        notes = [*notes, f"{endless} modes ring for longer than the takes can tell: record longer"]
+        count = f"{endless} mode{'s ring' if endless > 1 else ' rings'}"
+        notes = [*notes, f"{count} for longer than the takes can tell: record longer"]
     own = heard.of(kept)
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
