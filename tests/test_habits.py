@@ -39,6 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = struck.analyze(BLOCK, "steel", accuracy="preview", recoil=False)
     struck.save(model, path / "b.struck")
     struck.render(model, struck.Strike(), seconds=0.1).save(path / "w.wav")
+    (path / "sound.struck").write_bytes((path / "w.wav").read_bytes())
     trimesh.creation.icosphere(subdivisions=3, radius=23).export(path / "nut.ply")
     return path
 
@@ -160,6 +161,10 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "26 a sound as a model": (
         shell("render", "w.wav"),
         ("w.wav is a WAV file", "no model", "struck fit"),
+    ),
+    "26 a sound by the name of a model": (
+        shell("render", "sound.struck"),
+        ("sound.struck", "as a sound \\(WAV\\)", "end its name in .wav", "struck fit"),
     ),
     "a formula of some accuracy": (
         lambda: struck.analyze(BAR, "steel", accuracy="fine"),
