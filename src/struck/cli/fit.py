@@ -138,7 +138,7 @@ def _residual_line(fitting: Fitting) -> str:
 def _result(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
     fitted = fitting.fitted
     verdict = fitted.verdict
-    share = fitting.model.provenance.details["explained_by_one_strike"]
+    share = float(str(fitting.model.provenance.details["explained_by_one_strike"]))
     ratio = (
         f"signal to residual {verdict.signal_to_residual:.1f} dB; one strike of the model explains "
         f"{100 * share:.3g} % of its take's energy"
