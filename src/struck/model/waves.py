@@ -149,7 +149,7 @@ def _choices(order: int, places: int, *, mirrored: bool) -> list[tuple[Mask, int
 
 
 def _untold(evidence: Array, turns: Index, best: Index, angles: int, sizes: Array | None) -> Mask:
-    """Return the modes (M,) of one angular order that the places cannot tell from another.
+    """Return the modes (M,) whose angular order the listeners' places leave open.
 
     Only orders that a body of these sizes (M,) radiates count. Named are also modes whose degrees,
     from the order up to the size, outnumber polar angles.

@@ -275,7 +275,7 @@ def _ending(take: Take, before: Array) -> Iterator[str]:
 
 
 def _short(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
-    """Yield what a take lacks that is over, or struck again, while it still sounds."""
+    """Yield a remark for a take that ends, or is struck again, while the body still sounds."""
     longest = max(hits, key=lambda hit: hit.end - hit.onset)
     seconds = (longest.end - longest.onset) / take.sample_rate
     size = max(1, round(seconds / _PARTS * take.sample_rate))

@@ -131,7 +131,7 @@ def prune(
 
 
 def _worth(segments: Sequence[Segment], ringing: Exponentials, share: Array) -> Array:
-    """Return what each mode (M,), of which a share is its own, is worth under a budget.
+    """Return the weight of each mode (M,) under a budget, by the share of it that is its own.
 
     Its energy in each hit and channel over all that rings there, so that a mode that many takes
     need is worth more than a loud one of one take; a little more where its band of the ear is soft.
