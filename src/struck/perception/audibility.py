@@ -63,7 +63,7 @@ def audible(
 def budgeted(
     model: ModalModel, modes: int | None, *, listener: ArrayLike | None = None
 ) -> ModalModel:
-    """Return a model of at most a number of modes: those that are loudest over contacts.
+    """Return a model of the loudest modes over contacts, at most a number of them.
 
     A mode counts by its share of the energy behind the ear's filters, the mean over contacts all
     over the surface. What is left out is told in `provenance`, in dB of sonic distance.
