@@ -217,7 +217,7 @@ def test_a_wrong_use_is_told_its_value_its_bound_and_a_way_out(
         (("sound-map", "b.struck", "-o", "out.wav"), "pictures end in .png"),
         (("fit", "w.wav", "-o", "new.struck", "--report", "out.png"), "pages end in .html"),
         (("fit", "w.wav", "-o", "out.wav"), "models end in .struck"),
-        (("export", "b.struck", "-o", "out.txt"), "files of a model's data end in .sofa"),
+        (("export", "b.struck", "-o", "out.txt"), "files of a model's data end in .sofa, .vtu"),
         (("render", "b.struck", "-o", "out.struck"), "sounds end in .wav"),
         (("simulate", "no_scene.xml", "-o", "out.png"), "sounds end in .wav"),
         (("analyze", TUBE, "--material", "steel", "-o", "out.html"), "models end in .struck"),

@@ -263,13 +263,13 @@ def save(
     contacts: Places | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
-    """Write a model to a ``.struck`` file, or its gains to a ``.sofa`` file, atomically.
+    """Write a model to a ``.struck`` file, its gains to ``.sofa``, or its shapes to ``.vtu``.
 
     Parameters
     ----------
     model : ModalModel
     path : path
-        Its ending tells the kind.
+        Its ending tells the kind. VTU files hold the surface and a field of vectors a mode.
     contacts, listeners : array-like, optional
         For ``.sofa`` files, where the model is struck and heard: (K, 3), m, or names; those
         that were recorded unless given.
@@ -278,7 +278,7 @@ def save(
     ------
     FileFormatError, OptionError
         When the folder is missing or cannot be written; on another ending, on contacts or listeners
-        for a ``.struck`` file, or none for a computed model's SOFA file.
+        for another file, or none for a computed model's SOFA file; on no mode shapes.
 
     Warns
     -----

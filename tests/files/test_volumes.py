@@ -1,4 +1,4 @@
-"""Volume meshes: written by meshio or by hand, read back node by node."""
+"""Volume meshes, and mode shapes for other programs: written and read back node by node."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import meshio
 import numpy as np
 import pytest
 
+import struck
+from struck.cli import main
 from struck.errors import MeshError, MissingDependencyError, OptionError
 from struck.files.guard import Guard
 from struck.files.mesh_formats import read_blocks
 from struck.files.meshes import load_volume
 from struck.files.messages import ReadingLimits
+from struck.model.timbre_table import SinglePoint
+from tests.live.hand import ball
 
 KINDS = {
     "tetra": "tet4",
@@ -266,6 +270,47 @@ def test_without_meshio_the_install_line(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(MissingDependencyError, match=r'pip install "struck\[volumes\]"'):
         read_blocks(path, ReadingLimits())
+    with pytest.raises(MissingDependencyError, match=r'by meshio: pip install "struck\[volumes\]"'):
+        struck.save(ball(), tmp_path / "shapes.vtu")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_surface_and_mode_shapes_are_read_back(tmp_path: Path) -> None:
+    model, path = ball(), tmp_path / "ball.vtu"
+    struck.save(model, tmp_path / "ball.struck")
+    assert main(["export", str(tmp_path / "ball.struck"), "-o", str(path)]) == 0
+    shapes = meshio.read(path)
+    assert np.array_equal(shapes.points, model.geometry.points)
+    assert [block.type for block in shapes.cells] == ["triangle"]
+    assert np.array_equal(shapes.cells[0].data, model.geometry.faces)
+    names = [f"mode {n:02d} ({hertz:.2f} Hz)" for n, hertz in enumerate(model.frequencies)]
+    assert list(shapes.point_data) == names
+    assert np.array_equal(np.stack(list(shapes.point_data.values()), 2), model.gains.shapes)
+    struck.save(model, tmp_path / "again.VTU")
+    assert (tmp_path / "again.VTU").read_bytes() == path.read_bytes()
+
+
+def test_mode_shapes_that_are_not_there_or_options_of_gains_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(OptionError, match=r"ball.vtu keeps all contacts: leave .* end in \.sofa"):
+        struck.save(ball(), tmp_path / "ball.vtu", contacts=["top"])
+    gains = SinglePoint(outputs=np.ones(2, complex), centre=np.zeros(3))
+    recorded = struck.ModalModel(
+        frequencies=np.array([100.0, 200.0]),
+        natural_frequencies=np.array([100.0, 200.0]),
+        decays=np.zeros(2),
+        gains=gains,
+        coordinates=(),
+        complete_to=0.0,
+    )
+    with pytest.raises(OptionError, match=r"cup\.vtu .* none, as .* recorded: .*\.sofa.* a mesh"):
+        struck.save(recorded, tmp_path / "cup.vtu")
+    words = ["export", "x.struck", "-o", str(tmp_path / "x.vtu")]
+    for option in (["--rate", "48000"], ["--contacts", "top"], ["--title", "x"]):
+        assert main([*words, *option]) == 2
+        assert f"{option[0]} is of SOFA files" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_errors_of_the_reader_keep_their_kind(

@@ -40,7 +40,7 @@ COMMANDS = {
     "fit": "make a model of recordings of one object",
     "compare": "tell how a model differs from a recording of the body, or from another model",
     "calibrate": "infer a material from recordings of a body and a model of its shape",
-    "export": "write the gains of a model as a SOFA file",
+    "export": "write the gains of a model as a SOFA file, or its mode shapes as VTU",
     "tune": "find the dimension that makes a body ring at a frequency",
     "materials": "list materials with their sources",
     "cache": "show or clear the finished work kept between runs",

@@ -1,4 +1,4 @@
-"""`struck export`: the gains of a model as a file that other programs read."""
+"""`struck export`: gains or mode shapes of a model as a file that other programs read."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from struck.cli import Result
 from struck.cli.options import place
 from struck.errors import OptionError
 from struck.files.atomic import writable
+from struck.files.model_file import SHAPES
 from struck.files.sofa import CONVENTIONS
 from struck.files.sofa_fields import export, left_out
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
     "vase.struck -o vase.sofa",
+    "bell.struck -o bell.vtu",
     (
         "bell.struck -o bell.sofa --contacts rim top --listeners 1,0,0 0,1,0 "
         "--convention GeneralFIR-E --seconds 2"
@@ -44,15 +46,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--convention",
-        default=CONVENTIONS[0],
         help="GeneralTF-E (gains of modes, default) or GeneralFIR-E (impulse responses)",
     )
     parser.add_argument("--seconds", type=float, help="length of impulse responses")
-    parser.add_argument("--rate", type=int, default=48_000, help="of impulse responses, Hz")
+    parser.add_argument("--rate", type=int, help="of impulse responses, Hz (48000)")
     parser.add_argument("--title", default="", help="what it is")
     parser.add_argument("--author", default="", help="who made it")
     parser.add_argument("--licence", default="", help="what others may do with it")
-    parser.add_argument("-o", "--output", help="SOFA file; MODEL.sofa unless given")
+    parser.add_argument(
+        "-o", "--output", help="MODEL.sofa unless given, or .vtu: surface, mode shapes"
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
@@ -60,32 +63,50 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     output = writable(
         options.output or Path(options.model).with_suffix(".sofa"),
         unlike=[options.model],
-        endings=(".sofa",),
+        endings=(".sofa", SHAPES),
         kind="files of a model's data",
     )
+    if output.suffix.lower() == SHAPES:
+        return _shapes(options, output)
     listeners = options.listeners
     for each in listeners or ():
         if isinstance(each, str) or len(each) != 3:
             raise OptionError(f"--listeners {each!r}: give x,y,z of each, m, as 1,0,0 0,1,0")
     model = struck.load(options.model)
+    convention = options.convention or CONVENTIONS[0]
+    rate = 48_000 if options.rate is None else options.rate
     progress("export", 0.0)
     lost = export(
         model,
         output,
         contacts=options.contacts,
         listeners=listeners,
-        convention=options.convention,
+        convention=convention,
         seconds=options.seconds,
-        sample_rate=options.rate,
+        sample_rate=rate,
         title=options.title,
         author=options.author,
         licence=options.licence,
     )
-    beyond = [f"{lost} modes at or above {options.rate / 2:g} Hz are left out"] * (lost > 0)
+    beyond = [f"{lost} modes at or above {rate / 2:g} Hz are left out"] * (lost > 0)
     return Result(
         "\n".join([*beyond, f"wrote {output}"]),
         output=str(output),
-        convention=options.convention,
+        convention=convention,
         left_out=lost,
         without=list(left_out(model)),
     )
+
+
+def _shapes(options: argparse.Namespace, output: Path) -> Result:
+    """Write surface and mode shapes; options of SOFA files are refused."""
+    of_sofa = ("contacts", "listeners", "convention", "seconds", "rate")
+    given = [f"--{name}" for name in of_sofa if getattr(options, name) is not None]
+    given += [f"--{name}" for name in ("title", "author", "licence") if getattr(options, name)]
+    if given:
+        raise OptionError(f"{given[0]} is of SOFA files, and {output} is none: leave it out")
+    model = struck.load(options.model)
+    struck.save(model, output)
+    count = len(model.frequencies)
+    text = f"wrote {output}: surface and {count} mode shapes (kg^-1/2), without gains and decays"
+    return Result(text, output=str(output), modes=count)

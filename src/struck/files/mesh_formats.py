@@ -8,25 +8,32 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import MeshError, MissingDependencyError
+from struck.errors import MeshError, MissingDependencyError, OptionError
 from struck.files.archives import Source, open_regular, open_source
+from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
 from struck.files.messages import READERS, ElementBlocks, Parsed, Part, ReadingLimits
 from struck.model.arrays import AnyArray
 
 if TYPE_CHECKING:
+    import os
+
     import meshio
     from trimesh import Scene
+
+    from struck.model.model import ModalModel
 
 _FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
 _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}}
@@ -364,12 +371,7 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
             f"its extension {path.suffix!r} names no volume mesh read here: use one of "
             f"{', '.join(name[1:] for name in READERS)}"
         )
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingDependencyError(
-            'volume meshes are read by meshio: pip install "struck[volumes]"'
-        ) from error
+    meshio = _meshio("volume meshes are read")
     # meshio 5.3 knows the nodes of these two elements and yet fails on them.
     with contextlib.suppress(ImportError):
         from meshio._mesh import topological_dimension
@@ -377,6 +379,38 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
         topological_dimension.setdefault("wedge15", 3)
         topological_dimension.setdefault("pyramid13", 3)
     return getattr(meshio, READERS[path.suffix.lower()]).read
+
+
+def _meshio(what: str) -> ModuleType:
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingDependencyError(f'{what} by meshio: pip install "struck[volumes]"') from error
+    return meshio
+
+
+def write_shapes(model: ModalModel, path: str | os.PathLike[str]) -> None:
+    """Write surface and mode shapes of a model as a VTU file, a field of vectors for each mode."""
+    from struck.model.gains import ShapeGains
+
+    gains = model.gains
+    if not isinstance(gains, ShapeGains):
+        raise OptionError(
+            f"{path} would hold mode shapes, and this model has none, as its gains are "
+            "recorded: write them to a .sofa file, or analyze a mesh of the body"
+        )
+    meshio = _meshio("VTU files are written")
+    digits = len(str(len(model.frequencies)))
+    shapes = np.ascontiguousarray(np.moveaxis(gains.shapes, 2, 0))
+    fields = {
+        f"mode {number:0{digits}d} ({frequency:.2f} Hz)": shape
+        for number, (frequency, shape) in enumerate(zip(model.frequencies, shapes, strict=True))
+    }
+    faces = [("triangle", gains.surface.faces)]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "shapes.vtu"
+        meshio.vtu.write(file, meshio.Mesh(gains.surface.points, faces, point_data=fields))
+        write_bytes(path, file.read_bytes())
 
 
 _READERS: dict[str, Callable[[Source, ReadingLimits], tuple[Iterable[Part], Counter[str]]]] = {

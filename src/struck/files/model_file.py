@@ -266,6 +266,7 @@ def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[Sur
 
 
 ENDINGS = (".struck", ".sofa")  # of model files
+SHAPES = ".vtu"  # of what else `save_model` writes, and nobody reads as a model
 _SOUNDS = (".wav", ".flac", ".ogg", ".aiff", ".aif", ".mp3")
 VERSION = 2  # the newest; what older readers can read is written as 1
 _SOFA = ".sofa"
@@ -395,8 +396,10 @@ def save_model(
     contacts: Places | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
-    """Write a model to a ``.struck`` file, or its gains alone to a ``.sofa`` file."""
-    _require_ending(path)
+    """Write a model to a ``.struck`` file, its gains to a ``.sofa``, its shapes to a ``.vtu``."""
+    shapes = Path(path).suffix.lower() == SHAPES
+    if not shapes:
+        _require_ending(path)
     if _is_sofa(path):
         from struck.files.sofa_fields import export
 
@@ -404,9 +407,14 @@ def save_model(
         return
     if contacts is not None or listeners is not None:
         raise OptionError(
-            f"{path} keeps a model as a whole: leave contacts= and listeners= out, or end in .sofa"
+            f"{path} keeps all contacts: leave contacts= and listeners= out, or end in .sofa"
         )
-    save(model, path)
+    if shapes:
+        from struck.files.mesh_formats import write_shapes
+
+        write_shapes(model, path)
+    else:
+        save(model, path)
 
 
 @checked
@@ -428,7 +436,8 @@ def _require_ending(path: str | os.PathLike[str]) -> None:
     if not is_model(path):
         ending = Path(path).suffix
         raise OptionError(
-            f"{path} ends in {ending!r}: models end in .struck, or in .sofa for their gains alone"
+            f"{path} ends in {ending!r}: models end in .struck, or in .sofa for their gains alone; "
+            "struck.save and struck export write their shapes, too, as .vtu"
         )
 
 
