@@ -814,6 +814,7 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "sample_rate": RATE,
                 "listener": (0.0, 1.0, 0.0),
                 "room": None,
+                "modes": 2,
             },
             use=finite,
         ),

@@ -299,6 +299,7 @@ def render(
     sample_rate: int = 48000,
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
+    modes: int | None = None,
 ) -> Sound:
     """Return the sound, at a listener, of bodies struck, scraped, rolled on, plucked or held.
 
@@ -314,12 +315,12 @@ def render(
     sample_rate : int
         Hz. Modes at or above half of it are left out, and the sound's notes say how many.
     listener : Mono, Stereo, Binaural, array-like (3,) or None
-        Who hears it. A bare position in body coordinates, m, is one ear for which the travel time
-        is left out: what a contact sends at t is heard at t. None: on the body's x axis through its
-        centre, 1 m or two of its radii away, whichever is farther; several bodies are heard by
-        `Mono()`.
-    room : Room or None
-        Whose walls reflect, for listeners other than a bare position.
+        Who hears it. A bare position in body coordinates, m, is one ear without travel time: what a
+        contact sends at t is heard at t. None: on the body's x axis through its centre, 1 m or two
+        of its radii away, whichever is farther; several bodies are heard by `Mono()`.
+    room, modes : Room, int, optional
+        Whose walls reflect, for listeners other than a bare position. And at most so many modes a
+        body, the loudest over contacts; the sound's notes tell how far that is heard, in dB.
 
     Returns
     -------
@@ -332,11 +333,11 @@ def render(
         On nothing to render, arguments outside their bounds, gains that are not finite, pushes that
         never end where no length is said; on a contact off the body, or a listener inside one.
     """
+    given = locals()  # all goes on under its own name
+
     from struck.scene import render as offline
 
-    return offline.render(
-        model, excitations, seconds=seconds, sample_rate=sample_rate, listener=listener, room=room
-    )
+    return offline.render(**given)
 
 
 @checked
@@ -352,10 +353,8 @@ def simulate(
 
     Parameters
     ----------
-    file : path
-        A model of MuJoCo (MJCF) or a robot (URDF).
-    seconds : float
-        s.
+    file, seconds : path, float
+        A model of MuJoCo (MJCF) or a robot (URDF); and how long it moves, s.
     control, progress : callable, optional
         ``control(model, data)`` before each step, and as for `analyze`.
     **options
@@ -388,6 +387,7 @@ def play(
     volume: float = 0.0,
     voices: int | None = None,
     ahead: int | None = None,
+    modes: int | None = None,
     control: Control | None = None,
 ) -> Player:
     """Play models, a scene or a simulation on an audio device until the player is stopped.
@@ -410,8 +410,9 @@ def play(
     voices, ahead : int, optional
         Excitations at once, 16 or of a scene 128; strikes at one place share one. And blocks of
         forces kept ready, 2 or of a scene 8: more bear a busier machine, and are heard later.
-    control : callable, optional
-        Of a simulation, as for `simulate`: what it pushes is heard some 200 ms later.
+    modes, control : int, callable, optional
+        As for `render`, told in the player's `notes`. And of a simulation, as for `simulate`: what
+        it pushes is heard some 200 ms later.
 
     Returns
     -------
@@ -586,9 +587,9 @@ def audible(
 ) -> ModalModel:
     """Return a model of the modes that are heard anywhere, their gains solved for anew.
 
-    Modes are left out, those that add least first, as long as behind no filter of the ear all
-    those left out together exceed the threshold that the others leave, at any contact and any
-    listener. Those that stay get factors, such that what passes the filters changes least.
+    Those that add least are left out first, as long as behind no filter of the ear all of them
+    together exceed the threshold that the others leave, at any contact and any listener. Those
+    that stay get factors, such that what passes the filters changes least.
 
     Parameters
     ----------
@@ -596,10 +597,8 @@ def audible(
         With a surface.
     contacts : sequence of str or array-like, optional
         As for `ModalModel.contact`; 256 spread over the surface unless given.
-    listener : array-like (3,) or (L, 3), optional
-        m; beside the model unless given.
-    level : float, optional
-        Of the loudest contact, dB re 20 micropascal; 85 unless given.
+    listener, level : array-like (3,) or (L, 3), float, optional
+        m, beside the model unless given; of the loudest contact, dB re 20 micropascal, else 85.
 
     Returns
     -------

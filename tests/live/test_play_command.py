@@ -91,6 +91,16 @@ def test_it_plays_without_a_terminal_and_tells_how_it_went(
 
 
 @pytest.mark.usefixtures("jack")
+def test_a_budget_of_modes_is_told(model: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", model, "--seconds", "0.1", "--modes", "12"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("28 of 40 modes are beyond the number asked for, which changes no")
+    assert "12 modes" in told
+    with struck.play(struck.load(model), modes=12) as player:
+        assert player.notes == (told.splitlines()[0],)
+
+
+@pytest.mark.usefixtures("jack")
 def test_a_device_that_does_not_exist_is_refused(
     model: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

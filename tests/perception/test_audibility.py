@@ -14,7 +14,7 @@ from struck.model.contact import Place
 from struck.model.damping import Rayleigh
 from struck.model.model import ModalModel
 from struck.perception import audibility
-from struck.perception.audibility import _of_modes, audible
+from struck.perception.audibility import _of_modes, audible, budgeted
 from struck.perception.sonic_distance import (
     HeardModel,
     band_excess,
@@ -22,7 +22,9 @@ from struck.perception.sonic_distance import (
     erb_distance,
     sonic_distance,
 )
-from struck.shapes import RectangularPlate
+from struck.scene import RigidBody, Scene
+from struck.scene.body import with_fewer_modes
+from struck.shapes import Bar, RectangularPlate
 from tests.perception.bodies import LEFT, RIGHT, chord, clamped_plate, hinged_bar, random_contacts
 
 
@@ -162,6 +164,32 @@ def test_a_budget_of_modes_keeps_the_sonic_distance_that_it_states(modes: int) -
     first = _of_modes(whole, np.arange(modes), np.ones(modes), "lie higher")
     others = [struck.sonic_distance(whole, first, at=point) for point in some]
     assert np.median(distances) < np.median(others)
+
+
+def test_a_budget_of_what_sounds_is_told_in_its_notes() -> None:
+    model = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel", recoil=False)
+    most, tap = len(model.frequencies), struck.Strike(impulse=1e-3)
+    few = budgeted(model, 3)
+    told = few.provenance.dropped[-1]
+    assert f"{most - 3} of {most} modes" in told
+    assert "dB of sonic distance" in told
+    sound = struck.render(model, tap, seconds=0.1, modes=3)
+    assert sound.notes[0] == told
+    assert np.array_equal(sound.samples, struck.render(few, tap, seconds=0.1).samples)
+    assert not struck.render(model, tap, seconds=0.1, modes=most).notes
+    # Bodies that share a model, one of them silent.
+    silent = struck.Body(model=RigidBody())
+    bodies = [struck.Body(model=model, excitations=tap), struck.Body(model=model), silent]
+    made, notes = with_fewer_modes(bodies, 3)
+    assert [each.silent for each in made] == [False, False, True]
+    assert made[0].model is made[1].model
+    assert notes == (f"body 0: {told}", f"body 1: {told}")
+    scene, notes = with_fewer_modes(Scene(bodies={"bar": bodies[0], "wall": silent}), 3)
+    assert len(scene.bodies["bar"].model.frequencies) == 3
+    assert notes == (f"bar: {told}",)
+    assert struck.render(scene, seconds=0.1).samples.any()
+    with pytest.raises(OptionError, match="modes is 0: give a whole number of at least 1"):
+        struck.render(model, tap, modes=0)
 
 
 def test_a_budget_below_one_mode_is_refused_before_the_work() -> None:

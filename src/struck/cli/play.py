@@ -56,12 +56,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck play`."""
     from struck.live.keys import repeated
-    from struck.perception.audibility import budgeted
+    from struck.scene.body import with_fewer_modes
 
     _require_counts(options)
     if options.list_devices:
         return _devices()
-    models = [budgeted(struck.load(path), options.modes) for path in options.models]
+    models, notes = with_fewer_modes(list(map(struck.load, options.models)), options.modes)
     if options.soak is not None:
         models = repeated(models or [_usual_model()], _SOAK_MODES)
         options.seconds, options.busy = options.soak, True
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     with player:
         strikes, seconds = _played(player, models, options)
         modes = sum(len(model.frequencies) for model in models)
-        return played_result(player, modes=modes, strikes=strikes, seconds=seconds)
+        return played_result(player, notes, modes=modes, strikes=strikes, seconds=seconds)
 
 
 def _require_counts(options: argparse.Namespace) -> None:

@@ -22,8 +22,7 @@ from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import chosen
 from struck.files.sound_set import TABLE, save_set
 from struck.model.provenance import TerminalProgress
-from struck.perception.audibility import budgeted
-from struck.scene.body import Action
+from struck.scene.body import Action, with_fewer_modes
 
 EXAMPLES = (
     (
@@ -76,17 +75,17 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
     chosen(output, options.encoding)
     actions, heard = touches(options), _heard(options)  # what is wrong with them is told first
-    model = _model(options)
+    model, lost = _model(options)
     progress("render", 0.0)
     sound = struck.render(model, actions, **heard)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     return Result(
-        "\n".join((*sound.notes, last)),
+        "\n".join((*lost, *sound.notes, last)),
         output=str(output),
         seconds=sound.duration,
         factor=factor,
-        notes=list(sound.notes),
+        notes=[*lost, *sound.notes],
     )
 
 
@@ -122,7 +121,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
     heard, named = _heard(options), named_strikes(table_rows(options.strikes))
-    model, sounds = _model(options), []
+    (model, lost), sounds = _model(options), []
     for number, (name, strike, ears) in enumerate(named):
         progress("render", number / len(named))
         own: dict[str, Any] = heard | ({} if ears is None else {"listener": ears})
@@ -138,14 +137,15 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
-    notes = list(dict.fromkeys(note for _, sound in sounds for note in sound.notes))
+    notes = list(dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)]))
     last = f"wrote {len(rows)} sounds and {TABLE} to {options.output}: full scale is {scale}{span}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 
 
-def _model(options: argparse.Namespace) -> struck.ModalModel:
-    model = budgeted(struck.load(options.model), options.modes)
-    return model if options.pitch is None else model.charted(pitch=options.pitch)
+def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, ...]]:
+    """Return the model within its budget of modes, and notes of the modes left out."""
+    model, lost = with_fewer_modes(struck.load(options.model), options.modes)
+    return model if options.pitch is None else model.charted(pitch=options.pitch), lost
 
 
 def _heard(options: argparse.Namespace) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from struck.live.voices import Started
 from struck.model.arrays import Array, Index
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
-from struck.scene.body import Body, Scene
+from struck.scene.body import Body, Scene, with_fewer_modes
 
 if TYPE_CHECKING:
     from struck.scene.contacts import Contacts
@@ -55,7 +55,7 @@ class Player:
     clock instead, to the sample.
 
     Its parameters are those of `struck.play`: `models` (B of them), and the `outlet` where sound
-    leaves, an audio device or a test; a listener is a place (3,), m, or has one.
+    leaves, an audio device or a test; a listener is a place (3,), m, or has one; `lost` are notes.
     """
 
     def __init__(
@@ -68,7 +68,9 @@ class Player:
         volume: float = 0.0,
         voices: int | None = None,
         ahead: int | None = None,
+        lost: Sequence[str] = (),  # of modes beyond a budget
     ) -> None:
+        self._lost = lost
         scene = models if isinstance(models, Scene) else None
         bodies = _sounding(models)
         _require_volume(volume)
@@ -438,9 +440,9 @@ class Player:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings about silent bodies and recorded ones, as in a sound's notes."""
+        """Warnings about modes left out, silent bodies and recorded ones, as in a sound's notes."""
         scene = () if self._stream is None else self._stream.scene.notes
-        return (*scene, *self._host.unknowns)
+        return (*self._lost, *scene, *self._host.unknowns)
 
     @property
     def peak(self) -> float:
@@ -479,16 +481,20 @@ def play(
     *,
     device: int | str | None = None,
     sample_rate: float | None = None,
+    modes: int | None = None,
     control: Control | None = None,
     **options: Any,  # noqa: ANN401 - of `Player`
 ) -> Player:
     """Return a running player on an audio device; see `struck.play`."""
     simulation: Any = model if hasattr(model, "started") else None
-    models: Any = simulation.scene if simulation else model
+    models, lost = with_fewer_modes(simulation.scene if simulation else model, modes)
     outlet = Outlet(device, sample_rate)
     try:
         player = Player(
-            [model] if isinstance(model, ModalModel) else models, outlet=outlet, **options
+            [models] if isinstance(models, ModalModel) else models,
+            outlet=outlet,
+            lost=lost,
+            **options,
         )
         if simulation is not None:
             player.simulate(simulation, control)

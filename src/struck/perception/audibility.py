@@ -63,7 +63,7 @@ def audible(
 def budgeted(
     model: ModalModel, modes: int | None, *, listener: ArrayLike | None = None
 ) -> ModalModel:
-    """Return a model of the loudest modes over contacts, at most a number of them.
+    """Return a model within a budget of modes: the ones loudest over contacts.
 
     A mode counts by its share of the energy behind the ear's filters, the mean over contacts all
     over the surface. What is left out is told in `provenance`, in dB of sonic distance.
@@ -106,7 +106,7 @@ def within_budget(
     work: Callable[..., ModalModel],
     **given: Any,  # noqa: ANN401 - of the work
 ) -> ModalModel:
-    """Return the model that `work` computes, with at most a number of its modes."""
+    """Return the model that `work` makes of its arguments, within a budget of modes."""
     require_budget(modes)
     return budgeted(work(**given), modes)
 

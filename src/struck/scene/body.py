@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -242,6 +242,35 @@ class Scene:
                     moved[name], position=(times, positions), rotation=(times, rotations)
                 )
         return replace(self, bodies=moved)
+
+
+def with_fewer_modes(given: Any, modes: int | None) -> tuple[Any, tuple[str, ...]]:  # noqa: ANN401
+    """Return models, bodies or a scene within a budget of modes each, and notes of the loss."""
+    if modes is None:
+        return given, ()
+    from struck.perception.audibility import budgeted
+
+    made, notes = {}, []
+
+    def fewer(each: Any, name: str) -> Any:  # noqa: ANN401 - models, bodies, or what is refused
+        if isinstance(each, Body):
+            return replace(each, model=fewer(each.model, name))
+        if not isinstance(each, ModalModel):
+            return each
+        if id(each) not in made:  # bodies may share a model
+            made[id(each)] = budgeted(each, modes)
+        less = made[id(each)]
+        notes.extend(f"{name}{loss}" for loss in less.provenance.dropped[-1:] if less is not each)
+        return less
+
+    if isinstance(given, Scene):
+        named = {name: fewer(body, f"{name}: ") for name, body in given.bodies.items()}
+        return replace(given, bodies=named), tuple(notes)
+    if isinstance(given, Sequence):
+        many = len(given) > 1
+        found = [fewer(body, f"body {n}: " * many) for n, body in enumerate(given)]
+        return found, tuple(notes)
+    return fewer(given, ""), tuple(notes)
 
 
 def centre_of(model: ModalModel | RigidBody) -> Array:

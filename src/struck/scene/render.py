@@ -28,7 +28,16 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
 from struck.model.model import ModalModel
-from struck.scene.body import Action, Body, Scene, away_from, centre_of, place_beside, unknowns
+from struck.scene.body import (
+    Action,
+    Body,
+    Scene,
+    away_from,
+    centre_of,
+    place_beside,
+    unknowns,
+    with_fewer_modes,
+)
 from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
@@ -58,11 +67,13 @@ def render(
     sample_rate: int = 48000,
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
+    modes: int | None = None,
 ) -> Sound:
     """Return the sound of bodies at a listener (see `struck.render`)."""
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     _require_bounds(seconds, sample_rate)
+    model, lost = with_fewer_modes(model, modes)
     told: tuple[str, ...] = ()
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
@@ -85,7 +96,7 @@ def render(
         samples=np.atleast_2d(samples).astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=told + notes,
+        notes=lost + told + notes,
     )
 
 
