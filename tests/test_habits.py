@@ -7,6 +7,7 @@ import pickle
 import re
 import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,7 @@ from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
 from struck.shapes import Bar
 from struck.solids import Block, Tube
+from tests.folders import closed_to_writing
 
 BLOCK = Block(size=(0.1, 0.05, 0.03))
 BAR = Bar(length=0.3, width=0.03, thickness=0.005)
@@ -402,6 +404,20 @@ def test_the_shell_alone_shows_its_help_and_its_version(
     assert "analyze-many" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"struck {struck.__version__}\n"
+
+
+def test_a_folder_closed_to_writing_is_named(folder: Path) -> None:
+    made, sound = struck.load(folder / "b.struck"), struck.Sound.load(folder / "w.wav")
+    # In a place that all may enter, as pytest's own is not.
+    with tempfile.TemporaryDirectory() as name, closed_to_writing(Path(name)) as closed:
+        for call in (
+            lambda: struck.save(made, closed / "b.struck"),
+            lambda: sound.save(closed / "w.wav"),
+            lambda: struck.files.save_set({"a": sound}, closed),
+        ):
+            with pytest.raises(struck.errors.FileFormatError, match=r"allows no new files.* give"):
+                call()
+        assert not list(closed.iterdir())
 
 
 def test_a_list_into_a_closed_pipe_is_no_traceback() -> None:
