@@ -26,7 +26,7 @@ BEND = upward(lambda x, _: np.cos(2 * np.pi * x / 0.12))
 # Body, its motion, frequencies in Hz, and how often each edge is halved for bempp-cl.
 CASES: dict[str, tuple[Callable[[], Mesh], Motion, tuple[float, ...], int]] = {
     "bowl": (lambda: bodies.bowl(0.06, 0.004, 36, 18), bowl_mode(2), (1000.0, 3000.0), 0),
-    "hoop": (lambda: bodies.hoop(0.05, 0.01, 64, 12), ovalling(2), (1200.0, 5000.0), 0),
+    "hoop": (lambda: bodies.hoop(0.05, 0.01, 48, 20), ovalling(2), (1200.0, 5000.0), 0),
     "block": (lambda: bodies.box((0.12, 0.05, 0.03), (16, 7, 4)), BEND, (1000.0, 6000.0), 1),
 }
 

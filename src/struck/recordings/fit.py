@@ -230,7 +230,7 @@ def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalMod
         gains=model.gains.deconvolved(struck.impulse * share * later),
         provenance=model.provenance.extended(
             dropped=(note,) * bool(weak.any()),
-            blow={"impulse": struck.impulse, "duration": struck.duration},
+            divided_blow={"impulse": struck.impulse, "duration": struck.duration},
         ),
     )
 
