@@ -13,6 +13,7 @@ from struck.errors import OptionError
 from struck.model import Material
 from struck.shapes import Bar, String
 from struck.solids import Block, Tube
+from struck.solids.revolution import bowl
 
 STEEL = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)
 SLENDER = Bar(length=0.3, width=0.03, thickness=0.005, theory="euler-bernoulli")
@@ -109,5 +110,19 @@ def test_what_cannot_be_tuned_is_refused(given: dict, words: str) -> None:
 
 def test_a_solid_has_a_second_mode() -> None:
     block = Block(size=(0.3, 0.03, 0.005), elements=(8, 1, 1))
-    with pytest.raises(OptionError, match="this body has no numbers"):
+    with pytest.raises(OptionError, match="this body has length, width, height to vary"):
         tune(block, STEEL, vary="size", frequency=500.0, mode=2)
+
+
+def test_a_block_is_tuned_by_its_edges() -> None:
+    made = tune(
+        Block(size=(0.3, 0.03, 0.02)), "rosewood", vary="length", frequency=1760.0,
+        mode="bending 2", accuracy="preview",
+    )  # fmt: skip
+    assert made.after[1] == pytest.approx(1760, rel=1e-3)
+    assert made.body.size[1:] == (0.03, 0.02)
+    assert made.body.size[0] == made.after[0] != 0.3
+    with pytest.raises(OptionError, match="this body has length, width, height to vary"):
+        tune(Block(size=(0.3, 0.03, 0.02)), "rosewood", vary="radius", lowest=1760.0)
+    with pytest.raises(OptionError, match=r"no numbers to vary: scale its model by ModalModel"):
+        tune(bowl(radius=0.06, height=0.05, wall=0.002), "bronze", vary="wall", lowest=440.0)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 FAMILIES = ("bending", "torsion", "stretching")
 _IN_TUNE = 1e-7
+_EDGES = ("length", "width", "height")  # of a block, along x, y and z
 _STEPS = 40
 _FARTHEST = 64.0  # times the wanted frequency up to which a mode is looked for
 _ALIKE = 1e-4  # modes of a family whose frequencies differ by less, relative, are one pair
@@ -262,19 +263,30 @@ def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mo
     return hertz(name, cast("float | str", value))
 
 
-def _dimension(body: Body, vary: str) -> float:
+def _dimensions(body: Body) -> dict[str, float]:
+    """Return the numbers of a body by name; the edges of a block are length, width and height."""
     names = [field.name for field in fields(cast("Any", body))] if is_dataclass(body) else []
-    numbers = [name for name in names if isinstance(getattr(body, name), int | float)]
+    values = {name: getattr(body, name) for name in names}
+    numbers = {name: each for name, each in values.items() if type(each) in {int, float}}
+    return numbers | dict(zip(_EDGES, values.get("size", ()), strict=False))
+
+
+def _dimension(body: Body, vary: str) -> float:
+    numbers = _dimensions(body)
     if vary not in numbers:
-        offer = nearest(vary, numbers)
+        offer = nearest(vary, list(numbers))
         raise OptionError(
             f"vary is {vary!r}: {offer}this body has {', '.join(numbers) or 'no numbers'} to vary"
+            f"{'' if numbers else ': scale its model by ModalModel.tuned(lowest=)'}"
         )
-    return float(getattr(body, vary))
+    return float(numbers[vary])
 
 
 def _with(body: Body, vary: str, value: float) -> Body:
-    """Return a copy with another dimension; `_dimension` has seen that it is a dataclass."""
+    """Return a copy with another dimension; `_dimension` has seen that there is one."""
+    if vary in _EDGES and vary not in {field.name for field in fields(cast("Any", body))}:
+        size = dict(zip(_EDGES, cast("Any", body).size, strict=True)) | {vary: value}
+        return replace(cast("Any", body), size=tuple(size.values()))
     return replace(cast("Any", body), **{vary: value})
 
 

@@ -33,7 +33,7 @@ _GOLDEN = (5**0.5 - 1) / 2
 _FAR = 30.0  # body's extents at which the power is summed
 _DIRECTIONS = 400
 # Relative errors of the far pressure, measured on spheres, bowls, hoops and blocks (tests): of any
-# mesh, by the square of wave number times edge, and by edge over wall where the wall is the thinner.
+# mesh, by the square of wave number times edge, and by edge over wall where the wall is thinner.
 _EVERY, _BY_WAVE, _BY_WALL = 0.02, 0.01, 0.04
 
 
