@@ -411,3 +411,15 @@ def test_25_kills_leave_whole_files_alone(tmp_path: Path) -> None:
     for number, moment in enumerate(np.random.default_rng(25).uniform(0.2, 3.0, 25)):
         finished = killed(tmp_path, f"out{number}", moment)
         ends_as(contents(tmp_path / "out"), run(tmp_path, f"out{number}", **STRUCK), finished)
+
+
+def test_sounds_of_an_earlier_run_that_are_removed_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    bar(tmp_path / "in/bar.vtu", 0.08, 0.01, 0.01)
+    run(tmp_path, strikes=2, seconds=0.1, progress=None)
+    assert len(list((tmp_path / "out").glob("*.wav"))) == 2
+    (row,) = run(tmp_path).rows
+    assert row.warnings == (
+        "2 files of sounds made with other options were removed: give strikes= again",
+    )
+    assert not list((tmp_path / "out").glob("*.wav"))

@@ -50,7 +50,7 @@ def analyze_many(
     memory: float | None = None,
     scheduler: str | Client | None = None,
     cache: bool | str | os.PathLike[str] = True,
-    progress: Progress = silent,
+    progress: Progress | None = silent,
     **options: Any,  # noqa: ANN401 - of `struck.analyze`
 ) -> BatchReport:
     """Analyze many mesh files: each body becomes a model in a folder, and a line in a report.
@@ -128,6 +128,7 @@ def analyze_many(
     jobs = jobs_of(files, material, table, options, partial(BodyJob, strikes=wanted, cache=chosen))
     folder = Path(out)
     _require_apart(jobs, table, [folder / name for name in (*PAGES, labels)], folder)
+    progress = progress or silent
     batch = _Batch(folder, run=_made(folder, jobs), resume=resume, progress=progress)
     for number, job in enumerate(jobs):
         progress("files", number / len(jobs))

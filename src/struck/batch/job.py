@@ -191,11 +191,15 @@ def _described(model: ModalModel) -> Facts:
 
 def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
     """Write sounds, then facts, and the model last: with it the job is finished."""
-    before = _facts(job, folder)
+    before, own = _facts(job, folder), Path(job.output).name
     job.path(folder, FACTS).unlink(missing_ok=True)
-    for name in before.get("files", {}):  # what was made with other options
-        if Path(name).name.startswith(Path(job.output).name):
-            (folder / name).unlink(missing_ok=True)
+    mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
+    for name in mine:  # made with other options
+        (folder / name).unlink(missing_ok=True)
+    gone = sum(not name.endswith(MODEL) for name in mine)
+    if gone and job.strikes is None:
+        told = f"{gone} files of sounds made with other options were removed: give strikes= again"
+        facts["warnings"] = [*facts.get("warnings", []), told]
     labels = [] if job.strikes is None else job.strikes.written(model, job.output, folder)
     data = model_file.to_bytes(model)
     sounds = dict.fromkeys(label["sound"] for label in labels)

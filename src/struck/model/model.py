@@ -309,7 +309,7 @@ class ModalModel:
         band: tuple[float, float] = (20.0, 20_000.0),
         near: bool = False,
         keep: Keep | None = None,
-        progress: Progress = silent,
+        progress: Progress | None = silent,
     ) -> ModalModel:
         """Return a copy with its timbre field computed: each mode's own pattern in space.
 
@@ -344,8 +344,9 @@ class ModalModel:
                 f"has {type(gains).__name__}: analyze a body with radiation='power'"
             )
         band = require_band(band)
+        told_of = {"keep": keep, "progress": progress or silent}
         found, high, error = gains.radiation.field(
-            gains, self.natural_frequencies, band=band, near=near, keep=keep, progress=progress
+            gains, self.natural_frequencies, band=band, near=near, **told_of
         )
         named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
         more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
