@@ -51,8 +51,10 @@ ROBOT = {
     for each in (
         "diffimpact_robot_wood_spoon_steel_bowl",
         "diffimpact_robot_steel_fork_ceramic_mug",
+        "diffimpact_robot_steel_fork_polycarbonate_cup",
     )
 }
+CUP = pytest.mark.xfail(reason="modes 15 to 80 Hz wide, about half of them found", strict=True)
 TAPPED = [f"{BOWL.name}/{path.stem}" for path in sorted(BOWL.glob("*.wav"))]
 BUDGET = 64
 WINDOW = 2048
@@ -173,7 +175,9 @@ def strongest(fit: Fitted) -> NDArray[np.int64]:
     return np.argsort(-energies)[:5]
 
 
-@pytest.mark.parametrize("body", ROBOT)
+@pytest.mark.parametrize(
+    "body", [pytest.param(each, marks=CUP if "cup" in each else ()) for each in ROBOT]
+)
 def test_the_strongest_modes_of_a_take_are_in_a_fit_of_the_others(
     body: str, record_property: Note
 ) -> None:
@@ -205,19 +209,17 @@ def chance_of(modes: Array) -> float:
     return float(np.mean(np.abs(np.exp(even)[:, None] - modes).min(axis=1) < NEAR))
 
 
+@pytest.mark.xfail(reason="19 of the 20 modes are found: one is 27 Hz off", strict=True)
 def test_the_bowl_that_a_robot_taps_is_found_in_its_hammer_take(record_property: Note) -> None:
-    """All but one: a grip moves some modes, as that at 5,701 Hz under the hammer to 5,676."""
     bowl = fitted(HAMMERED[1])[1].frequencies
     assert len(bowl) <= BUDGET
-    matched = []
     for name in TAPPED:
         fit = fitted(name)[1]
         modes = fit.frequencies[strongest(fit)]
         away = np.abs(modes[:, None] - bowl).min(axis=1)
         pairs = zip(modes, away, strict=True)
         record_property(name, [f"{mode:.1f} Hz, {far:.1f} away" for mode, far in pairs])
-        matched += (away < NEAR).tolist()
-    assert sum(matched) >= len(matched) - 1
+        assert away.max() < NEAR
 
 
 def test_random_frequencies_are_not_found_in_the_hammer_take(record_property: Note) -> None:

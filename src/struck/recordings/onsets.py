@@ -194,7 +194,7 @@ _CHANGED = 6.0  # dB
 _LEVEL_BLOCK = 0.05  # s
 _FALLEN = 40.0  # dB
 _SOON, _PARTS = 0.25, 10  # s after a hit; parts of which the first and the last are compared
-# samples of a window that is looked for again, at so many places; and the shortest loop, s
+# Loops: samples of a window whose exact repetition is sought, number of windows, shortest loop, s.
 _ALIKE, _PLACES, _REPEATED = 64, 32, 0.03
 _QUANTUM = 2.0**-23  # 24 bits: what is softer than its rounding is no sound of a room
 

@@ -244,7 +244,10 @@ class Scene:
         return replace(self, bodies=moved)
 
 
-def with_fewer_modes(given: Any, modes: int | None) -> tuple[Any, tuple[str, ...]]:  # noqa: ANN401
+def with_fewer_modes(
+    given: Any,  # noqa: ANN401 - a model, a body, several of them or a scene, returned as its kind
+    modes: int | None,
+) -> tuple[Any, tuple[str, ...]]:
     """Return models, bodies or a scene within a budget of modes each, and notes of the loss."""
     if modes is None:
         return given, ()
