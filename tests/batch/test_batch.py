@@ -56,9 +56,8 @@ def contents(folder: Path) -> dict[str, bytes]:
             data = path.read_bytes()
             if path.name.endswith(".facts.json"):
                 facts = {k: v for k, v in json.loads(data).items() if k not in {"cpu", "memory"}}
-                # A message names its file as it was given: from here, or from the root.
-                facts["message"] = re.sub(r"^\S*/(?=\S+\.\w+:)", "", facts.get("message", ""))
-                data = json.dumps(facts).encode()
+                # Texts name their file as it was given: from here, or from the root.
+                data = re.sub(r'"[^\s"]*/(?=[^\s"/]+\.\w+: )', '"', json.dumps(facts)).encode()
             found[path.relative_to(folder).as_posix()] = data
     return found
 
@@ -142,6 +141,20 @@ def test_a_second_run_computes_nothing(
     assert told["computed"] == 0
     assert sum(row["status"] == "failed" for row in told["rows"]) == 1
     assert main(["analyze-many", str(folder / "in/bar.vtu"), "-o", str(folder / "none")]) == 2
+
+
+def test_the_shell_makes_the_same_folder(
+    done: tuple[Path, BatchReport, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By paths from here or from the root, also of a file of two bodies."""
+    folder, report, _ = done
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("STRUCK_CACHE", str(folder / "cache"))
+    given = words("in", "shell")
+    given[given.index("--table") + 1] = str(folder / "in" / TABLE)
+    assert main(given) == 3
+    ends_as(contents(folder / "out"), run(folder, "shell", **STRUCK), {})
+    assert {row.part for row in report.rows} == {"", "0", "1"}
 
 
 def test_each_label_is_that_of_its_sound(done: tuple[Path, BatchReport, float]) -> None:

@@ -397,6 +397,14 @@ def test_parts_of_another_namespace_or_start_stay(
     assert atomic.sweep(tmp_path) == 1
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="states of processes are in /proc")
+def test_a_part_of_a_process_that_ended_and_nobody_waited_for_goes(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
+        part(tmp_path, atomic._host(), ended.pid)
+        assert atomic.sweep(tmp_path) == 1
+
+
 def test_a_clock_that_is_ahead_sweeps_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -160,7 +160,7 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
 
 def _several(job: BodyJob) -> list[str]:
     """Return the names of a file's bodies where it holds several and none was chosen."""
-    if "part" in job.options or Path(job.file).suffix.lower() in meshes.SUFFIXES:
+    if job.options.get("part") is not None or Path(job.file).suffix.lower() in meshes.SUFFIXES:
         return []
     try:
         return meshes.body_names(job.file)

@@ -116,8 +116,10 @@ def jobs_of(
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files or ())
     found = {path: root for each in patterns for path, root in _matches(os.fspath(each))}
     rows: dict[str, list[Mapping[str, Any]]] = {}
+    named = {os.path.abspath(path): path for path in found}  # noqa: PTH100 - links stay apart
     for row, root in _rows(table):
         path = os.path.normpath(root / row["file"])
+        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100
         found.setdefault(path, root)
         rows.setdefault(path, []).append(row)
     if not found:

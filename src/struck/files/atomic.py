@@ -228,13 +228,14 @@ def _kept_text(path: Path) -> str:
 
 
 def _is_gone(process: int) -> bool:
-    """Return whether no process has that number; False on Windows, where asking would end it."""
+    """Return whether a process has ended; False on Windows, where asking would end it."""
     if os.name == "nt":
         return False
     try:
         os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
     except ProcessLookupError:
         return True
     except (OSError, OverflowError):
         return False
-    return False
+    return state.rpartition(")")[2].split()[:1] in (["Z"], ["X"])  # ended, and not yet waited for
