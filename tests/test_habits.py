@@ -50,6 +50,10 @@ def shell(*words: str) -> Callable[[], object]:
     return lambda: main(words)
 
 
+def tuned_by(vary: str) -> list[str]:
+    return ["--material", "steel", "--vary", vary, "--lowest", "A5"]
+
+
 def model() -> struck.ModalModel:
     return struck.load("b.struck")
 
@@ -175,6 +179,78 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "--hammer": (
         shell("render", "b.struck", "--hammer", "wood"),
         ("'--hammer'", "did you mean --striker", "--help"),
+    ),
+    "a band of no note": (
+        lambda: struck.analyze(BAR, "steel", band=("C3", "H9")),
+        ("band is 'H9'", "C-1 to B10", "as A5"),
+    ),
+    "a band upside down": (
+        lambda: struck.analyze(BAR, "steel", band=("C5", "C3")),
+        ("band is \\('C5', 'C3'\\)", "in Hz, or notes, the lower first"),
+    ),
+    "a field of no note": (
+        lambda: model().radiating(band=("H1", "C3")),
+        ("band is 'H1'", "C-1 to B10", "as A5"),
+    ),
+    "--wall 2q": (
+        shell("analyze", "nut.ply", "--material", "steel", "--wall", "2q"),
+        ("--wall", "'2q'", "in m, cm, mm, in, ft, as 5cm"),
+    ),
+    "--listener in an unknown unit": (
+        shell("render", "b.struck", "--listener", "1,0,5q"),
+        ("--listener", "'1,0,5q'", "give x,y,z in m, or with units"),
+    ),
+    "units in the shell": (
+        shell("analyze", "nut.ply", "--material", "steel", "--no-cache"),
+        ("46 m", "modes below 20000 Hz", "\\(--units mm\\)", "--band 20,"),
+    ),
+    "a field in the shell": (
+        shell("show", "b.struck", "--field", "brightness"),
+        ("no timbre field", "compute one with struck radiate, or"),
+    ),
+    "a mode of an other family in the shell": (
+        shell("tune", TUBE, *tuned_by("length"), "--mode", "2"),
+        ("lowest is 880", "'mode 2'", "give --frequency of that"),
+    ),
+    "a mesh to tune": (
+        shell("tune", "nut.ply", *tuned_by("length")),
+        ("nut.ply", "mesh file", "give a body as bowl:radius=8cm", "at another --size"),
+    ),
+    "a bowl has no such dimension": (
+        shell("tune", "bowl:radius=8cm", *tuned_by("raduis")),
+        ("vary is 'raduis'", "did you mean radius", "this body has radius, height, wall"),
+    ),
+    "an option twice": (
+        shell("render", "b.struck", "--striker", "wood", "--striker", "metal"),
+        ("--striker", "'wood', and 'metal' too", "give it once"),
+    ),
+    "a listener twice": (
+        shell("render", "b.struck", "--listener", "1,0,0", "--listener=0,1,0"),
+        ("--listener", "\\(1.0, 0.0, 0.0\\), and \\(0.0, 1.0, 0.0\\)", "give it once"),
+    ),
+    "a wall of a body in a scene": (
+        shell("simulate", "none.xml", "--wall", "mug*=3q"),
+        ("--wall", "'3q' is no length", "give m, or a unit, as mug\\*=3mm"),
+    ),
+    "--modes many": (
+        shell("render", "b.struck", "--modes", "many"),
+        ("--modes", "'many'", "whole number of at least 1, or all"),
+    ),
+    "--seconds long": (
+        shell("render", "b.struck", "--seconds", "long"),
+        ("--seconds", "'long'", "give a number"),
+    ),
+    "--rate 44.1k": (
+        shell("render", "b.struck", "--rate", "44.1k"),
+        ("--rate", "'44.1k'", "give a whole number"),
+    ),
+    "a body outside its room": (
+        shell("render", "b.struck", "--room", "5,4,3", "--position", "6,2,1"),
+        ("body at \\[6.0", "from .*0.0, 0.0, 0.0.* to .*5.0, 4.0, 3.0", "move it in"),
+    ),
+    "a place in no room": (
+        shell("render", "b.struck", "--position", "1,2,1"),
+        ("--position \\(1.0, 2.0, 1.0\\)", "a place in a room", "give --room x,y,z"),
     ),
     "a strike after the end": (
         lambda: sys.stderr.write(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from struck.live.player import Player
     from struck.model import Material, Mesh, ModalModel
     from struck.model.contact import Place
+    from struck.model.damping import Band
     from struck.perception.sound_map import SoundMap
     from struck.recordings.takes import Recording
     from struck.report.comparison import Comparison, Other
@@ -46,7 +47,7 @@ def analyze(
     repair: bool = True,
     fixed: Fixed | None = None,
     accuracy: str = "standard",
-    band: tuple[float, float] | None = None,
+    band: Band | None = None,
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
@@ -80,8 +81,8 @@ def analyze(
     accuracy : str
         "preview", "standard" or "fine": how many elements a body gets at least, and as many more
         as bring most errors below 3, 0.5 and 0.1 %.
-    band : pair of float, optional
-        All modes within it are computed, Hz: from 20 to 20,000 unless given, if that is not long.
+    band : pair of float or str, optional
+        All modes within it are computed, Hz or notes: from 20 to 20,000 unless given, if not long.
     damping, radiation : str
         "own" or "heard", see `Material.named` (a Material keeps its own); and "power" (Pa), the
         same with a timbre field, "field", which takes minutes (see `ModalModel.radiating`), or
@@ -558,7 +559,7 @@ def tune(
 
     Parameters
     ----------
-    body : a body of struck.solids or struck.shapes
+    body : a body of struck.solids or struck.shapes, or ``functools.partial(bowl, radius=0.1)``
         A file has no dimensions to vary.
     material : Material or str
     vary : str

@@ -73,7 +73,7 @@ def test_the_bodies_of_a_mesh_file_are_listed(capsys: pytest.CaptureFixture[str]
     assert main(["info", "two.ply", "--units", "mm"]) == 0
     table = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in table[1:]] == [["0", "80"], ["1", "12"]]
-    assert table[2].endswith("0.06 x 0.02 x 0.03      3.6e-05  taken without part=")
+    assert table[2].endswith("0.06 x 0.02 x 0.03      3.6e-05  taken unless --part names another")
     assert main(["info", "two.ply"]) == 0
     assert "--units" in capsys.readouterr().out
     assert main(["info", "none.ply"]) == 2
@@ -163,9 +163,9 @@ def _nan_file(name: str) -> None:
     [
         (_holed, ["--no-repair"], ["open edge", "hole"]),
         (_plane, ["--no-repair"], ["flat"]),
-        (_plane, [], ["open sheet", "wall="]),
+        (_plane, [], ["open sheet", "give --wall"]),
         (_inside_out, ["--no-repair"], ["inside out", "flip"]),
-        (_two, ["--no-repair"], ["part="]),
+        (_two, ["--no-repair"], ["choose one with --part"]),
         (lambda: CUBE, ["--wall", "0.2"], ["wall of 0.2 m", "thinner wall"]),
         (lambda: CUBE, ["--wall", "-1"], ["wall is -1"]),
         (
@@ -176,7 +176,7 @@ def _nan_file(name: str) -> None:
         (lambda: CUBE, ["--band", "200,20"], ["band", "lower first"]),
         (lambda: CUBE, ["--units", "parsec"], ["parsec", "mm"]),
         (lambda: CUBE, ["--size", "-2"], ["size", "-2"]),
-        (lambda: CUBE, ["--fixed", "5,5,5,6,6,6"], ["fixed=", "reaches from"]),
+        (lambda: CUBE, ["--fixed", "5,5,5,6,6,6"], ["--fixed holds 0", "reaches from"]),
         (lambda: CUBE, ["--method", "magic"], ["magic", "obrien2002"]),
         (lambda: CUBE, ["--radiation", "magic"], ["magic", "power"]),
         (lambda: CUBE, ["-o", "missing/b.struck"], ["no folder missing"]),

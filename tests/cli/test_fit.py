@@ -79,9 +79,9 @@ def test_all_modes_may_be_asked_for(taps: list[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--modes", "many"], "--modes is 'many'"),
-        (["--modes", "²"], "--modes is '²'"),
-        (["--modes", "0"], "--modes is '0': give a whole number of at least 1, or all"),
+        (["--modes", "many"], "--modes: it is 'many'"),
+        (["--modes", "²"], "--modes: it is '²'"),
+        (["--modes", "0"], "--modes: it is '0': give a whole number of at least 1, or all"),
         (["--way", "cloud"], "way is 'cloud'"),
         (["--report", "nowhere/page.html"], "no folder nowhere"),
         (["--manifest", "none.csv"], "none.csv"),

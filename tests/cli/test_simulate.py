@@ -114,7 +114,8 @@ def test_wrong_words_are_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
 ) -> None:
     output = tmp_path / "no.wav"
-    given = ["--seconds", "0.2", *words, "-o", str(output)]
+    length = [] if "--seconds" in words else ["--seconds", "0.2"]
+    given = [*length, *words, "-o", str(output)]
     assert main(["simulate", str(folder / "scene.xml"), *given]) == 2
     assert said in capsys.readouterr().err
     assert not output.exists()

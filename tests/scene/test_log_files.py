@@ -100,8 +100,18 @@ def test_poses_and_units_stand_in_the_same_file(tmp_path: Path) -> None:
         ("a.jsonl", "[1]", "line 1 is no object"),
         (
             "a.jsonl",
-            '{"time": 0, "body0": "a", "body1": "b", "position": 3}',
+            '{"time": 0, "body0": "a", "body1": "b", "position": 3, "impulse": [1, 0, 0]}',
             "line 1 has position 3",
+        ),
+        (
+            "a.jsonl",
+            '{"time": 0, "body0": "a", "body1": "b", "position": [0, 0, 0]}',
+            "columns are time, body0, body1, position: impulse are missing; give time, body0",
+        ),
+        (
+            "a.csv",
+            BY_HAND.replace("position_", "").replace("body0", "first"),
+            r"first, body1, .*: body0, position are missing; give .* \(in CSV position_x, .* dt",
         ),
         ("a.npz", "x", "a.npz is no contact log"),
         ("a.txt", "x", "a contact log is .csv"),

@@ -23,7 +23,7 @@ from struck.core.machine import in_few_threads
 from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
-from struck.model.damping import require_band
+from struck.model.damping import Band, require_band
 from struck.model.gains import Radiation
 from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
@@ -103,7 +103,7 @@ def analyze(
     repair: bool = True,
     fixed: Fixed | None = None,
     accuracy: str = "standard",
-    band: tuple[float, float] | None = None,
+    band: Band | None = None,
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
@@ -164,7 +164,7 @@ def analyze_with_field(**given: Any) -> ModalModel:  # noqa: ANN401 - as `analyz
 
 def radiating(
     model: ModalModel,
-    band: tuple[float, float],
+    band: Band,
     *,
     near: bool = False,
     cache: bool | str | os.PathLike[str] = True,

@@ -5,8 +5,10 @@ The chimes of O'Brien et al. 2002 (Table 2, "adjusted") were tuned so by their l
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
@@ -189,6 +191,7 @@ def tune(
     Parameters
     ----------
     body : a body of struck.solids or struck.shapes
+        Or what makes it, whose arguments are varied, as ``functools.partial(bowl, radius=0.1)``.
     material : Material or str
     vary : str
         Name of the dimension, such as "length"; or of another number, as a string's "tension".
@@ -212,6 +215,7 @@ def tune(
     OptionError
         When the body has no such dimension, or it does not reach the frequency.
     """
+    given, body = body, _made(body)
     if not (isinstance(body, Solid) or is_shape(body)):
         raise OptionError(
             f"{type(body).__name__} has no dimensions to vary: give a body of struck.solids or "
@@ -228,18 +232,21 @@ def tune(
         material = Material.named(material)
 
     def measured(value: float) -> tuple[float, float]:
-        varied = _with(body, vary, value)
-        natural = chosen.natural(varied, material, accuracy or "standard", wanted)
+        varied = _with(given, vary, value)
+        natural = chosen.natural(_made(varied), material, accuracy or "standard", wanted)
         return value, float(ringing(natural, material.damping.decays(natural)))
 
-    points = [measured(_dimension(body, vary))]
+    points = [measured(_dimension(given, vary))]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
     guess = points[0][0] * (points[0][1] / wanted) ** 0.5
     for step in range(_STEPS):
         progress("tune", step / _STEPS)
         points.append(measured(guess))
         if abs(points[-1][1] / wanted - 1) < _IN_TUNE:
-            made, ends = _with(body, vary, guess), {"before": points[0], "after": points[-1]}
+            made, ends = (
+                _made(_with(given, vary, guess)),
+                {"before": points[0], "after": points[-1]},
+            )
             found = Tuning(body=made, vary=vary, mode=f"{chosen}", **ends)
             progress(f"tuned: {found}", 1.0)
             return found
@@ -263,31 +270,44 @@ def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mo
     return hertz(name, cast("float | str", value))
 
 
-def _dimensions(body: Body) -> dict[str, float]:
-    """Return the numbers of a body by name; the edges of a block are length, width and height."""
-    names = [field.name for field in fields(cast("Any", body))] if is_dataclass(body) else []
-    values = {name: getattr(body, name) for name in names}
+def _made(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
+    return body() if isinstance(body, partial) else body
+
+
+def _arguments(body: Any) -> dict[str, Any]:  # noqa: ANN401 - a body, or what makes one
+    """Return all arguments of a body, or of its maker, by name."""
+    if isinstance(body, partial):
+        usual = inspect.signature(body.func).parameters.items()
+        return {name: each.default for name, each in usual} | body.keywords
+    names = [field.name for field in fields(body)] if is_dataclass(body) else []
+    return {name: getattr(body, name) for name in names}
+
+
+def _dimension(body: Any, vary: str) -> float:  # noqa: ANN401 - a body, or what makes one
+    """Return a number of a body; the edges of a block are length, width and height."""
+    values = _arguments(body)
     numbers = {name: each for name, each in values.items() if type(each) in {int, float}}
-    return numbers | dict(zip(_EDGES, values.get("size", ()), strict=False))
-
-
-def _dimension(body: Body, vary: str) -> float:
-    numbers = _dimensions(body)
+    numbers |= dict(zip(_EDGES, values.get("size", ()), strict=False))
     if vary not in numbers:
         offer = nearest(vary, list(numbers))
+        way = ": give what makes it, as functools.partial(bowl, radius=0.1), or scale its model by "
+        way += "ModalModel.tuned(lowest=)"
         raise OptionError(
             f"vary is {vary!r}: {offer}this body has {', '.join(numbers) or 'no numbers'} to vary"
-            f"{'' if numbers else ': scale its model by ModalModel.tuned(lowest=)'}"
+            f"{'' if numbers else way}"
         )
     return float(numbers[vary])
 
 
-def _with(body: Body, vary: str, value: float) -> Body:
+def _with(body: Any, vary: str, value: float) -> Any:  # noqa: ANN401 - a body, or what makes one
     """Return a copy with another dimension; `_dimension` has seen that there is one."""
-    if vary in _EDGES and vary not in {field.name for field in fields(cast("Any", body))}:
-        size = dict(zip(_EDGES, cast("Any", body).size, strict=True)) | {vary: value}
-        return replace(cast("Any", body), size=tuple(size.values()))
-    return replace(cast("Any", body), **{vary: value})
+    known, change = _arguments(body), {vary: value}
+    if vary not in known:
+        edges = dict(zip(_EDGES, known["size"], strict=True)) | change
+        change = {"size": tuple(edges.values())}
+    if isinstance(body, partial):
+        return partial(body.func, *body.args, **body.keywords | change)
+    return replace(body, **change)
 
 
 def _next(points: list[tuple[float, float]], wanted: float, mode: str) -> float:

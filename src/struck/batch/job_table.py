@@ -29,6 +29,7 @@ from struck.batch.strike_set import StrikeSet
 from struck.errors import FileFormatError, OptionError
 from struck.files.atomic import is_file, is_folder, open_ordinary, read_bytes
 from struck.files.messages import FORMATS, READERS, ReadingLimits
+from struck.model.damping import require_band
 from struck.model.material import Material
 
 MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
@@ -232,7 +233,10 @@ def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     try:
         text = read_bytes(path).decode("utf-8-sig")
         if Path(path).suffix.lower() != ".toml":
-            return list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
+            named = text.partition("\n")[0]
+            between = next((each for each in ";\t" if each in named and "," not in named), ",")
+            lines = io.StringIO(text, newline="")
+            return list(csv.DictReader(lines, delimiter=between, strict=True))
         (rows,) = tomllib.loads(text).values()
         return list(rows)
     except (ValueError, TypeError, csv.Error, RecursionError) as error:
@@ -253,8 +257,11 @@ def _flag(value: object) -> bool:
 def _numbers(value: Any) -> Any:  # noqa: ANN401
     if callable(value):
         return value
-    cells = value.replace(",", " ").split() if isinstance(value, str) else value
-    return tuple(np.asarray(cells, np.float64).ravel().tolist())
+    return tuple(np.asarray(_cells(value), np.float64).ravel().tolist())
+
+
+def _cells(value: Any) -> Any:  # noqa: ANN401
+    return value.replace(",", " ").split() if isinstance(value, str) else value
 
 
 def _box(value: Any) -> Any:  # noqa: ANN401
@@ -266,6 +273,6 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
     **dict.fromkeys(("repair", "recoil"), _flag),
-    "band": _numbers,
+    "band": lambda value: require_band(_cells(value)),
     "fixed": _box,
 }

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import inspect
 import io
+import os
+import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, StruckError, nearest
 from struck.excitation.hertz import strikers
 from struck.excitation.strike import Strike
 from struck.files.atomic import write_bytes
@@ -57,8 +60,7 @@ class StrikeSet:
         elif not callable(self.strikes):
             if not all(isinstance(row, Mapping) for row in self.strikes) or not len(self.strikes):
                 raise OptionError("strikes tell nothing: give a number, or a table of some rows")
-            for row in self.strikes:
-                _strike_of(row)
+            named_strikes(self.strikes)
         require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
         if self.sounds not in SOUNDS:
             raise OptionError(f"sounds is {self.sounds!r}: give one of {', '.join(SOUNDS)}")
@@ -172,13 +174,25 @@ def _listener_place(
     return np.asarray(gains.centre) + (_NEAR + gains.radius) * np.asarray(way, np.float64)
 
 
+@contextmanager
+def row_of(table: str | os.PathLike[str], number: int) -> Iterator[None]:
+    """Let errors name the row of a table, counted from 1, and call its cells by their columns."""
+    try:
+        yield
+    except StruckError as error:
+        told = re.sub(r"(?<=\w)=(?=['\s])", " ", str(error)).replace("  ", " ")
+        raise type(error)(f"row {number} of {table}: {told}") from error
+
+
 def named_strikes(
     rows: Sequence[Mapping[str, Any]],
+    table: str | os.PathLike[str] = "the strikes",
 ) -> list[tuple[str, Strike, Sequence[float] | None]]:
     """Return name, strike and listener of each row of a table; names are made where it has none."""
     found = []
     for number, row in enumerate(rows, start=1):
-        strike, listener = _strike_of({key: row[key] for key in row if key != "name"})
+        with row_of(table, number):
+            strike, listener = _strike_of(row)
         place = strike.at if isinstance(strike.at, str) else "strike"
         parts = (f"{number:03d}", place, strike.striker)
         made = "_".join(str(each).replace(":", "-") for each in parts if each)
@@ -186,18 +200,23 @@ def named_strikes(
     return found
 
 
-def _strike_of(row: Mapping[str, Any]) -> tuple[Strike, Sequence[float] | None]:
+def _strike_of(row: Mapping[Any, Any]) -> tuple[Strike, Sequence[float] | None]:
     """Return the strike and the listener of a row of a table, of texts or of values."""
+    if None in row:
+        raise OptionError(
+            f'it has {len(row[None])} cells more than columns: put texts with commas in "quotes"'
+        )
     try:
         given = {name: _number(text) for name, text in row.items() if text not in {None, ""}}
     except TypeError:  # values that are no texts, as lists
         given = dict(row)
+    given.pop("name", None)
     listener = given.pop("listener", None)
-    unknown = set(given) - set(_NAMES)
+    unknown = sorted(str(name) for name in given if name not in _NAMES)
     if unknown:
         raise OptionError(
-            f"strikes have {', '.join(sorted(map(str, unknown)))}, which is nothing of a strike: "
-            f"give {', '.join((*_NAMES, 'listener'))}"
+            f"the column {unknown[0]!r} is nothing of a strike: {nearest(unknown[0], _NAMES)}give "
+            f"some of name, {', '.join((*_NAMES, 'listener'))}"
         )
     return Strike(**given), listener
 

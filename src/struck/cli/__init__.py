@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 import struck
 from struck.errors import (
@@ -69,11 +71,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(options, str):
         return _print(options)
     try:
-        with warnings_in_one_line():
+        with warnings_in_one_line(options.in_shell_words):
             result = options.run(options, progress)
     except StruckError as error:
         progress.close()  # before what is said of it
-        return _refused(error, words)
+        told = str(error) if _raised_by_shell(error) else options.in_shell_words(str(error))
+        return _refused(type(error)(told), words)
     finally:
         progress.close()
     text = json.dumps(result.facts, indent=2) if options.json else result.text
@@ -102,8 +105,42 @@ def _refused(error: StruckError, words: Sequence[str]) -> int:
     return BAD_INPUT
 
 
+def _number(kind: type[float], text: str) -> float:
+    """Return the number, or the whole number, in the text of an option."""
+    with suppress(ValueError):
+        return kind(text)
+    wanted = "a whole number" if kind is int else "a number"
+    raise argparse.ArgumentTypeError(f"it is {text!r}: give {wanted}")
+
+
+class Once(argparse.Action):
+    """Action that keeps the value of an option, and refuses a second one."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,  # noqa: ARG002 - argparse gives it
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        """Keep the value; ArgumentError if there is one."""
+        given = namespace.__dict__.setdefault("given", {})
+        if option_string is not None and self.dest in given:
+            told = f"it is {given[self.dest]!r}, and {values!r} too: give it once"
+            raise argparse.ArgumentError(self, told)
+        given[self.dest] = values
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
-    """Argument parser that raises an ArgumentError instead of ending the program."""
+    """Argument parser that raises errors, and takes vectors that begin below 0."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:  # noqa: ANN401 - as its base
+        super().__init__(*given, **named)
+        vars(self)["_negative_number_matcher"] = re.compile(r"-\.?\d")  # as of Python 3.14
+        self.register("action", None, Once)
+        for kind in (int, float):
+            self.register("type", kind, partial(_number, kind))
 
     def error(self, message: str) -> NoReturn:
         """Raise an OptionError."""
@@ -158,8 +195,69 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
     module = import_module(f"struck.cli.{name.replace('-', '_')}")
     parser.epilog = "example:\n" + "\n".join(f"  struck {name} {line}" for line in module.EXAMPLES)
     parser.add_argument("--json", action="store_true", help="print the result for machines")
-    parser.set_defaults(run=module.run)
+    parser.set_defaults(run=module.run, in_shell_words=partial(in_shell_words, parser))
     module.declare(parser)
+
+
+# Advice of the library, which speaks Python, in the words of the shell.
+
+# Commands that options are looked up in which the one that runs lacks.
+_OTHERS = ("analyze", "radiate", "fit")
+_CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
+_CALLED |= {"at": "strike", "out": "output", "path": "output"}
+_ARGUMENT = re.compile(
+    r"""(?<![\w.,:{])(?<!\w\()([a-z_]{2,})=(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|([\w.]*\w))?"""
+)
+_PHRASES: Mapping[str, str] = {
+    r", as in model\.\w+\([^)]*\)": "",
+    r"\b(?:model|ModalModel)\.radiating\(\)": "struck radiate",
+    r"\bstruck\.(\w+)\((\w+)=\)": r"struck \1 --\2",
+    r"of struck\.solids(?: or struck\.shapes)?": "of 'struck analyze --list'",
+    (
+        r"\b(?:(?:struck|model|ModalModel)\.\w+|Body|Contacts|Mono|RigidBody|Scene|Stereo|Binaural)"
+        r"\((?:[^()]|\(\))*\)"
+    ): r"\g<0> (in Python)",
+}
+
+
+def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
+    """Return a message with its arguments as options: `units='mm'` as `--units mm`."""
+    for phrase, words in _PHRASES.items():
+        text = re.sub(phrase, words, text)
+
+    def option(found: re.Match[str]) -> str:
+        value = next((each for each in found.groups()[1:] if each), "")
+        for name in (None, *_OTHERS):
+            one = parser if name is None else Parser()
+            if name is not None:
+                declare(one, name)
+            action = _action(one, found[1])
+            if action is not None:
+                own = f"--{found[1]}"
+                words = [own if own in action.option_strings else action.option_strings[-1]]
+                words += [value.replace(" ", "")] if value and action.nargs != 0 else []
+                return " ".join([*words, *([f"of struck {name}"] if name else ())])
+        return f"{found[0]} (in Python)"
+
+    return _ARGUMENT.sub(option, text)
+
+
+def _action(parser: argparse.ArgumentParser, name: str) -> argparse.Action | None:
+    """Return the option for an argument of Python, if there is one."""
+    options = [each for each in parser._actions if each.option_strings]  # noqa: SLF001 - argparse has no public list
+    alike = {name, _CALLED.get(name, name)}
+    flags = {f"--{each.replace('_', '-')}" for each in alike}
+    return next(
+        (each for each in options if each.dest in alike or flags & {*each.option_strings}), None
+    )
+
+
+def _raised_by_shell(error: StruckError) -> bool:
+    """Return whether an error comes from here, in words of the shell already."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is None or trace.tb_frame.f_globals["__name__"].startswith("struck.cli")
 
 
 # What all commands have in common.
@@ -184,8 +282,8 @@ _TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 
 
 @contextmanager
-def warnings_in_one_line() -> Iterator[None]:
-    """Print each warning in one line, without code."""
+def warnings_in_one_line(in_words: Callable[[str], str] = str) -> Iterator[None]:
+    """Print each warning in one line, without code, in words of the shell."""
     shown = warnings.showwarning
 
     def tell(
@@ -197,7 +295,7 @@ def warnings_in_one_line() -> Iterator[None]:
         line: str | None = None,
     ) -> None:
         if issubclass(category, _TOLD):
-            complain(str(message))
+            complain(in_words(str(message)))
         else:
             shown(message, category, filename, lineno, file, line)
 

@@ -16,8 +16,10 @@ from struck.cli.options import (
     add_budget,
     arguments_of,
     body_named,
+    length,
     makers,
     material_named,
+    metres,
     numbers,
 )
 from struck.errors import OptionError
@@ -46,15 +48,17 @@ def add_how(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", help=MATERIAL)
     parser.add_argument("--damping", default="own", help="own (default), heard or heard_bowl")
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
-    parser.add_argument("--size", type=float, help="longest edge of the body instead, m")
-    parser.add_argument("--wall", type=float, help="thickness of a hollow body's or tube's wall, m")
+    parser.add_argument("--size", type=length, help="longest edge of the body instead, m")
+    parser.add_argument(
+        "--wall", type=length, help="thickness of a hollow body's or tube's wall, m"
+    )
     parser.add_argument("--holes", help="of a surface with a wall: keep or fill")
     parser.add_argument("--no-repair", dest="repair", action="store_false", help="refuse instead")
     parser.add_argument("--part", help="which of several bodies in the file")
     parser.add_argument("--up", help="axis that points up: x, y or z")
     parser.add_argument(
         "--fixed",
-        type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m"),
+        type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m", each=metres),
         help="box x0,y0,z0,x1,y1,z1 that is held, m",
     )
     parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")

@@ -42,6 +42,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--against", metavar="PLACE", type=place, help="where another model is struck instead"
     )
+    parser.add_argument("--striker", help="of both: fingertip, felt, rubber, wood, steel ...")
+    parser.add_argument("--speed", type=float, help="of the striker, m/s")
+    parser.add_argument("--impulse", type=float, help="of the strike instead, N s")
     parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
     parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
 
@@ -57,11 +60,13 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         if options.output is None
         else writable(options.output, unlike=read, endings=PAGES, kind="pages")
     )
+    blow = {name: getattr(options, name) for name in ("striker", "speed", "impulse")}
     found = compare(
         struck.load(options.model),
         options.other,
         at=options.at,
-        against=None if options.against is None else Strike(at=options.against),
+        strike=Strike(**blow) if any(each is not None for each in blow.values()) else None,
+        against=None if options.against is None else Strike(at=options.against, **blow),
         listener=options.listener,
         progress=progress,
     )
@@ -105,6 +110,7 @@ def _facts(found: Comparison) -> dict[str, object]:
         "extra": theirs.frequencies[found.extra].tolist(),
         "level_offset": found.level_offset,
         "explained": found.explained,
+        "by_chance": found.by_chance,
         "strikes": {side.name: side.struck for side in (found.model, found.other)},
         "notes": list(found.notes),
     }

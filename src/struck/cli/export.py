@@ -42,7 +42,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         type=place,
-        help="where it is heard, m; those recorded unless given (one below 0: --listeners=-1,0,0)",
+        help="where it is heard, m; those recorded unless given",
     )
     parser.add_argument(
         "--convention",

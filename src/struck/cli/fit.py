@@ -10,8 +10,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.info import described
-from struck.cli.options import POSITION, numbers
-from struck.errors import OptionError
+from struck.cli.options import POSITION, budget, length, metres, numbers
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
 from struck.files.model_file import model_path
@@ -38,10 +37,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--symmetry", help="none, or axial: round about the z axis")
     parser.add_argument("--centre", type=POSITION, help="x,y,z the sound seems to come from, m")
     parser.add_argument(
-        "--radius", type=float, default=0.0, help="of a ball that holds the body, m"
+        "--radius", type=length, default=0.0, help="of a ball that holds the body, m"
     )
     parser.add_argument(
-        "--pitch", type=numbers(1, 2), help="metres a unit of each coordinate of the contacts"
+        "--pitch",
+        type=numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres),
+        help="metres a unit of each coordinate of the contacts",
     )
     parser.add_argument("--geometry", help="mesh file, m, of a body round about the z axis")
     parser.add_argument(
@@ -52,7 +53,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--way", default="field", help="field (default) or table")
     parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
-    parser.add_argument("--modes", default="64", help="not more than these, or all (default 64)")
+    parser.add_argument("--modes", type=budget, default=64, help="not more, or all (default 64)")
     parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
     parser.add_argument(
         "--residual",
@@ -83,7 +84,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         report = writable(options.report, unlike=used, endings=PAGES, kind="pages")
     fitting = fit_recordings(
         several[0] if len(several) == 1 else several,
-        modes=_budget(options.modes),
+        modes=options.modes,
         room=_room(options.room),
         blow=_blow(options.blow),
         progress=progress,
@@ -102,18 +103,6 @@ def _name(recording: str) -> str:
     """Return the name for the model of a recording, a manifest, or the folder of one."""
     path = Path(recording)
     return real(path).name if is_folder(path) else path.stem
-
-
-def _budget(text: str) -> int | None:
-    if text == "all":
-        return None
-    try:
-        count = int(text)
-    except ValueError:
-        count = 0
-    if count < 1:
-        raise OptionError(f"--modes is {text!r}: give a whole number of at least 1, or all")
-    return count
 
 
 def _room(text: str | None) -> float | str | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
+from struck.cli.options import budget
 from struck.files.archives import PACKINGS
 from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
@@ -28,7 +29,7 @@ EXAMPLES = ("bell.struck", "kitchen.glb", "plates.stl --units mm")
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck info`."""
     parser.add_argument("file", help="model, or mesh file before it is analyzed")
-    parser.add_argument("--modes", type=int, default=LISTED, help="how many of a model to list")
+    parser.add_argument("--modes", type=budget, default=LISTED, help="how many of a model to list")
     parser.add_argument("--units", help="of a mesh file's numbers: m, cm, mm, in or ft")
 
 
@@ -81,7 +82,11 @@ def _parts(file: str, units: str | None) -> Result:
     for part in parts[:LISTED]:
         size = " x ".join(f"{edge:.4g}" for edge in part.size)
         volume = "open" if part.volume is None else f"{part.volume:.4g}"
-        taken = "taken without part=" if len(parts) > 1 and part.volume == largest > 0 else ""
+        taken = (
+            "taken unless --part names another"
+            if len(parts) > 1 and part.volume == largest > 0
+            else ""
+        )
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
     unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
@@ -89,7 +94,7 @@ def _parts(file: str, units: str | None) -> Result:
 
 
 def described(
-    model: struck.ModalModel, last: str, *, listed: int = LISTED, **facts: object
+    model: struck.ModalModel, last: str, *, listed: int | None = LISTED, **facts: object
 ) -> Result:
     """Return the contents of a model, with a `last` line for people and more `facts`."""
     from struck.report.model_page import summary
@@ -97,7 +102,8 @@ def described(
     own = model.of_object
     errors = None if model.errors is None else model.errors[own]
     rows = modes_rows(model.frequencies[own], model.t60[own], model.decays[own], errors)
-    more = [f"... and {len(rows) - listed} more"] if len(rows) > listed else []
+    rest = 0 if listed is None else len(rows) - listed
+    more = [f"... and {rest} more"] if rest > 0 else []
     lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
     return Result(
         "\n".join(lines).rstrip(),

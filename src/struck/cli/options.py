@@ -6,6 +6,7 @@ import argparse
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
 from struck.errors import ArgumentError, FileFormatError, MaterialError, OptionError, nearest
 from struck.files.atomic import is_file, read_bytes
-from struck.model.arrays import Array
+from struck.model.arrays import UNITS, Array
 from struck.model.damping import InternalFriction, Rayleigh, hertz
 from struck.model.material import Material
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
 _NOT_IN_SHELL = {"elements", "section"}
-_LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(m|cm|mm|in|ft)?")
+_LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
 
 
@@ -51,6 +52,30 @@ def numbers(
     return parse
 
 
+def metres(text: str) -> float:
+    """Return a length in m of "0.1", "10cm" or "4in"; ValueError of other texts."""
+    found = _LENGTH.fullmatch(text.strip())
+    if found is None or (found[2] or "m") not in UNITS:
+        raise ValueError(f"{text!r} is no length")
+    return float(found[1]) * UNITS[found[2] or "m"]
+
+
+def length(text: str) -> float:
+    """Return the value of an option that is a length, m."""
+    with suppress(ValueError):
+        return metres(text)
+    known = ", ".join(UNITS)
+    raise argparse.ArgumentTypeError(f"it is {text!r}: give a length in m, or in {known}, as 5cm")
+
+
+def budget(text: str) -> int | None:
+    """Return at most how many modes are meant, None for all."""
+    with suppress(ValueError):
+        if text == "all" or int(text) >= 1:
+            return None if text == "all" else int(text)
+    raise argparse.ArgumentTypeError(f"it is {text!r}: give a whole number of at least 1, or all")
+
+
 def pitch(text: str) -> float:
     """Return a frequency in Hz, of "880" or "A5+12c"."""
     try:
@@ -59,14 +84,14 @@ def pitch(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-POSITION = numbers(3, form="x,y,z in m")
+POSITION = numbers(3, form="x,y,z in m, or with units, as 50cm", each=metres)
 BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
 
 
 def place(text: str) -> str | tuple[float, ...]:
-    """Return a place's coordinates from text such as "0.1,0,0.02"; other text is a place's name."""
+    """Return a place's coordinates from text such as "0.1,0,2cm"; other text is a place's name."""
     try:
-        return tuple(map(float, text.split(",")))
+        return tuple(map(metres, text.split(",")))
     except ValueError:
         return text
 
@@ -115,7 +140,13 @@ def arguments_of(maker: Callable[..., Body]) -> tuple[list[str], list[str]]:
 
 
 def body_named(text: str) -> str | Body:
-    """Return the body that "tube:length=50cm,radius=0.0125,wall=1mm" means, else a file's name.
+    """Return the body that "tube:length=50cm,radius=0.0125,wall=1mm" means, else a file's name."""
+    maker = maker_named(text)
+    return maker if isinstance(maker, str) else maker()
+
+
+def maker_named(text: str) -> str | partial[Body]:
+    """Return the maker of the body that a text names, else a file's name.
 
     Raises
     ------
@@ -144,9 +175,10 @@ def body_named(text: str) -> str | Body:
             f"{text!r} does not say what a {kind} needs: {offer}give {kind}:{wanted}{besides}"
         )
     try:
-        return maker(**given)
+        maker(**given)
     except ArgumentError as error:
         raise OptionError(f"{error}; give lengths as 0.5, 50cm, 500mm or 20in") from None
+    return partial(maker, **given)
 
 
 def _given(text: str) -> dict[str, Any]:
@@ -162,12 +194,9 @@ def _given(text: str) -> dict[str, Any]:
 
 def _value(text: str) -> object:
     """Return the number with its unit, the numbers with "x" between, or the word in a text."""
-    from struck.files.meshes import UNITS
-
-    numbers = [_LENGTH.fullmatch(each) for each in text.split("x")]
-    if all(numbers):
-        values = [float(each[1]) * UNITS[each[2] or "m"] for each in numbers if each]
-        return values[0] if len(values) == 1 else tuple(values)
+    with suppress(ValueError):
+        values = tuple(map(metres, text.split("x")))
+        return values[0] if len(values) == 1 else values
     return {"yes": True, "no": False}.get(text, text)
 
 
@@ -220,14 +249,16 @@ def add_listener(parser: argparse.ArgumentParser) -> None:
 def add_budget(parser: argparse.ArgumentParser) -> None:
     """Declare how many modes are kept."""
     parser.add_argument(
-        "--modes", type=int, metavar="N", help="at most N, the loudest over contacts"
+        "--modes", type=budget, metavar="N", help="at most N, the loudest over contacts, or all"
     )
 
 
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declare the room around bodies and listener."""
     group = parser.add_argument_group("room")
-    group.add_argument("--room", type=POSITION, help="size x,y,z of a room, m, corner at 0,0,0")
+    group.add_argument(
+        "--room", type=POSITION, help="size x,y,z of a room, m, with a corner at 0,0,0"
+    )
     group.add_argument("--walls", default="brick", help="of the room: brick, wood, carpet, ...")
     group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from struck.cli import Result
+from struck.cli.play import device as device_of
 from struck.errors import DeviceError, OptionError, RecordingError
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
@@ -67,7 +68,7 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
         return
     from struck.live.recorder import DeviceRecorder
 
-    device = plan.device if options.device is None else _device(options.device)
+    device = plan.device if options.device is None else device_of(options.device)
     with DeviceRecorder(device, channels=plan.channels, sample_rate=plan.sample_rate) as recorder:
         yield recorder
 
@@ -82,10 +83,6 @@ def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
         f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
         f"files called {', '.join(names[:_NAMED])}{more}"
     )
-
-
-def _device(text: str) -> int | str:
-    return int(text) if text.isdecimal() else text
 
 
 def _operator(options: argparse.Namespace, progress: TerminalProgress) -> Operator:

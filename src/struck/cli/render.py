@@ -8,9 +8,22 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import struck
 from struck.cli import Result
-from struck.cli.options import add_budget, add_listener, add_room, listener, numbers, place, room
+from struck.cli.options import (
+    POSITION,
+    add_budget,
+    add_listener,
+    add_room,
+    length,
+    listener,
+    metres,
+    numbers,
+    place,
+    room,
+)
 from struck.errors import OptionError
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
@@ -22,7 +35,7 @@ from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import chosen
 from struck.files.sound_set import TABLE, save_set
 from struck.model.provenance import TerminalProgress
-from struck.scene.body import Action, with_fewer_modes
+from struck.scene.body import Action, centre_of, with_fewer_modes
 
 EXAMPLES = (
     (
@@ -43,11 +56,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
     add_touches(parser)
     parser.add_argument(
         "--pitch",
-        type=numbers(1, 2),
+        type=numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres),
         help="metres a unit of a recorded body's coordinates, for ways over it",
     )
     add_listener(parser)
     add_room(parser)
+    parser.add_argument(
+        "--position",
+        type=POSITION,
+        help="of the body's centre in the room: its middle unless given",
+    )
     add_budget(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
@@ -77,15 +95,16 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     actions, heard = touches(options), _heard(options)  # what is wrong with them is told first
     model, lost = _model(options)
     progress("render", 0.0)
-    sound = struck.render(model, actions, **heard)
+    sound = struck.render(*_placed(model, actions, options), **heard)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
+    notes = [*map(options.in_shell_words, (*lost, *sound.notes))]
     return Result(
-        "\n".join((*lost, *sound.notes, last)),
+        "\n".join((*notes, last)),
         output=str(output),
         seconds=sound.duration,
         factor=factor,
-        notes=[*lost, *sound.notes],
+        notes=notes,
     )
 
 
@@ -112,7 +131,7 @@ _ONE = ("strike", "scrape", "roll", "pluck", "hold", "striker", "speed", "impuls
 def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Write a sound for each strike of a table, and their table, with one level for all."""
     from struck.batch.job_table import table_rows
-    from struck.batch.strike_set import named_strikes
+    from struck.batch.strike_set import named_strikes, row_of
 
     given = [name for name in _ONE if getattr(options, name) is not None]
     if given or options.output is None:
@@ -120,12 +139,13 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         raise OptionError(f"--strikes {options.strikes} tells of all strikes, and {told}")
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
-    heard, named = _heard(options), named_strikes(table_rows(options.strikes))
+    heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
     (model, lost), sounds = _model(options), []
     for number, (name, strike, ears) in enumerate(named):
         progress("render", number / len(named))
         own: dict[str, Any] = heard | ({} if ears is None else {"listener": ears})
-        sounds.append((name, struck.render(model, strike, **own)))
+        with row_of(options.strikes, number + 1):
+            sounds.append((name, struck.render(*_placed(model, strike, options), **own)))
     rows = save_set(
         sounds,
         options.output,
@@ -137,7 +157,8 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
-    notes = list(dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)]))
+    every = dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)])
+    notes = list(map(options.in_shell_words, every))
     last = f"wrote {len(rows)} sounds and {TABLE} to {options.output}: full scale is {scale}{span}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 
@@ -148,8 +169,26 @@ def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, .
     return model if options.pitch is None else model.charted(pitch=options.pitch), lost
 
 
+def _placed(
+    model: struck.ModalModel, touched: Action | list[Action], options: argparse.Namespace
+) -> tuple[Any, ...]:
+    """Return model and touches, or in a room the body that stands in it, for `struck.render`."""
+    around = room(options)
+    if around is None:
+        return model, touched
+    middle = np.array(options.position or np.divide(around.size, 2), np.float64)
+    around.require_inside(middle[None], "body")
+    origin = tuple((middle - centre_of(model)).tolist())
+    return (struck.Body(model=model, excitations=touched, position=origin),)
+
+
 def _heard(options: argparse.Namespace) -> dict[str, Any]:
     """Return length, rate and listener of a sound, as `struck.render` takes them."""
+    if options.position is not None and options.room is None:
+        raise OptionError(
+            f"--position {options.position} is a place in a room: give --room x,y,z, or say where "
+            "it is heard by --listener x,y,z from the body"
+        )
     return {
         "seconds": options.seconds,
         "sample_rate": options.rate,
@@ -178,7 +217,7 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--load", type=float, default=1.0, help="on the tip, N (default 1)")
     parser.add_argument("--roughness", default="sandpaper", help="what is scraped or rolled on")
-    parser.add_argument("--radius", type=float, default=0.01, help="of the ball, m (default 0.01)")
+    parser.add_argument("--radius", type=length, default=0.01, help="of the ball, m (default 0.01)")
     parser.add_argument("--mass", type=float, default=0.02, help="of the ball, kg (default 0.02)")
     parser.add_argument("--force", type=float, default=1.0, help="of a pluck, N (default 1)")
     parser.add_argument("--grip", type=float, default=10.0, help="of a hand, N s/m (default 10)")

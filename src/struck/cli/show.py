@@ -10,7 +10,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import place
+from struck.cli.options import length, place
 from struck.errors import OptionError
 from struck.files.atomic import writable
 from struck.model.chart import Chart
@@ -41,7 +41,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strike", metavar="PLACE", type=place, help="how the surface moves then")
     parser.add_argument("--modes", type=int, metavar="N", help="shapes of the first N modes alone")
     parser.add_argument(
-        "--pitch", type=float, help="of a plan, m a unit of its contacts, where names tell no unit"
+        "--pitch", type=length, help="of a plan, m a unit of its contacts, where names tell no unit"
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_listener, add_room, listener, room
+from struck.cli.options import add_listener, add_room, listener, metres, room
 from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     files = [output, log, *_write_others(output, scene, events, sound, options.seconds, progress)]
     if options.stems:
         files += save_stems(excited, output, factor=factor, **heard)
-    notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
+    notes = list(map(options.in_shell_words, dict.fromkeys((*scene.notes, *sound.notes))))
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
     count += f"{len(events.sustained)} lasting contacts"
@@ -124,7 +124,7 @@ def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Resu
             while time.monotonic() < end and player.simulating:
                 time.sleep(_LOOK)
         player.listen(player.listener)  # tells what went wrong
-        return played_result(player, simulation.notes)
+        return played_result(player, [*map(options.in_shell_words, simulation.notes)])
 
 
 def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:
@@ -226,7 +226,10 @@ def _table(option: str, texts: Sequence[str], *, whole: bool = True) -> dict[str
 
 
 def _measures(option: str, texts: Sequence[str]) -> dict[str, float]:
-    return {k: _number(option, v) for k, v in _table(option, texts, whole=False).items()}
+    try:
+        return {k: metres(v) for k, v in _table(option, texts, whole=False).items()}
+    except ValueError as error:
+        raise OptionError(f"{option}: {error}: give m, or a unit, as mug*=3mm") from None
 
 
 def _number(option: str, text: str) -> float:

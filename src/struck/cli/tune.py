@@ -6,13 +6,15 @@ import argparse
 
 from struck.analysis import tune
 from struck.cli import Result
-from struck.cli.options import BODY, MATERIAL, body_named, material_named, pitch
+from struck.cli.options import BODY, MATERIAL, maker_named, material_named, pitch
+from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
     "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium --vary length --lowest 587.33",
     "bar:length=30cm,width=3cm,thickness=5mm --material rosewood --vary length --lowest A4",
     "block:size=30cmx3cmx2cm --material rosewood --vary length --frequency A6 --mode 'bending 2'",
+    "bowl:radius=8cm,wall=2mm --material bronze --vary radius --lowest A4",
 )
 
 
@@ -20,7 +22,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck tune`."""
     parser.add_argument("body", help=BODY)
     parser.add_argument("--material", required=True, help=MATERIAL)
-    parser.add_argument("--vary", required=True, help="name of the dimension")
+    parser.add_argument(
+        "--vary", required=True, help="name of the dimension, as listed by struck analyze --list"
+    )
     parser.add_argument("--lowest", type=pitch, help="of the lowest mode: Hz, or a note as A5")
     parser.add_argument("--frequency", type=pitch, help="of --mode instead")
     parser.add_argument(
@@ -31,8 +35,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck tune`."""
+    body = maker_named(options.body)
+    if isinstance(body, str):
+        raise OptionError(
+            f"{body} is a mesh file, which has no dimensions to vary: give a body as "
+            "bowl:radius=8cm (struck analyze --list), or analyze it at another --size"
+        )
     found = tune(
-        body_named(options.body),
+        body,
         material_named(options.material),
         vary=options.vary,
         lowest=options.lowest,

@@ -19,6 +19,7 @@ from struck.model.arrays import (
     require_number,
     require_sample_rate,
 )
+from struck.model.damping import in_hertz
 from struck.model.material import AIR
 
 EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that stands for a head
@@ -35,8 +36,9 @@ class Reverberation:
 
     Parameters
     ----------
-    seconds : float or mapping of float to float
-        Time in which the sound dies away by 60 dB; or one such time for each centre of a band, Hz.
+    seconds : float or mapping of float or str to float
+        Time in which the sound dies away by 60 dB; or one such time for each centre of a band, Hz
+        (or "1 kHz", or a note).
         Between two centres the bands fade into one another over the logarithm of the frequency;
         the lowest and the highest reach to the ends of the spectrum.
     volume : float, optional
@@ -61,7 +63,7 @@ class Reverberation:
     (H. Kuttruff, Room Acoustics, 5th ed., Spon Press, 2009, chapter 5).
     """
 
-    seconds: float | Mapping[float, float]
+    seconds: float | Mapping[float | str, float]
     volume: float | None = None
     level: float | None = None
     seed: int = 0
@@ -90,7 +92,10 @@ class Reverberation:
         One time for all bands stands at 1 kHz.
         """
         times = self.seconds if isinstance(self.seconds, Mapping) else {1000.0: self.seconds}
-        table = numbers("seconds", list(times.items())).reshape(-1, 2)
+        table = numbers(
+            "seconds", list(zip(in_hertz("seconds", times), times.values(), strict=True))
+        )
+        table = table.reshape(-1, 2)
         return table[np.argsort(table[:, 0], kind="stable")]
 
     def absorption_areas(self) -> Array:

@@ -94,8 +94,9 @@ class Jobs:
     async def run(self) -> None:
         """Compute all that wait, by processes that end with this."""
         waiting = [job for job in self.jobs.values() if job.state == "waiting"]
-        count = min(PROCESSES, len(waiting))
-        await asyncio.gather(*(self._work(waiting) for _ in range(count)))
+        async with asyncio.TaskGroup() as group:  # which waits for all of them, cancelled too
+            for _ in range(min(PROCESSES, len(waiting))):
+                group.create_task(self._work(waiting))
 
     async def news(self) -> AsyncIterator[dict[str, Any]]:
         """Yield every object, and from then on each that has changed, without an end."""

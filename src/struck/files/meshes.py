@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
-from struck.model.arrays import Array, Index, checked, numbers
+from struck.model.arrays import UNITS, Array, Index, checked, numbers
 from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
@@ -27,7 +27,6 @@ from struck.solids.surface.repair import DEBRIS, Repair, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
 
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
 _LISTED = 12
 SUFFIXES = frozenset(READERS)  # of volume mesh files

@@ -30,6 +30,7 @@ Complex = NDArray[np.complex128]
 AnyComplex = NDArray[np.complexfloating]
 Single = NDArray[np.float32]
 AnyArray = NDArray[Any]
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}  # of lengths, m
 
 
 def numbers(

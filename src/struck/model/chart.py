@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import OptionError
-from struck.model.arrays import Array, checked, numbers
+from struck.model.arrays import UNITS, Array, checked, numbers
 from struck.model.mesh import Mesh
 
-_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _FINEST, _COARSEST = 1e-9, 1e6  # m a unit
 _SLICES = 513  # heights at which the outline of a mesh is taken
 _BEYOND = 0.02  # share of a mesh's height by which contacts may lie above or below it
@@ -70,7 +69,7 @@ class Chart:
     def named(cls, coordinates: Sequence[str]) -> Chart | None:
         """Return the chart of coordinates that all name a unit of length; None of others."""
         units = [re.search(r"\((\w+)\)$", name) for name in coordinates]
-        pitch = [_UNITS.get(unit[1], 0.0) if unit else 0.0 for unit in units]
+        pitch = [UNITS.get(unit[1], 0.0) if unit else 0.0 for unit in units]
         return cls(pitch=np.array(pitch)) if pitch and all(pitch) else None
 
     @classmethod

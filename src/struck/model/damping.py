@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import InitVar, dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,11 +122,8 @@ class Measured:
                 object.__setattr__(self, "rates", np.log(1000) / times)
         if not isinstance(self.frequencies, np.ndarray):
             pitches = np.atleast_1d(np.asarray(self.frequencies, object)).ravel()
-            in_hertz = [
-                hertz("frequencies", each, error=MaterialError) if isinstance(each, str) else each
-                for each in pitches
-            ]
-            object.__setattr__(self, "frequencies", in_hertz)
+            found = in_hertz("frequencies", pitches, error=MaterialError)
+            object.__setattr__(self, "frequencies", found)
         for name in ("frequencies", "rates"):
             given = numbers(name, getattr(self, name), error=MaterialError)
             object.__setattr__(self, name, tuple(np.atleast_1d(given).ravel().tolist()))
@@ -222,10 +220,20 @@ def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionErr
     return float(pitch)
 
 
+def in_hertz(
+    name: str, pitches: Iterable[Any], *, error: type[StruckError] = OptionError
+) -> list[Any]:
+    """Return pitches in Hz, texts among them by `hertz`."""
+    return [hertz(name, each, error=error) if isinstance(each, str) else each for each in pitches]
+
+
+Band = tuple[float | str, float | str]  # Hz or notes, the lower first
+
+
 def require_band(band: object) -> tuple[float, float]:
     """Return a band, of numbers or notes, in Hz, the lower end first; OptionError otherwise."""
     given = band if isinstance(band, tuple | list | np.ndarray) and np.ndim(band) else ()
-    ends = np.asarray([hertz("band", end) if isinstance(end, str) else end for end in given])
+    ends = np.asarray(in_hertz("band", given))
     if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
-        raise OptionError(f"band is {band}: give two frequencies in Hz, the lower first")
+        raise OptionError(f"band is {band}: give two frequencies in Hz, or notes, the lower first")
     return float(ends[0]), float(ends[1])

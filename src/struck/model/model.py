@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from struck.errors import MaterialError, OptionError
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
-from struck.model.damping import Damping, Each, natural_at, require_band, ringing
+from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
 from struck.model.gains import (
     ExpandedGains,
     FieldRadiation,
@@ -306,7 +306,7 @@ class ModalModel:
     def radiating(
         self,
         *,
-        band: tuple[float, float] = (20.0, 20_000.0),
+        band: Band = (20.0, 20_000.0),
         near: bool = False,
         keep: Keep | None = None,
         progress: Progress | None = silent,
@@ -318,8 +318,8 @@ class ModalModel:
 
         Parameters
         ----------
-        band : pair of float
-            Modes within it are computed, Hz.
+        band : pair of float or str
+            Modes within it are computed, Hz or notes.
         near : bool
             Whether pressures on the surface are kept too, for listeners within 1.2 radii.
         keep : callable, optional

@@ -28,7 +28,7 @@ from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.disturbances import without_hum
 from struck.recordings.gain_table import Gathered
-from struck.recordings.manifest import KINDS, NAME, read_manifest
+from struck.recordings.manifest import KINDS, manifest_in, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
 from struck.recordings.residual_sound import (
     SHORT,
@@ -397,6 +397,6 @@ def files_read(
     if isinstance(recordings, Sequence) and not isinstance(recordings, str):
         several = recordings
     named = [each for each in (*several, manifest) if isinstance(each, str | os.PathLike)]
-    paths = [Path(each) / NAME if is_folder(each) else Path(each) for each in named]
+    paths = [manifest_in(Path(each)) if is_folder(each) else Path(each) for each in named]
     lists = [path for path in paths if path.suffix.lower() in KINDS and is_file(path)]
     return [*named, *lists, *(file for path in lists for file in read_manifest(path).files)]

@@ -208,6 +208,12 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     return manifest
 
 
+def manifest_in(folder: Path) -> Path:
+    """Return the manifest in a folder: `NAME`, or else the one list of takes that lies there."""
+    lists = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in KINDS]
+    return lists[0] if len(lists) == 1 else folder / NAME
+
+
 def recorded_so_far(path: Path) -> Manifest:
     """Read a manifest that is being written, without takes whose files have gone."""
     if not os.path.lexists(path):

@@ -17,11 +17,11 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask, checked
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES
-from struck.recordings.manifest import KINDS, NAME, Manifest, read_manifest
+from struck.recordings.manifest import KINDS, NAME, Manifest, manifest_in, read_manifest
 
 _RATES = (4000, 400_000)  # Hz
 _SHORTEST = 0.1  # s
-_TABLE = "a list of recordings, not one: give it alone, or as manifest= (--manifest)"
+_TABLE = "a list of recordings, not one: give it alone, or as manifest="
 _OTHERS = {
     ".csv": _TABLE,
     ".toml": _TABLE,
@@ -316,9 +316,12 @@ def _manifest(
         return None
     path = Path(files[0])
     if is_folder(path):
-        if not is_file(path / NAME):
-            raise RecordingError(f"{path} has no {NAME}: give its recordings one by one")
-        path = path / NAME
+        folder, path = path, manifest_in(path)
+        if not is_file(path):
+            raise RecordingError(
+                f"{folder} has no {NAME}, nor one table alone (.csv, .toml) of its takes: give its "
+                "recordings one by one, or the table by manifest="
+            )
     return read_manifest(path) if path.suffix.lower() in KINDS else None
 
 

@@ -28,7 +28,7 @@ from struck.model.html import PAGES, document, picture, table
 from struck.model.model import LOUDEST, ModalModel
 from struck.model.provenance import Progress, silent
 from struck.recordings.calibration.agreement import FittedModes, Partials
-from struck.recordings.calibration.pairing import Pairing, explains, paired
+from struck.recordings.calibration.pairing import Pairing, explains, paired, pairs_by_chance
 from struck.recordings.poles.search import Fitted, fit_poles
 from struck.recordings.segments import Row
 from struck.recordings.takes import Take, without_force
@@ -98,6 +98,8 @@ class Comparison:
         Numbers of the other's modes that the model lacks though it should have them.
     explained : bool
         Whether the two agree better than by chance.
+    by_chance : float
+        How many pairs random modes would get; 0 where the two surely agree better.
     """
 
     model: Side
@@ -111,6 +113,7 @@ class Comparison:
     twins: Index
     extra: Index
     explained: bool
+    by_chance: float = 0.0
 
     @property
     def pairs(self) -> Index:
@@ -136,7 +139,10 @@ class Comparison:
             lines.insert(1, f"{alike}, and are heard with it")
         lines += [f"the {side.name} is {side.struck}" for side in (self.model, self.other)]
         if not self.explained:
-            lines.append("caution: random modes would agree as well; this may be another body")
+            lines.append(
+                "caution: random modes would agree as well; this may be another body, and about "
+                f"{self.by_chance:.0f} of {len(self.cents)} pairs are expected by chance"
+            )
         lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):
             return lines
@@ -214,14 +220,18 @@ def compare(
         )
     else:
         theirs = _recorded_side(other, against, recording, modes=modes, progress=progress)
-        way = "" if strike or at is not None else "; give at= or strike= if you know"
+        way = "" if strike or at is not None else "; give place and strike if you know"
         theirs = replace(
             theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
         )
     mine = Side.of_model("model", model, blow, listener, begins=theirs.begins)
     audible = None if theirs.computed else np.maximum(mine.audible, _DOUBT)
     pairing = paired(theirs.partials, model, widest=widest, audible=audible)
-    return _compared(mine, theirs, pairing, explained=explains(theirs.partials, model, pairing))
+    sure, by_chance = pairing.support > 0, 0.0
+    if not sure:
+        by_chance = pairs_by_chance(theirs.partials, model, widest=widest)
+        sure = explains(theirs.partials, model, pairing) and by_chance < len(pairing) / 2
+    return replace(_compared(mine, theirs, pairing), explained=sure, by_chance=by_chance)
 
 
 def _blow(at: Place, strike: Strike | None) -> Strike:
@@ -247,7 +257,7 @@ def _same_place(strike: Strike, model: ModalModel, other: ModalModel) -> Strike:
     return replace(strike, at=nearest[0], direction=contact.direction)
 
 
-def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) -> Comparison:
+def _compared(mine: Side, theirs: Side, pairing: Pairing) -> Comparison:
     one, two = pairing.computed, pairing.fitted
     tones, others = mine.partials, theirs.partials
     levels = theirs.levels[two] - mine.levels[one]
@@ -268,7 +278,7 @@ def _compared(mine: Side, theirs: Side, pairing: Pairing, *, explained: bool) ->
         missing=missing[~twins],
         twins=missing[twins],
         extra=theirs.missing_from(pairing.extra, mine, 1 / pairing.factor),
-        explained=explained,
+        explained=True,
     )
 
 

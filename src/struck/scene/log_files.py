@@ -20,7 +20,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,10 +29,9 @@ import numpy as np
 
 from struck.errors import FileFormatError, OptionError
 from struck.files.atomic import read_bytes, write_bytes
-from struck.model.arrays import Array, checked
+from struck.model.arrays import UNITS, Array, checked
 from struck.scene.contacts import Contacts, Poses
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 _AXES = ("x", "y", "z")
 _ROTATION = ("w", "x", "y", "z")
 _NEEDED = ("position", "impulse")
@@ -193,11 +192,11 @@ class _Table:
         for name in line.get("names", ()):
             self.number(str(name))
         unit = line.get("length", "m")
-        if unit not in LENGTHS:
+        if unit not in UNITS:
             raise ValueError(
-                f"line {number} gives lengths in {unit!r}: {', '.join(LENGTHS)} are known"
+                f"line {number} gives lengths in {unit!r}: {', '.join(UNITS)} are known"
             )
-        self.length = LENGTHS[unit]
+        self.length = UNITS[unit]
 
     def number(self, name: str) -> int:
         """Return the number of a body, a new one for a new name."""
@@ -207,6 +206,7 @@ class _Table:
         """Return the contacts of the log file."""
         if not (self.rows or self.poses):
             raise ValueError("it holds no contacts and no poses")
+        _require_columns(dict.fromkeys(name for _, line in self.rows for name in line))
         ends = [self.bodies(name) for name in ("body0", "body1")]
         vectors = {name: self.vectors(self.rows, name, 3) for name in _VECTORS}
         for name in _NEEDED:
@@ -275,6 +275,17 @@ class _Table:
         return scale * found
 
 
+def _require_columns(found: Collection[str]) -> None:
+    """Refuse the columns of a log, if it has any, where needed ones are missing."""
+    lacking = [name for name in ("time", "body0", "body1", *_NEEDED) if name not in found]
+    if found and lacking:
+        axes = " (in CSV position_x, _y, _z and so on)" if {*lacking} & {*_NEEDED} else ""
+        raise ValueError(
+            f"its columns are {', '.join(found)}: {', '.join(lacking)} are missing; give time, "
+            f"body0, body1, {', '.join(_NEEDED)}{axes} and, if known, dt, normal, velocity, id"
+        )
+
+
 def _require_number(number: int, name: str, value: object) -> None:
     try:
         float(str(value))
@@ -293,6 +304,7 @@ def _of_arrays(data: bytes) -> Contacts:
             poses = Poses(
                 **{name: file[f"pose_{name}"] for name in ("time", "body", "position", "rotation")}
             )
+    _require_columns(columns)
     names = [str(each) for each in np.atleast_1d(columns.pop("names"))]
     unknown = sorted(columns.keys() - {"time", "dt", "body0", "body1", "id", *_VECTORS})
     if unknown:

@@ -191,6 +191,7 @@ def _steadiness(agreement: Agreement, rows: Index, logarithms: Array, scatter: f
 SIGNIFICANT = 4.0  # standard deviations beyond chance at which a model is taken to be the body's
 _TRIALS = 8
 _LEAST = 1e-3  # one mode fits any other as well
+_TWINS = 1e-3  # relative distance of modes that are one frequency's
 _SMOOTH = 4  # modes between which frequencies are drawn anew
 
 
@@ -199,6 +200,15 @@ def explains(fitted: FittedModes | Partials, model: ModalModel, pairing: Pairing
     if not len(pairing):
         return False
     return pairing.support > 0 or beyond_chance(fitted, model) >= SIGNIFICANT
+
+
+def pairs_by_chance(
+    fitted: FittedModes | Partials, model: ModalModel, *, widest: float, seed: int = 0
+) -> float:
+    """Return how many pairs random models of as many modes get on average."""
+    chance, partials = np.random.default_rng(seed), Partials.of(fitted)
+    found = [len(paired(partials, _random(model, chance), widest=widest)) for _ in range(_TRIALS)]
+    return float(np.mean(found))
 
 
 def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
@@ -211,15 +221,21 @@ def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: in
 
 
 def _random(model: ModalModel, chance: Generator) -> ModalModel:
-    """Return a model with as many modes, as dense, but elsewhere; slopes go to any of them."""
-    count = len(model.natural_frequencies)
+    """Return a model with as many modes, as dense, but elsewhere; slopes go to any of them.
+
+    Twins, as the modes of round bodies are, stay twins.
+    """
+    every = np.log(model.natural_frequencies)
+    first = np.flatnonzero(np.diff(every, prepend=-np.inf) > _TWINS)
+    alone, count = every[first], len(first)
     knots = np.linspace(0, count - 1, max(2, count // _SMOOTH))
-    heights = np.interp(knots, np.arange(count), np.log(model.natural_frequencies))
+    heights = np.interp(knots, np.arange(count), alone)
     drawn = np.sort(chance.uniform(0, count - 1, count))
-    frequencies = np.exp(np.interp(drawn, knots, heights))
+    twins = chance.permutation(np.diff(first, append=len(every)))
+    frequencies = np.repeat(np.exp(np.interp(drawn, knots, heights)), twins)
     slopes = model.poisson_slopes
     return replace(
         model,
         natural_frequencies=frequencies,
-        poisson_slopes=None if slopes is None else slopes[chance.permutation(count)],
+        poisson_slopes=None if slopes is None else slopes[chance.permutation(len(every))],
     )

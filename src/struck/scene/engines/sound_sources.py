@@ -17,6 +17,7 @@ from struck.analysis.discretisation import Solid
 from struck.errors import MaterialError, OptionError, StruckError
 from struck.files.model_file import load_model
 from struck.model.arrays import Array
+from struck.model.damping import Band
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -41,7 +42,7 @@ class SoundOptions:
     fixed: Mapping[str, Fixed] = field(default_factory=dict)  # where bodies are held
     roughness: Mapping[str, str] = field(default_factory=dict)
     mute: Sequence[str] = ()  # patterns of bodies that are only touched
-    band: tuple[float, float] | None = None  # Hz, of the modes of all bodies
+    band: Band | None = None  # Hz or notes, of the modes of all bodies
     accuracy: str = "standard"
     damping: str = "own"
     cache: bool | str | os.PathLike[str] = True

@@ -1,0 +1,287 @@
+"""What options take, and how messages of the library name them."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import struck
+from struck import Room, Strike
+from struck.analysis import tune
+from struck.cli import COMMANDS, Parser, declare, in_shell_words, main
+from struck.cli.render import touches
+from struck.cli.simulate import _measures
+from struck.ears import Reverberation
+from struck.scene import Simulation
+from struck.shapes import Bar
+
+BAR = Bar(length=0.3, width=0.03, thickness=0.005)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("options") / "bar.struck"
+    struck.save(struck.analyze(BAR, "steel", recoil=False), path)
+    return path
+
+
+@pytest.fixture
+def bar(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    return str(kept)
+
+
+def parser_of(command: str) -> Parser:
+    parser = Parser(prog=command)
+    declare(parser, command)
+    return parser
+
+
+def options() -> Iterator[tuple[str, argparse.Action]]:
+    for command in COMMANDS:
+        for action in parser_of(command)._actions:
+            if action.option_strings:
+                yield command, action
+
+
+def test_every_frequency_may_be_a_note() -> None:
+    """By the types of all options whose help tells of Hz, and of all arguments so called."""
+    asked = 0
+    for _, action in options():
+        if "Hz" in (action.help or "") and "--rate" not in action.option_strings:
+            text = "C3,C7" if "band" in action.dest else "C3"
+            assert np.ravel(action.type(text))[0] == pytest.approx(130.8128, rel=1e-6)
+            asked += 1
+    assert asked >= 4
+    for function in (struck.analyze, struck.ModalModel.radiating, struck.tune, tune):
+        for name, each in inspect.signature(function).parameters.items():
+            if name in {"band", "lowest", "frequency"}:
+                assert re.search(r"\bstr\b|\bBand\b", str(each.annotation)), (function, name)
+
+
+def test_notes_are_taken_for_bands_and_reverberation() -> None:
+    noted = struck.analyze(BAR, "steel", band=("C5", "2 kHz"), recoil=False)
+    assert noted.frequencies.min() > 523.25
+    assert noted.complete_to == 2000
+    field = struck.analyze(BAR, "steel", recoil=False).radiating(band=("C0", "D0"))
+    assert "no mode lies from 16.3516 to 18.354 Hz" in field.provenance.dropped[-1]
+    times = Reverberation(seconds={"1 kHz": 0.6, "A4": 0.5}, level=0)
+    assert times.bands().tolist() == [[440, 0.5], [1000, 0.6]]
+    assert "sounds" in inspect.signature(Simulation).parameters  # `band` goes on to `analyze`
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "name", "value"),
+    [
+        ("analyze", "--size 4in", "size", 0.1016),
+        ("analyze", "--wall 2mm", "wall", 0.002),
+        ("analyze-many", "-o x --wall 2mm", "wall", 0.002),
+        (
+            "analyze",
+            "--fixed -1cm,-1cm,0,1cm,1cm,2cm",
+            "fixed",
+            (-0.01, -0.01, 0, 0.01, 0.01, 0.02),
+        ),
+        ("render", "x --listener 2m,-5cm,0", "listener", (2, -0.05, 0)),
+        ("render", "x --room 5,4m,300cm", "room", (5, 4, 3)),
+        ("render", "x --position 1ft,0,0", "position", (0.3048, 0, 0)),
+        ("render", "x --radius 10mm", "radius", 0.01),
+        ("render", "x --pitch 30cm,1", "pitch", (0.3, 1)),
+        ("render", "x --facing -1,0,0", "facing", (-1, 0, 0)),
+        ("render", "x --direction -.5,0,0", "direction", (-0.5, 0, 0)),
+        ("compare", "x y --at 5cm,0,0", "at", (0.05, 0, 0)),
+        ("compare", "x y --at -5cm,0,0", "at", (-0.05, 0, 0)),
+        ("compare", "x y --at rim", "at", "rim"),
+        ("show", "x --strike -0.05,0,1in", "strike", (-0.05, 0, 0.0254)),
+        ("show", "x --pitch 30cm", "pitch", 0.3),
+        ("export", "x --listeners -1,0,0 0,1m,0", "listeners", [(-1, 0, 0), (0, 1, 0)]),
+        ("sound-map", "x --listener 50cm,0,0", "listener", (0.5, 0, 0)),
+        ("play", "x --listener -50cm,0,0", "listener", (-0.5, 0, 0)),
+        ("fit", "x --centre 0,0,8cm", "centre", (0, 0, 0.08)),
+        ("fit", "x --radius 8cm", "radius", 0.08),
+        ("fit", "x --pitch 8cm", "pitch", (0.08,)),
+        ("render", "x --modes all", "modes", None),
+        ("info", "x --modes all", "modes", None),
+        ("fit", "x", "modes", 64),
+    ],
+)
+def test_lengths_have_units_and_vectors_may_begin_below_0(
+    command: str, words: str, name: str, value: object
+) -> None:
+    found = getattr(parser_of(command).parse_args(words.split()), name)
+    if isinstance(value, str | list | None):
+        assert found == value
+    else:
+        assert found == pytest.approx(value)
+
+
+def test_every_length_of_every_command_takes_units() -> None:
+    """Of all options whose help gives metres, but for files."""
+    lengths, asked = re.compile(r"(?<![\d/])\bm\b(?!/)|metres"), 0
+    for command, action in options():
+        if action.dest in {"walk", "geometry", "units"} or not lengths.search(action.help or ""):
+            continue
+        if action.metavar in {"PATTERN=VALUE", "PLACE[@SECONDS]"}:  # split up before, see below
+            continue
+        read, kind = [], action.type
+        for text in ("1cm", "1cm,0,0", "0,0,0,1cm,1cm,1cm"):
+            with suppress(argparse.ArgumentTypeError, ValueError):
+                read += [kind(text)] if kind else []
+        assert any(np.max(np.ravel(each)) == 0.01 for each in read if not isinstance(each, str)), (
+            command,
+            action.dest,
+        )
+        asked += 1
+    assert asked > 15
+    words = ["x", "--strike", "5cm,0,1in@0.5", "--roll", "0,0,0..1cm,0,0"]
+    struck_at, rolled = touches(parser_of("render").parse_args(words))
+    assert (struck_at.at, struck_at.time) == ((0.05, 0, 0.0254), 0.5)
+    assert rolled.path == ((0, 0, 0), (0.01, 0, 0))
+    assert _measures("--wall", ["mug*=3mm"]) == {"mug*": 0.003}
+
+
+@pytest.mark.parametrize(
+    ("command", "text", "words"),
+    [
+        ("analyze", "3 m (units='mm'); else", "3 m (--units mm); else"),
+        ("analyze", "as in band=(20, 9000), or", "as in --band 20,9000, or"),
+        ("analyze", "leave wall= out", "leave --wall out"),
+        ("simulate", "name a shape with models=", "name a shape with --model"),
+        ("simulate", 'restitution="materials" lets', "--restitution materials lets"),
+        ("simulate", "it with materials=; x", "it with --material; x"),
+        ("render", "or take radiation='power'", "or take --radiation power of struck analyze"),
+        (
+            "render",
+            "the field with near=True, which",
+            "the field with --near of struck radiate, which",
+        ),
+        ("render", "fit it with blow= to", "fit it with --blow of struck fit to"),
+        ("render", "at= or sample_rate=8000", "--strike or --rate 8000"),
+        ("render", "by pitch=, as in model.charted(pitch=0.25), or", "by --pitch, or"),
+        ("play", "as by struck.fit(modes=)", "as by struck fit --modes"),
+        ("show", "by model.radiating(), or", "by struck radiate, or"),
+        ("play", "listener=Mono(position=1), x", "--listener Mono(position=1) (in Python), x"),
+        ("render", "add kernel='gaussian', or", "add kernel='gaussian' (in Python), or"),
+        (
+            "analyze",
+            "use a solid of struck.solids, or",
+            "use a solid of 'struck analyze --list', or",
+        ),
+        ("analyze", "tube:length=1,wall=2 of x.wall=3", "tube:length=1,wall=2 of x.wall=3"),
+    ],
+)
+def test_advice_names_options(command: str, text: str, words: str) -> None:
+    assert in_shell_words(parser_of(command), text) == words
+
+
+@pytest.mark.parametrize(
+    ("body", "vary", "before"),
+    [
+        ("rod:length=30cm,radius=5mm", "radius", 0.005),
+        pytest.param("bowl:radius=6cm,wall=2mm", "wall", 0.002, marks=pytest.mark.prove),
+        pytest.param("bell:", "sound_bow", 0.018, marks=pytest.mark.prove),
+        pytest.param("glass:radius=3cm", "height", 0.2, marks=pytest.mark.prove),
+    ],
+)
+def test_bodies_are_tuned_by_the_names_of_their_list(
+    capsys: pytest.CaptureFixture[str], body: str, vary: str, before: float
+) -> None:
+    how = ("--material", "bronze", "--json", *(() if "rod" in body else ("--accuracy", "preview")))
+    assert main(["tune", body, *how, "--vary", vary, "--lowest", "A5"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["frequency"] == pytest.approx(880, rel=1e-6)
+    assert told["before"] == before != told[vary]
+
+
+def test_what_makes_a_body_is_tuned() -> None:
+    made = partial(Bar, length=0.3, width=0.03, thickness=0.005)
+    assert struck.tune(made, "steel", vary="length", lowest="A5") == struck.tune(
+        BAR, "steel", vary="length", lowest="A5"
+    )
+
+
+def test_a_body_stands_in_its_room(bar: str) -> None:
+    room = ("--room", "5,4,3", "--listener", "1,1,1.5")
+    common = ("--speed", "1", "--striker", "wood", "--seconds", "0.3", "--level", "absolute")
+    model = struck.load(bar)
+    for name, place, words in (
+        ("middle", (2.5, 2.0, 1.5), ()),
+        ("moved", (1.0, 3.0, 0.5), ("--position", "1,300cm,0.5")),
+    ):
+        assert main(["render", bar, *room, *common, *words, "-o", f"{name}.wav"]) == 0
+        origin = np.array(place) - model.centre
+        standing = struck.Body(
+            model=model,
+            excitations=Strike(speed=1.0, striker="wood"),
+            position=tuple(origin.tolist()),
+        )
+        sound = struck.render(
+            standing, listener=(1, 1, 1.5), room=Room(size=(5, 4, 3)), seconds=0.3
+        )
+        heard = struck.Sound.load(f"{name}.wav")
+        assert np.abs(sound.samples).max() > 0
+        assert heard.samples == pytest.approx(sound.samples, abs=1e-6 * sound.peak)
+
+
+def test_both_sides_of_a_comparison_are_struck_alike(
+    bar: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["compare", bar, bar, "--impulse", "0.3", "--at", "middle", "--against", "end"]) == 0
+    )
+    told = capsys.readouterr().out
+    assert re.findall(r"struck at (\w+) .* by (\S+) N s", told) == [
+        ("middle", "0.3"),
+        ("end", "0.3"),
+    ]
+    durations = {}
+    for striker in ("felt", "steel"):
+        assert main(["compare", bar, bar, "--striker", striker, "--speed", "2"]) == 0
+        blows = re.findall(r"N s in (\S+) ms", capsys.readouterr().out)
+        assert len(blows) == 2
+        durations[striker] = float(blows[0])
+        assert blows[0] == blows[1]
+    assert durations["felt"] > 2 * durations["steel"]
+
+
+TABLES = {
+    "name,at,velocity\na,end,1\n": ("row 1 of hits.csv", "'velocity'", "did you mean speed", "at,"),
+    "at,speed\nend,1\nend,1\n": (
+        "row 1 of hits.csv",
+        "speed is 1",
+        "add a striker, such as striker '",
+    ),
+    "at,striker,speed\nend,wood,1\nend,wool,1\n": ("row 2 of hits.csv", "'wool'", "there are"),
+    "at,impulse\nend,1\n5,1\n": ("row 2 of hits.csv", "at is 5.0", "coordinates in m, or the name"),
+    "at,impulse\nend,0,1\n": ("row 1 of hits.csv", "1 cells more than columns", 'in "quotes"'),
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_rows_of_a_table_that_are_no_strikes_are_named(
+    bar: str, table: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("hits.csv").write_text(table)
+    assert main(["render", bar, "--strikes", "hits.csv", "-o", "hits"]) == 2
+    told = capsys.readouterr().err
+    for word in TABLES[table]:
+        assert word in told
+    assert "=" not in told
+
+
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+def test_tables_have_commas_or_semicolons_or_tabs(bar: str, between: str) -> None:
+    rows = ("name,at,striker,speed", "soft,end,felt,1", "hard,end,steel,1")
+    Path("hits.csv").write_text("\n".join(rows).replace(",", between))
+    words = ("--seconds", "0.1", "-o", "hits")
+    assert main(["render", bar, "--strikes", "hits.csv", *words]) == 0
+    assert {path.name for path in Path("hits").glob("*.wav")} == {"soft.wav", "hard.wav"}
