@@ -14,6 +14,7 @@ from struck.cli.options import (
     BODY,
     MATERIAL,
     add_budget,
+    add_cache,
     arguments_of,
     body_named,
     length,
@@ -70,12 +71,7 @@ def add_how(parser: argparse.ArgumentParser) -> None:
         "--no-recoil", dest="recoil", action="store_false", help="modes alone, no click of the body"
     )
     parser.add_argument("--method", help="formula (of shapes), fem (of all others) or obrien2002")
-    parser.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="neither take up nor keep finished work",
-    )
+    add_cache(parser)
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

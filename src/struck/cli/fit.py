@@ -10,7 +10,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.info import described
-from struck.cli.options import POSITION, budget, length, metres, numbers
+from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
 from struck.files.model_file import model_path
@@ -39,11 +39,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--radius", type=length, default=0.0, help="of a ball that holds the body, m"
     )
-    parser.add_argument(
-        "--pitch",
-        type=numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres),
-        help="metres a unit of each coordinate of the contacts",
-    )
+    parser.add_argument("--pitch", type=PITCH, help="metres a unit of each coordinate of contacts")
     parser.add_argument("--geometry", help="mesh file, m, of a body round about the z axis")
     parser.add_argument(
         "--blow",
@@ -53,7 +49,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--way", default="field", help="field (default) or table")
     parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
-    parser.add_argument("--modes", type=budget, default=64, help="not more, or all (default 64)")
+    parser.add_argument("--modes", type=budget, default=64, help="at most so many, or all (64)")
     parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
     parser.add_argument(
         "--residual",
@@ -64,12 +60,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--force", action="store_true", help="fit even takes that do not sound struck"
     )
     parser.add_argument("--report", help="page that shows and plays recordings and model")
-    parser.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="neither take up nor keep finished work",
-    )
+    add_cache(parser)
     parser.add_argument("-o", "--output", help="model file; by the first recording unless given")
 
 

@@ -85,6 +85,7 @@ def pitch(text: str) -> float:
 
 
 POSITION = numbers(3, form="x,y,z in m, or with units, as 50cm", each=metres)
+PITCH = numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres)
 BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
 
 
@@ -250,6 +251,16 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
     """Declare how many modes are kept."""
     parser.add_argument(
         "--modes", type=budget, metavar="N", help="at most N, the loudest over contacts, or all"
+    )
+
+
+def add_cache(parser: argparse.ArgumentParser) -> None:
+    """Declare whether finished work is taken up and kept."""
+    parser.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        help="neither take up nor keep finished work",
     )
 
 

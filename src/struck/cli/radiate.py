@@ -6,7 +6,7 @@ import argparse
 
 import struck
 from struck.cli import Result
-from struck.cli.options import BAND
+from struck.cli.options import BAND, add_cache
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 
@@ -23,9 +23,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--near", action="store_true", help="keep the surface too, for ears within 1.2 radii"
     )
-    parser.add_argument(
-        "--no-cache", action="store_true", help="neither keep nor reuse frequencies"
-    )
+    add_cache(parser)
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
@@ -37,7 +35,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         struck.load(options.model),
         options.band,
         near=options.near,
-        cache=not options.no_cache,
+        cache=options.cache,
         progress=progress,
     )
     struck.save(found, output)

@@ -13,13 +13,13 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.options import (
+    PITCH,
     POSITION,
     add_budget,
     add_listener,
     add_room,
     length,
     listener,
-    metres,
     numbers,
     place,
     room,
@@ -56,7 +56,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     add_touches(parser)
     parser.add_argument(
         "--pitch",
-        type=numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres),
+        type=PITCH,
         help="metres a unit of a recorded body's coordinates, for ways over it",
     )
     add_listener(parser)
