@@ -234,8 +234,6 @@ def _is_gone(process: int) -> bool:
     try:
         os.kill(process, 0)
         state = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
-    except ProcessLookupError:
-        return True
-    except (OSError, OverflowError):
-        return False
+    except (OSError, OverflowError) as error:
+        return isinstance(error, ProcessLookupError)
     return state.rpartition(")")[2].split()[:1] in (["Z"], ["X"])  # ended, and not yet waited for
