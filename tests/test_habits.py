@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
+import inspect
+import json
 import pickle
 import re
 import subprocess
@@ -28,6 +31,7 @@ from struck.model.provenance import silent
 from struck.shapes import Bar
 from struck.solids import Block, Tube
 from tests.folders import closed_to_writing
+from tests.test_words import public
 
 BLOCK = Block(size=(0.1, 0.05, 0.03))
 BAR = Bar(length=0.3, width=0.03, thickness=0.005)
@@ -428,7 +432,7 @@ def test_progress_is_a_bar_in_notebooks(
     block = Block(size=(0.1, 0.05, 0.03), elements=(2, 1, 1))
     struck.analyze(block, "steel", cache=False)
     assert len(states) > 2
-    assert states[0]["text/html"].startswith('<progress value="0.000"></progress> mesh')
+    assert states[0]["text/html"].startswith('<progress value="0.000"></progress> cutting the')
     before = len(states)
     struck.analyze(block, "steel", cache=False, progress=None)
     shell.kernel = None  # IPython on a terminal
@@ -500,3 +504,180 @@ def test_a_list_into_a_closed_pipe_is_no_traceback() -> None:
     line = f"{sys.executable} -m struck analyze --list | true"
     done = subprocess.run(["/bin/sh", "-c", line], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_body_without_damping_rings_endlessly() -> None:
+    stiff = Material(density=7850, youngs_modulus=2e11, poisson_ratio=0.29)
+    made = struck.analyze(BAR, stiff, band=(20, 3000))
+    assert np.isposinf(made.t60).all()
+    assert made._repr_html_().count("endless") == 2 * len(made.t60)
+    found = struck.compare(made, struck.analyze(BAR, "steel", band=(20, 3000)), progress=None)
+    assert found.summary()
+    assert struck.render(made, struck.Strike(), seconds=0.1).peak > 0
+    assert struck.sonic_distance(made, made) == 0
+    assert made.damped(struck.InternalFriction(loss_tangent=1e-300)).t60.min() > 1e290
+
+
+def test_models_and_what_they_hold_are_told_in_a_line(folder: Path) -> None:
+    made = struck.load(folder / "b.struck")
+    count = len(made.frequencies)
+    told = rf"<ModalModel: {count} modes from \d+ to \d+(\.\d+)? Hz, steel, 1.18 kg>"
+    assert re.fullmatch(told, repr(made))
+    points, faces = made.geometry.points.shape, made.geometry.faces.shape
+    assert repr(made.geometry) == f"Mesh(points=array {points}, faces=array {faces}, up='z')"
+    sound = struck.Sound(samples=np.zeros((2, 999)), sample_rate=8000)
+    assert repr(sound) == (
+        "Sound(samples=array (2, 999), sample_rate=8000, calibrated=False, notes=())"
+    )
+    assert re.search(r"shapes=array \(\d+, 3, \d+\).*, centre=\[", repr(made.gains))
+
+
+def held() -> list[type]:
+    """Return the public dataclasses with arrays among their fields."""
+    classes = [each for each in public().values() if dataclasses.is_dataclass(each)]
+    told = {each: {str(field.type) for field in dataclasses.fields(each)} for each in classes}
+    return [each for each in classes if re.search(r"Array\b|Index|Complex", " ".join(told[each]))]
+
+
+def test_no_public_class_prints_its_arrays() -> None:
+    assert len(held()) > 20
+    generated = [each for each in held() if hasattr(each.__repr__, "__wrapped__")]
+    assert not generated  # by dataclass, whose own prints all
+
+
+MADE_BY_US = {  # what people are given, and do not make themselves
+    *("BatchReport", "BatchRow", "Calibration", "CapturePlan", "Comparison", "Device", "Events"),
+    *("Explorer", "Exponentials", "Fitted", "Fitting", "Gains", "Heuristic1998", "Manifest"),
+    *("MeasuredHead", "MeshPart", "ModalModel", "Modes", "MujocoRecorder", "ObrienCoupling"),
+    *("Player", "PortAudio", "Provenance", "Push", "Residual", "ShapeGains", "Shape", "SoundMap"),
+    *("SurveyPlan", "TimbreField", "TimbreTable"),
+}
+
+
+def asked() -> dict[str, Callable[..., object]]:
+    """Return the public functions and classes that people call with arguments."""
+    found = {}
+    for name, value in public().items():
+        owner = name.split(".")[-2]
+        protocol = getattr(value, "_is_protocol", False) or (
+            isinstance(value, type) and issubclass(value, Exception)
+        )
+        if owner[0].isupper() or protocol or name.split(".")[-1] in MADE_BY_US:
+            continue
+        if inspect.signature(value).parameters and name.split(".")[-1] not in HAND_ON:
+            found[name] = value
+    return found
+
+
+# What they hand on is answered by another name, once what they need is given.
+HAND_ON = {
+    "Simulation": {"file": "scene.xml"},
+    "analyze_many": {"files": "x.obj", "material": "steel", "out": "out"},
+    "simulate": {"file": "scene.xml"},
+    "tune": {"body": BAR, "material": "steel", "vary": "length", "lowest": 900.0},
+}
+
+
+def test_an_unknown_keyword_is_answered_with_those_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(asked()) > 80
+    bare = []
+    for name, call in asked().items():
+        try:
+            call(no_such_thing=1)
+        except struck.errors.ArgumentError as error:
+            bare += [] if "no_such_thing= " in str(error) else [(name, str(error))]
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            bare.append((name, repr(error)))
+    assert not bare
+    Path("scene.xml").write_text("<mujoco/>", encoding="utf-8")
+    for name, given in HAND_ON.items():
+        call = getattr(struck, name, struck.scene.Simulation)
+        with pytest.raises(struck.errors.OptionError, match="no_such_thing"):
+            call(**given, no_such_thing=1)
+    with pytest.raises(struck.errors.ArgumentError, match="did you mean threshold_db="):
+        struck.sound_map(None, threshold=3)
+    with pytest.raises(struck.errors.ArgumentError, match=r"InternalFriction\(loss_tangent=0.01\)"):
+        struck.analyze(BAR, "steel", band=(20, 3000)).damped(0.01)
+
+
+def test_formulas_refuse_what_they_do_not_use_also_at_its_usual_value() -> None:
+    for name, value in {"accuracy": "standard", "repair": True, "backend": "auto"}.items():
+        with pytest.raises(struck.errors.OptionError, match=f"{name}=.* does not apply to Bar"):
+            struck.analyze(BAR, "steel", **{name: value})
+
+
+def test_the_shell_names_its_own_options_in_errors(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["export", "b.struck", "-o", "x.sofa"]) == 2
+    told = capsys.readouterr().err
+    assert "give --contacts, as names" in told
+    assert "--listeners, as x, y, z in m" in told
+
+
+def test_which_axis_is_up_is_told_with_its_reason(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    box = trimesh.creation.box((0.1, 0.05, 0.03))
+    for ending, given, told in (
+        ("obj", {}, "y, as usual in OBJ, GLTF, GLB files"),
+        ("stl", {}, "z, as usual in STL, PLY, OFF files"),
+        ("obj", {"up": "x"}, "x, as given"),
+    ):
+        box.export(folder / f"box.{ending}")
+        source = source_of(folder / f"box.{ending}", units="m", **given)
+        assert source.up == told
+        assert source.outline.up == told[0]
+    assert source_of(box).up == "z, as none was given"
+    assert source_of(box, up="y").up == "y, as given"
+    made = struck.load(folder / "b.struck")
+    provenance = made.provenance.extended(up="y, as usual in OBJ files")
+    struck.save(dataclasses.replace(made, provenance=provenance), folder / "up.struck")
+    monkeypatch.chdir(folder)
+    for file, told in (("up.struck", "y, as usual in OBJ files: "), ("b.struck", "z: ")):
+        assert main(["info", file]) == 0
+        (line,) = re.findall("^up .*", capsys.readouterr().out, re.MULTILINE)
+        assert line.startswith(f"up        {told}it says where top is")
+        assert ("--up" in line) == (file == "up.struck")
+
+
+def test_info_begins_with_what_is_asked_first_and_counts_its_modes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+
+    def told(*words: str) -> str:
+        assert main(["info", "b.struck", *words]) == 0
+        return capsys.readouterr().out
+
+    first = told().splitlines()
+    assert len(first) <= 24  # lines of a terminal
+    for word in ("material", "mass", "size", "loudest", "top", "Hz"):
+        assert any(line.startswith(word) for line in first), word
+    assert not any(line.startswith(("method", "+x")) for line in first)
+    whole = told("--all")
+    assert len(re.findall(r"^\d+\.\d\d ", whole, re.MULTILINE)) == len(model().decays)
+    assert "\nmethod" in whole
+    assert "\n+x" in whole
+    three, every = (json.loads(told("--json", *words)) for words in (("--modes", "3"), ()))
+    for name in ("frequencies", "decays", "errors"):
+        assert three[name] == every[name][:3]
+        assert len(every[name]) == len(model().decays)
+    assert len(every["levels"]) == len(every["places"]) + 1
+    assert main(["info", "b.struck", "--modes", "-1"]) == 2
+
+
+def test_quiet_commands_tell_no_progress(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(provenance, "_QUIET", 0.0)  # s until a first line
+    words = ["render", "b.struck", "--seconds", "0.1", "-o", "quiet.wav"]
+    assert main(words) == 0
+    assert capsys.readouterr().err == "struck: computing the sound\n"
+    assert main([*words, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""

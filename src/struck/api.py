@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from struck.scene.engines.mujoco import Control
 
 
-@checked
 def analyze(
     body: Source,
     material: Material | str,
@@ -44,16 +43,16 @@ def analyze(
     up: str | None = None,
     wall: float | None = None,
     holes: str | None = None,
-    repair: bool = True,
+    repair: bool | None = None,
     fixed: Fixed | None = None,
-    accuracy: str = "standard",
+    accuracy: str | None = None,
     band: Band | None = None,
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
     modes: int | None = None,
     method: str | None = None,
-    backend: str = "auto",
+    backend: str | None = None,
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress | None = shown,
 ) -> ModalModel:
@@ -74,13 +73,13 @@ def analyze(
         Thickness of a hollow body's wall or of an open sheet, half on either side, m.
     holes : str, optional
         Of a surface with a wall: "keep" or "fill"; round and straight-edged ones stay otherwise.
-    repair : bool
-        Mend holes, crossings, flipped faces and the like, and say so; otherwise they are refused.
+    repair : bool, optional
+        False refuses holes, crossings, flipped faces and the like; else they are mended, and told.
     fixed : box (2, 3) or callable, optional
         Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
-    accuracy : str
-        "preview", "standard" or "fine": how many elements a body gets at least, and as many more
-        as bring most errors below 3, 0.5 and 0.1 %.
+    accuracy : str, optional
+        "preview", "standard" (unless given) or "fine": how many elements a body gets at least, and
+        as many more as bring most errors below 3, 0.5 and 0.1 %.
     band : pair of float or str, optional
         All modes within it are computed, Hz or notes: from 20 to 20,000 unless given, if not long.
     damping, radiation : str
@@ -91,11 +90,11 @@ def analyze(
         The click of a free body as a whole; never by the papers' own ways, named by a year.
     modes : int, optional
         At most so many, the loudest over contacts; `provenance` tells how far that is heard, in dB.
-    method, backend : str
+    method, backend : str, optional
         For a body of struck.shapes "formula" unless given, or "fem" for the solid it stands for.
         For all others "quadratic" elements ("fem") unless given, "obrien2002" for linear
         tetrahedra with lumped mass as in the paper, "obrien2002-consistent" for consistent mass.
-        And the sparse factorisation: "auto", "rslab" or "superlu".
+        And the sparse factorisation: "auto" (unless given), "rslab" or "superlu".
     cache : bool or path
         Where finished stages are kept: the user's cache (or $STRUCK_CACHE), not at all, a folder.
     progress : callable or None
@@ -291,7 +290,6 @@ def save(
     model_file.save_model(model, path, contacts=contacts, listeners=listeners)
 
 
-@checked
 def render(
     model: ModalModel | Body | Sequence[Body] | Scene,
     excitations: Action | Sequence[Action] | Contacts = (),
@@ -341,7 +339,6 @@ def render(
     return offline.render(**given)
 
 
-@checked
 def simulate(
     file: str | os.PathLike[str],
     seconds: float = 5.0,
@@ -432,7 +429,6 @@ def play(
     return player.play(**given)
 
 
-@checked
 def explore(
     model: ModalModel | Sequence[ModalModel] | None = None,
     *,
@@ -698,3 +694,8 @@ def materials() -> Mapping[str, Mapping[str, Any]]:
     from struck.model import material
 
     return material.materials()
+
+
+for _name, _verb in list(vars().items()):
+    if getattr(_verb, "__module__", "") == __name__:  # all verbs check what they are given
+        vars()[_name] = checked(_verb)

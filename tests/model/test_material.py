@@ -277,6 +277,6 @@ def test_no_true_material_is_doubted() -> None:
 
 def test_text_for_a_modulus_is_told_with_its_unit() -> None:
     with pytest.raises(
-        TypeError, match="Young's modulus of custom is '200 GPa': give a number in Pa"
+        TypeError, match="youngs_modulus is '200 GPa': Material takes a number in Pa"
     ):
         Material(density=7850, youngs_modulus="200 GPa", poisson_ratio=0.3)  # pyright: ignore[reportArgumentType]

@@ -92,7 +92,7 @@ def whole(vase: Vase) -> tuple[Fitting, list[tuple[str, float]]]:
 def test_57_recordings_show_progress(whole: tuple[Fitting, list[tuple[str, float]]]) -> None:
     _, told = whole
     stages = list(dict.fromkeys(stage for stage, _ in told))
-    assert stages == ["reading", "looking for modes", "refining"]
+    assert stages == ["reading recordings", "looking for modes", "refining the modes"]
     assert len(told) > 60
     for name in stages:
         shares = [share for stage, share in told if stage == name]

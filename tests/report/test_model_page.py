@@ -10,6 +10,7 @@ import pytest
 import struck
 from struck.model.gains import Gains
 from struck.model.model import ModalModel
+from struck.model.provenance import Provenance
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
@@ -63,6 +64,21 @@ def test_a_field_tells_where_it_was_struck_and_how_far_it_is_a_product() -> None
     lines = summary(model(noted))
     assert line(lines, "note") == "note      record more"
     assert not any(each.startswith("rank") for each in lines)
+
+
+def test_what_is_told_of_a_field_is_about_the_modes_of_the_object() -> None:
+    field = TimbreField.of(survey(0.3))
+    blow = Provenance(details={"blow": [1]})  # the mode that is no product
+    errors = field.rank_errors
+    assert errors[0] < 0.01 < errors[1]
+    told = line(summary(model(field, provenance=blow)), "rank")
+    assert told.endswith(f"to {100 * errors[0]:.2g} % in all")
+    drowned = replace(survey(), errors=np.abs(survey().gains) * [0.01, 100.0])
+    (note,) = TimbreField.of(drowned).notes
+    assert note.startswith("1 of 2 modes were not measured")
+    assert not TimbreField.of(drowned, own=np.array([True, False])).notes
+    (note,) = TimbreField.of(drowned, own=np.array([False, True])).notes
+    assert note.startswith("1 of 1 modes were not measured")
 
 
 def test_a_field_that_is_struck_all_around_says_so() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import struck
-from struck import Strike
+from struck import ModalModel, Strike
 from struck.cli import main
 from struck.errors import OptionError
 from struck.model.timbre_table import SinglePoint
@@ -22,7 +23,8 @@ from struck.shapes import RectangularMembrane
 from tests.radiation.sources import RADIUS, plain_ball, radiating_ball, some_sources
 
 
-def test_a_dipole_is_4_8_db_louder_along_its_axis_than_on_average() -> None:
+def dipole() -> ModalModel:
+    """Return a model of one mode that sounds as two opposite sources along x."""
     frequencies = np.array([20.0])
     plain = plain_ball(frequencies, 0)
     pair = replace(
@@ -30,12 +32,35 @@ def test_a_dipole_is_4_8_db_louder_along_its_axis_than_on_average() -> None:
         positions=np.array([[0.01, 0, 0], [-0.01, 0, 0]]),
         strengths=np.array([[1.0], [-1.0]]),
     )
-    model = replace(plain, gains=RadiatingGains.of(plain.gains, frequencies, [pair]))
-    figure = struck.show(model, field=0)
+    return replace(plain, gains=RadiatingGains.of(plain.gains, frequencies, [pair]))
+
+
+def test_a_dipole_is_4_8_db_louder_along_its_axis_than_on_average() -> None:
+    figure = struck.show(dipole(), field=0)
     assert "20 Hz, loudest 4.8 dB above" in figure.get_suptitle()
     above = figure.axes[1].lines[0].get_ydata()  # along x loud, along y silent
     np.testing.assert_allclose(np.asarray(above)[[0, 180]], 30.0, atol=0.1)
     assert np.asarray(above)[90] < 5
+
+
+def test_a_plane_where_nothing_is_heard_is_grey_and_the_struck_place_is_named() -> None:
+    model = dipole()
+    contact = model.contact()
+    for places, name in (
+        ({"knob": contact.point}, "knob"),
+        ({}, r"\(.*, .*, .*\) m"),
+    ):
+        figure = struck.show(replace(model, places=places), field="brightness")
+        assert re.match(rf"brightness of a strike at {name}: .*\ngrey: ", figure.get_suptitle())
+    above, front, side = (
+        np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
+        for axes in figure.axes[:3]
+    )
+    assert np.isnan(side).all()  # halfway between the two sources
+    for values in (above, front):
+        assert np.nanmax(values) == pytest.approx(20.0)
+        assert np.isnan(values[:, 60]).all()
+        assert np.isfinite(values[10, :50]).all()
 
 
 @pytest.mark.parametrize("near", [False, True])

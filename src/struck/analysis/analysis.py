@@ -69,8 +69,6 @@ _WIDER = 1.15
 _BESIDE_END = 10  # modes whose errors tell how far the band is complete
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _HELPS = 0.75  # times the errors before, or less: else more elements would not help
-# Default values of the options that formulas do not use.
-_WITHOUT_ELEMENTS = {"accuracy": ("standard",), "repair": (True,), "backend": ("auto",)}
 CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
 
 
@@ -100,15 +98,15 @@ def analyze(
     up: str | None = None,
     wall: float | None = None,
     holes: str | None = None,
-    repair: bool = True,
+    repair: bool | None = None,
     fixed: Fixed | None = None,
-    accuracy: str = "standard",
+    accuracy: str | None = None,
     band: Band | None = None,
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
     method: str | None = None,
-    backend: str = "auto",
+    backend: str | None = None,
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
 ) -> ModalModel:
@@ -117,7 +115,7 @@ def analyze(
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     lowest, highest = require_band(BAND if band is None else band)  # before any file is read
-    resolution.level(accuracy)
+    resolution.level(level := "standard" if accuracy is None else accuracy)
     require_holes(holes, wall)
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
@@ -134,11 +132,11 @@ def analyze(
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
-    solver = _solver(method, backend)
+    solver = _solver(method, backend or "auto")
     recoil = recoil and method == "quadratic" and fixed is None
-    progress("mesh", 0.0)
-    options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
-    source = discretise(body, file, stages, **options)
+    progress("cutting the body into elements", 0.0)
+    mend = repair is not False
+    source = discretise(body, file, stages, wall=wall, accuracy=level, repair=mend, holes=holes)
     work = _Work(
         stages=stages,
         material=chosen,
@@ -206,7 +204,7 @@ def _by_formula(
 ) -> ModalModel:
     """Return the model of a shape, which takes none of the options `given`."""
     for name, value in given.items():
-        if value not in _WITHOUT_ELEMENTS.get(name, (None,)):
+        if value is not None:
             raise OptionError(
                 f"{name}={value!r} does not apply to {type(shape).__name__}, which is computed by "
                 "a formula: leave it out, or take method='fem'"
@@ -320,7 +318,7 @@ class _Work:
     ) -> ModalModel:
         """Return the model of the modes, with its outermost and the body's `own` places."""
         places = {**places_of(modes.surface), **own}
-        self.stages.progress("radiation", 0.0)
+        self.stages.progress("computing how loudly modes radiate", 0.0)
         return self.stages.kept(
             MODEL,
             lambda: ModalModel.of(

@@ -72,7 +72,7 @@ class Stages:
             return compute()
         found = _found(stage, cache, key)
         if found is not None:
-            self.progress(f"{stage.name} (kept)", 1.0)
+            self.progress(f"{stage.name} taken from the cache", 1.0)
             return found
         value = compute()
         changed_meanwhile = _key(stage.name, inputs) != key

@@ -212,6 +212,7 @@ class FilledSurface:
     wall: float | None
     accuracy: str
     units: str  # of the numbers that told it, in words
+    up: str  # the upward axis, and why it is that, in words
 
     @property
     def error(self) -> float | None:
@@ -269,6 +270,7 @@ class FilledSurface:
     def _elements(self, filling: Filling) -> Elements:
         details = {
             "units": self.units,
+            "up": self.up,
             "accuracy": self.accuracy,
             "wall": self.wall,
             "path": f"{filling.path}: {filling.reason}",
@@ -327,12 +329,18 @@ def discretise(
     source = _load(body, file, stages, wall=wall, repair=repair, holes=holes)
     if isinstance(source, Repair):
         _warn_of(body, source)
-        from struck.files.meshes import units_of
+        from struck.files.meshes import units_of, up_of
 
-        units = "m" if isinstance(body, Mesh) else units_of(body, file.units, file.size)
-        return FilledSurface(repair=source, wall=wall, accuracy=accuracy, units=units)
+        units, up, of_file = "m", source.mesh.up, isinstance(body, str | os.PathLike)
+        if not isinstance(body, Mesh):
+            units = units_of(body, file.units, file.size)
+            up = up_of(up, file.up, of_file=of_file)
+        return FilledSurface(repair=source, wall=wall, accuracy=accuracy, units=units, up=up)
     if wall is not None:
-        raise OptionError("wall= applies to surfaces: this body has its elements already")
+        raise OptionError(
+            f"wall= applies to surfaces, and a {type(source).__name__} has its own dimensions: "
+            "leave it out, or for a hollow body give its surface, as a Mesh or a file"
+        )
     if isinstance(source, VolumeMesh):
         mine = isinstance(body, VolumeMesh)
         units = file.units or ("m" if mine else "m, as none were given")

@@ -240,7 +240,7 @@ def tune(
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
     guess = points[0][0] * (points[0][1] / wanted) ** 0.5
     for step in range(_STEPS):
-        progress("tune", step / _STEPS)
+        progress("tuning", step / _STEPS)
         points.append(measured(guess))
         if abs(points[-1][1] / wanted - 1) < _IN_TUNE:
             made, ends = (

@@ -131,10 +131,10 @@ def analyze_many(
     progress = progress or silent
     batch = _Batch(folder, run=_made(folder, jobs), resume=resume, progress=progress)
     for number, job in enumerate(jobs):
-        progress("files", number / len(jobs))
+        progress("looking through files", number / len(jobs))
         batch.add(job)
     if not batch.waiting:
-        progress("report", 0.0)
+        progress("writing the report", 0.0)
     elif scheduler is None:
         free = machine.available() if memory is None else int(memory)
         count = processes or machine.cores()
@@ -216,7 +216,7 @@ class _Batch:
                     self._computed += 1
                     self._end(*told)
                 left = len(self.waiting) + len(self._running)
-                self._progress("models", 1 - left / (left + len(self._ended)))
+                self._progress("computing models", 1 - left / (left + len(self._ended)))
         except SolverError as error:
             for job in (*self._running, *self.waiting):
                 self._end(job, failure("SolverError", str(error)))

@@ -59,7 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who started us
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - open until the process ends
-    progress = TerminalProgress()
     try:
         options = _parsed(words)
     except SystemExit:
@@ -70,6 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(error, words)
     if isinstance(options, str):
         return _print(options)
+    progress = TerminalProgress(quiet=options.quiet)
     try:
         with warnings_in_one_line(options.in_shell_words):
             result = options.run(options, progress)
@@ -153,7 +153,10 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
         return f"struck {struck.__version__}\n"
     chosen = next((word for word in words if not word.startswith("-")), None)
     parser = Parser(
-        prog="struck", description="The sounds of physical objects, computed from what they are."
+        prog="struck",
+        description="The sounds of physical objects, computed from what they are.",
+        epilog="To cite struck: CITATION.cff of its sources; the papers behind a model: struck "
+        "info MODEL --all.",
     )
     parser.add_argument("--version", action="store_true", help="print the version and end")
     if chosen and chosen not in COMMANDS:
@@ -195,6 +198,7 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
     module = import_module(f"struck.cli.{name.replace('-', '_')}")
     parser.epilog = "example:\n" + "\n".join(f"  struck {name} {line}" for line in module.EXAMPLES)
     parser.add_argument("--json", action="store_true", help="print the result for machines")
+    parser.add_argument("--quiet", action="store_true", help="no lines about progress")
     parser.set_defaults(run=module.run, in_shell_words=partial(in_shell_words, parser))
     module.declare(parser)
 

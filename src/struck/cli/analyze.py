@@ -54,7 +54,9 @@ def add_how(parser: argparse.ArgumentParser) -> None:
         "--wall", type=length, help="thickness of a hollow body's or tube's wall, m"
     )
     parser.add_argument("--holes", help="of a surface with a wall: keep or fill")
-    parser.add_argument("--no-repair", dest="repair", action="store_false", help="refuse instead")
+    parser.add_argument(
+        "--no-repair", dest="repair", action="store_const", const=False, help="refuse instead"
+    )
     parser.add_argument("--part", help="which of several bodies in the file")
     parser.add_argument("--up", help="axis that points up: x, y or z")
     parser.add_argument(
@@ -62,7 +64,7 @@ def add_how(parser: argparse.ArgumentParser) -> None:
         type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m", each=metres),
         help="box x0,y0,z0,x1,y1,z1 that is held, m",
     )
-    parser.add_argument("--accuracy", default="standard", help="preview, standard or fine")
+    parser.add_argument("--accuracy", help="preview, standard (unless given) or fine")
     parser.add_argument("--band", type=BAND, help="low,high in Hz or notes; 20,20000 unless given")
     parser.add_argument(
         "--radiation", default="power", help="power (default), field, obrien2002 or heuristic1998"

@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     lines, written = found.summary(), {}
     if output is not None:
-        progress("page", 0.0)
+        progress("writing the page", 0.0)
         found.save_page(output)
         lines.append(f"wrote {output}")
         written = {"output": str(output)}

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck explore`."""
     if options.seconds is not None and not 0 <= options.seconds < float("inf"):
         raise OptionError(f"--seconds is {options.seconds}: it must be finite and at least 0")
-    progress("reading", 0.0)
+    progress("reading models", 0.0)
     models = [struck.load(path) for path in options.models]
     progress.close()
     explorer = struck.explore(

@@ -75,7 +75,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     model = struck.load(options.model)
     convention = options.convention or CONVENTIONS[0]
     rate = 48_000 if options.rate is None else options.rate
-    progress("export", 0.0)
+    progress("writing gains", 0.0)
     lost = export(
         model,
         output,

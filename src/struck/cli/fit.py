@@ -84,7 +84,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     struck.save(fitting.model, output)
     written = [_residual_line(fitting), f"wrote {output}, {output.stat().st_size / 1000:.0f} kB"]
     if report is not None:
-        progress("report", 0.0)
+        progress("writing the report", 0.0)
         save_report(fitting, report)
         written.append(f"wrote {report}")
     return _result(fitting, written, output=str(output), report=report and str(report))

@@ -22,14 +22,21 @@ from struck.model.provenance import TerminalProgress
 if TYPE_CHECKING:
     from struck.model.recoil import Recoil
 
-LISTED = 20  # modes, unless asked for more or fewer
-EXAMPLES = ("bell.struck", "kitchen.glb", "plates.stl --units mm")
+LISTED = 6  # modes, unless asked for more or fewer
+PARTS = 20  # of a mesh file
+EXAMPLES = ("bell.struck", "bell.struck --all", "kitchen.glb", "plates.stl --units mm")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck info`."""
     parser.add_argument("file", help="model, or mesh file before it is analyzed")
-    parser.add_argument("--modes", type=budget, default=LISTED, help="how many of a model to list")
+    parser.add_argument(
+        "--modes",
+        type=budget,
+        default=LISTED,
+        help=f"how many of a model to list, or all; {LISTED}, as JSON all, unless given",
+    )
+    parser.add_argument("--all", action="store_true", help="every mode and place, and the method")
     parser.add_argument("--units", help="of a mesh file's numbers: m, cm, mm, in or ft")
 
 
@@ -42,9 +49,11 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     places = [_Place.of(model, name) for name in (LOUDEST, *sorted(model.places))]
     unit = "dB re 20 uPa at 1 m" if model.calibrated else "dB"
     rows = [("place", ", ".join(model.coordinates) or "-", f"of a strike, {unit}")]
-    rows += [each.row for each in places]
-    last = f"\n{aligned(rows)}"
-    return described(model, last, listed=options.modes, levels=[asdict(each) for each in places])
+    rows += [each.row for each in places if options.all or each.name[0] not in "+-"]
+    facts = {"levels": [asdict(each) for each in places]}
+    asked = len(model.decays) if options.modes is None else options.modes  # None for all
+    listed = asked if "modes" in options.given else None
+    return described(model, "", listed=listed, whole=options.all, places=aligned(rows), **facts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +78,11 @@ class _Place:
     def row(self) -> tuple[str, str, str]:
         """Return a row's cells as texts for a table."""
         level = "silent" if self.level is None else f"{self.level:.1f}"
-        return self.name, ", ".join(f"{each:.4g}" for each in self.point) or "-", level
+        return (
+            self.name,
+            ", ".join(f"{round(each, 9) + 0.0:.4g}" for each in self.point) or "-",
+            level,
+        )
 
 
 def _parts(file: str, units: str | None) -> Result:
@@ -79,7 +92,7 @@ def _parts(file: str, units: str | None) -> Result:
     parts = list_parts(file, units=units)
     largest = max((part.volume or 0.0 for part in parts), default=0.0)
     rows = [("part", "faces", "size, m", "volume, m^3", "")]
-    for part in parts[:LISTED]:
+    for part in parts[:PARTS]:
         size = " x ".join(f"{edge:.4g}" for edge in part.size)
         volume = "open" if part.volume is None else f"{part.volume:.4g}"
         taken = (
@@ -88,28 +101,41 @@ def _parts(file: str, units: str | None) -> Result:
             else ""
         )
         rows.append((part.name, str(part.faces), size, volume, taken))
-    more = [f"... and {len(parts) - LISTED} more"] if len(parts) > LISTED else []
+    more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
     unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
     return Result("\n".join([aligned(rows), *more, *unit]), parts=[asdict(part) for part in parts])
 
 
 def described(
-    model: struck.ModalModel, last: str, *, listed: int | None = LISTED, **facts: object
+    model: struck.ModalModel,
+    last: str,
+    *,
+    listed: int | None = None,
+    whole: bool = False,
+    places: str = "",
+    **facts: object,
 ) -> Result:
-    """Return the contents of a model, with a `last` line for people and more `facts`."""
+    """Return the contents of a model, with a table of `places`, a `last` line and more `facts`.
+
+    Its first modes for people, for machines all unless some are `listed`; the `whole` on demand.
+    """
     from struck.report.model_page import summary
 
-    own = model.of_object
-    errors = None if model.errors is None else model.errors[own]
-    rows = modes_rows(model.frequencies[own], model.t60[own], model.decays[own], errors)
-    rest = 0 if listed is None else len(rows) - listed
-    more = [f"... and {rest} more"] if rest > 0 else []
-    lines = [*summary(model), "", aligned([HEADINGS, *rows[:listed]]), *more, last]
+    own = np.flatnonzero(model.of_object)
+    told = np.arange(len(model.decays)) if listed is None else own[:listed]
+    shown = own if whole and listed is None else own[: LISTED if listed is None else listed]
+    known = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
+    rows = modes_rows(model.frequencies[shown], model.t60[shown], model.decays[shown], known[shown])
+    left = len(own) - len(shown)
+    more = [f"... and {left} more: struck info MODEL --modes {len(own)}"] if left else []
+    blocks = [*([places, ""] if places else []), aligned([HEADINGS, *rows]), *more]
+    blocks += [] if whole else ["how it was made: struck info MODEL --all"]
+    lines = [each for each in summary(model, whole=whole) if not (places and each[:6] == "places")]
     return Result(
-        "\n".join(lines).rstrip(),
-        frequencies=model.frequencies.tolist(),
-        decays=model.decays.tolist(),
-        errors=_or_null(model.errors),
+        "\n".join([*lines, "", *blocks, last]).rstrip(),
+        frequencies=model.frequencies[told].tolist(),
+        decays=model.decays[told].tolist(),
+        errors=None if model.errors is None else _or_null(known[told]),
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
@@ -130,8 +156,6 @@ def _lists(recoil: Recoil) -> dict[str, list]:
     return {each.name: getattr(recoil, each.name).tolist() for each in fields(recoil)}
 
 
-def _or_null(errors: np.ndarray | None) -> list[float | None] | None:
+def _or_null(errors: np.ndarray) -> list[float | None]:
     """Return errors for JSON, with null in place of NaN."""
-    if errors is None:
-        return None
     return [error if math.isfinite(error) else None for error in errors.tolist()]

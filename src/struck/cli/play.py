@@ -68,7 +68,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         options.strikes, options.scrapes = _SOAK_STRIKES, _SOAK_SCRAPES
     if not models:
         raise OptionError("there is nothing to play: give a model, as `struck play bell.struck`")
-    progress("play", 0.0)
+    progress("opening the audio device", 0.0)
     player = struck.play(
         models,
         listener=listener(options),
@@ -193,4 +193,4 @@ def _usual_model() -> struck.ModalModel:
     from struck.solids import Tube
 
     tube = Tube(length=0.505, radius=0.0125, wall=0.001)
-    return struck.analyze(tube, "steel", accuracy="preview")
+    return struck.analyze(tube, "steel", accuracy="preview", progress=None)

@@ -94,7 +94,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     chosen(output, options.encoding)
     actions, heard = touches(options), _heard(options)  # what is wrong with them is told first
     model, lost = _model(options)
-    progress("render", 0.0)
+    progress("computing the sound", 0.0)
     sound = struck.render(*_placed(model, actions, options), **heard)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
@@ -142,7 +142,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
     (model, lost), sounds = _model(options), []
     for number, (name, strike, ears) in enumerate(named):
-        progress("render", number / len(named))
+        progress("computing the sound", number / len(named))
         own: dict[str, Any] = heard | ({} if ears is None else {"listener": ears})
         with row_of(options.strikes, number + 1):
             sounds.append((name, struck.render(*_placed(model, strike, options), **own)))

@@ -86,7 +86,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
     scene, contacts = _simulated(options, progress)
     save_contacts(contacts, log)
-    progress("render", 0.0)
+    progress("computing the sound", 0.0)
     events = events_of(scene, contacts)
     excited = events.on()
     if options.listener is None and options.walk is None:
@@ -196,7 +196,7 @@ def _write_others(
         output.with_suffix(ending) for ending in (".events.csv", ".glb", ".png")
     )
     write_bytes(table, _lines(events.table()).encode())
-    progress("animation and pictures", 0.0)
+    progress("writing animation and pictures", 0.0)
     save_animation(scene, motion, seconds=seconds)
     save_picture(contact_sheet(scene, events.contacts, sound, seconds=seconds), sheet)
     return table, motion, sheet

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.parameters:
         parameters = writable(options.parameters, unlike=[path, output])
     model = struck.load(path)
-    progress("sound map", 0.0)
+    progress("choosing contacts", 0.0)
     found = struck.sound_map(
         model, options.threshold, listener=options.listener, level=options.level
     )
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         found.save(parameters)
         written["parameters"] = str(parameters)
     if options.bank:
-        progress("sounds", 0.0)
+        progress("writing their sounds", 0.0)
         written["bank"] = str(_bank(model, found, options.bank))
     lines = [f"{found}", *(f"wrote {name}" for name in written.values())]
     return Result(

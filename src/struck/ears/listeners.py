@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
-from struck.model.arrays import Array, Single, checked, numbers
+from struck.model.arrays import Array, Single, brief, checked, numbers
 
 if TYPE_CHECKING:
     from struck.ears.heads import Filters, Head
@@ -26,6 +26,7 @@ Course3 = ArrayLike | tuple[Sequence[float], ArrayLike] | Callable[[float], Arra
 function of the time in s that returns (x, y, z)."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
     """A place or a direction over time: a point, a table, or a function.
@@ -40,6 +41,7 @@ class Trajectory:
         In place of a table.
     """
 
+    __repr__ = brief
     name: str
     times: Array
     points: Array

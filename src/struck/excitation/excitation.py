@@ -17,7 +17,7 @@ import numpy as np
 
 from struck.errors import OptionError, nearest
 from struck.excitation.pulses import SPECTRA, Samples
-from struck.model.arrays import Array, Index, checked, require_number
+from struck.model.arrays import Array, Index, brief, checked, require_number
 from struck.model.contact import Contact, Place
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
@@ -59,6 +59,7 @@ class Push:
         Pushes of the same body and voice in one block after the other are one contact that moves.
     """
 
+    __repr__ = brief
     force: Array
     drive: Array
     body: int = 0

@@ -25,6 +25,7 @@ from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
 from struck.explorer.jobs import PAGED, Jobs
 from struck.explorer.objects import Thing, things, turned
+from struck.model.arrays import checked
 from struck.model.material import materials
 from struck.model.model import ModalModel
 
@@ -146,6 +147,7 @@ class Explorer:
         self._server.should_exit = True
 
 
+@checked
 def explore(
     model: ModalModel | Sequence[ModalModel] | None = None,
     *,

@@ -132,6 +132,13 @@ def units_of(body: object, units: str | None, size: float | None) -> str:
     return units or (f"{own}, its own" if own else "m, as none were given")
 
 
+def up_of(axis: str, given: str | None, *, of_file: bool) -> str:
+    """Return in words which axis of a file or of another library's object was taken as up."""
+    usual = ", ".join(kind.upper() for kind, own in _UP.items() if own == axis)
+    why = f"as usual in {usual} files" if of_file else "as none was given"
+    return f"{axis}, {'as given' if given else why}"
+
+
 def _metres(unit: str) -> float:
     """Return how many metres one of a unit is, as trimesh names them."""
     from trimesh.units import unit_conversion

@@ -146,7 +146,8 @@ class SampledField:
         listeners = recorded_listeners(whole) if listeners is None else listeners
         if contacts is None or listeners is None:
             raise OptionError(
-                "a computed model has gains everywhere: give contacts= and listeners= to sample"
+                "a computed model has gains everywhere: to sample them give contacts=, as names or "
+                "points in m, and listeners=, as x, y, z in m"
             )
         places, directions = _touched(model, contacts)
         heard = np.asarray(listeners, np.float64)

@@ -29,7 +29,7 @@ from struck.live.contact_stream import ContactStream, SimulationRun, hurry
 from struck.live.device import TO_FILE, Outlet
 from struck.live.ring import Ring
 from struck.live.voices import Started
-from struck.model.arrays import Array, Index
+from struck.model.arrays import Array, Index, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 from struck.scene.body import Body, Scene, with_fewer_modes
@@ -107,6 +107,7 @@ class Player:
         self._stopped = False
         outlet.open(callback.play(), self._shared, block)
 
+    @checked
     def strike(
         self,
         strike: Strike | None = None,
@@ -148,6 +149,7 @@ class Player:
         else:
             self._host.strike(self._host.number(body), blow, moment)
 
+    @checked
     def start(self, excitation: Excitation, *, body: int | str = 0) -> Started:
         """Start any excitation of a `body`; its `time`, s, counts from now.
 
@@ -165,6 +167,7 @@ class Player:
         self._require_playing()
         return self._host.start(self._host.number(body), excitation)
 
+    @checked
     def touch(
         self,
         at: Contact | Place,
@@ -208,6 +211,7 @@ class Player:
         touching, _ = self._host.touching(number, finger, tool)
         self._host.touch(number, finger, touching.word(contact, force, velocity), moment)
 
+    @checked
     def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
         """Return the log of a `finger` on a `body` (its last 60,000 updates), to render offline.
 
@@ -225,6 +229,7 @@ class Player:
         """Log of the first touch of the first body so far; see `touch_log_of`."""
         return self.touch_log_of()
 
+    @checked
     def dampen(self, at: Place, grip: float, *, body: int | str = 0) -> None:
         """Hold a body by a hand.
 
@@ -246,6 +251,7 @@ class Player:
         self._require_playing()
         self._host.dampen(self._host.number(body), at, grip)
 
+    @checked
     def change(self, model: ModalModel, *, body: int | str = 0) -> None:
         """Replace a body's `model`, say by one of another material; it may ring meanwhile.
 
@@ -259,6 +265,7 @@ class Player:
         self._require_playing()
         self._host.change(self._host.number(body), model)
 
+    @checked
     def move(
         self,
         body: int | str,
@@ -288,6 +295,7 @@ class Player:
         self._require_playing()
         self._host.move(self._host.number(body), position, rotation, moment)
 
+    @checked
     def follow(self, contacts: Contacts, *, ended: bool = False) -> None:
         """Play the next piece of a contact log: motion and contacts of the scene's bodies.
 
@@ -305,6 +313,7 @@ class Player:
             raise OptionError("the player has no scene: begin it with struck.play(Scene(...))")
         self._stream.take(contacts, ended=ended)
 
+    @checked
     def simulate(self, simulation: Simulation, control: Control | None = None) -> None:
         """Run a simulation together with the player, before it begins; as `struck.play` does.
 
@@ -328,6 +337,7 @@ class Player:
     def listener(self, listener: Listener | ArrayLike) -> None:
         self.listen(listener)
 
+    @checked
     def listen(self, listener: Listener | ArrayLike, *, moment: float | None = None) -> None:
         """Set the listener, or its place (3,), m; at a `moment` of the clock, s, or now."""
         self._require_playing()

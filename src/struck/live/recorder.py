@@ -12,7 +12,7 @@ from struck.core import address
 from struck.errors import DeviceError, OptionError
 from struck.files.sound import Sound
 from struck.live.device import TO_FILE, PortAudio, keep
-from struck.model.arrays import Index, Single
+from struck.model.arrays import Index, Single, checked
 from struck.recordings.capture import CapturedTake
 
 SETTLING = 0.3  # s of a take that are left out while the device settles
@@ -23,6 +23,7 @@ _PATIENCE, _LOOK = 3.0, 0.005  # s: how late a device may be, and between two lo
 _TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
 
 
+@checked
 def microphone(
     seconds: float, *, device: int | str | None = None, sample_rate: float | None = None
 ) -> Sound:
@@ -58,6 +59,7 @@ def microphone(
     return Sound(samples=samples.T, sample_rate=round(recorder.sample_rate))
 
 
+@checked
 class DeviceRecorder:
     """Recorder of takes from an audio device; use it as a context, or `close` it.
 

@@ -11,8 +11,10 @@ import functools
 import inspect
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields
 from numbers import Number, Real
 from pathlib import Path
 from types import UnionType
@@ -59,6 +61,8 @@ def _shown(value: object) -> str:
 
 
 _LONGEST_SHOWN = 60  # characters of a value in a message
+_FEW = 9  # numbers of an array that are shown one by one
+_ARRAYS = {"Array", "Index", "Mask", "Complex", "AnyComplex", "Single", "NDArray", "ArrayLike"}
 _MOST = 1e100  # of a number: its square, and sums of such, are finite
 
 
@@ -140,6 +144,13 @@ Made = TypeVar("Made", bound=Callable[..., Any])
 # A kind of argument: a test of a value, and the words by which messages name the kind.
 Sort = tuple[Callable[[Any], bool], str]
 
+# More words for an argument of a kind.
+_LAWS = ", as struck.InternalFriction(loss_tangent=0.01), struck.Rayleigh or struck.Measured"
+_HINTS = {
+    ("damping", "a Damping"): _LAWS,
+    ("youngs_modulus", "a number"): " in Pa",
+    ("density", "a number"): " in kg/m^3",
+}
 _BITS = 1023  # of the largest whole number that fits one of double precision
 
 
@@ -155,7 +166,26 @@ def checked(made: Made) -> Made:
         return _refusing(made, made.__name__)
     kind: Any = made
     kind.__init__ = _refusing(kind.__init__, kind.__name__)
+    own = getattr(kind, "__dataclass_fields__", {})
+    if any(_ARRAYS & set(re.findall(r"\w+", str(each.type))) for each in own.values()):
+        kind.__repr__ = brief
     return kind
+
+
+def brief(self: Any) -> str:  # noqa: ANN401 - any dataclass
+    """Return an object of a dataclass in a line: arrays by their shapes, large parts by name."""
+    parts = [f"{each.name}={_part(getattr(self, each.name))}" for each in fields(self) if each.repr]
+    return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def _part(value: Any) -> str:  # noqa: ANN401 - any object
+    if isinstance(value, np.ndarray):
+        return f"array {value.shape}" if value.size > _FEW else str(value.tolist())
+    text = repr(value)
+    if len(text) < 2 * _LONGEST_SHOWN and "\n" not in text:
+        return text
+    many = f" of {len(value)}" if hasattr(value, "__len__") else ""
+    return f"{type(value).__name__}{many}"
 
 
 def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
@@ -208,6 +238,8 @@ def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str)
     wanted = " or ".join(dict.fromkeys(text for _, text in sorts))
     if name in {"impulse", "speed", "force"} and np.shape(np.asarray(value, object)) == (3,):
         wanted += f"; {name}= says how hard, and direction= says which way"
+    if (name, wanted.partition(" or ")[0]) in _HINTS:
+        wanted += _HINTS[name, wanted.partition(" or ")[0]]
     raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {wanted}")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.model.arrays import AnyComplex, Array, Index, Mask
+from struck.model.arrays import AnyComplex, Array, Index, Mask, brief
 
 _NEAR = 1e-2
 
@@ -23,6 +23,7 @@ class Exponentials:
         g, in the unit of the samples; channels of all segments in order.
     """
 
+    __repr__ = brief
     poles: AnyComplex
     gains: AnyComplex
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index, Single, require_numbers
+from struck.model.arrays import Array, Complex, Index, Single, brief, require_numbers
 from struck.model.mesh import Mesh, Surface, barycentric, in_space
 from struck.model.provenance import Progress
 
@@ -292,6 +292,7 @@ class ShapeGains(Gains):
         The shapes at any place, where they are known beyond the vertices.
     """
 
+    __repr__ = brief
     surface: Mesh
     shapes: NDArray[np.float32]
     outputs: Complex
@@ -396,7 +397,7 @@ class ShapeGains(Gains):
         """Radius of the smallest ball about `centre` that holds the body, m."""
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
 
-    def loudest(self, weights: Array) -> Array:
+    def loudest(self, weights: Array, strengths: Array) -> Array:
         """Return the point (3,) where a push straight into the surface sounds loudest.
 
         It lies by the loudest outward-looking vertex, within that of its faces which answers most.
@@ -404,15 +405,17 @@ class ShapeGains(Gains):
         Parameters
         ----------
         weights : array (M,)
-            What the square of a mode's gain counts for.
+            What the square of a mode's drive counts for.
+        strengths : array (V,)
+            What a push at each vertex counts for.
         """
         normals = self.surface.vertex_normals
         outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
         drive = np.einsum("vd,vdm->vm", normals, self.shapes)
-        vertex = int(np.argmax(np.square(np.abs(drive * self.outputs)) @ weights * outward))
+        vertex = int(np.argmax(np.square(drive) @ weights * strengths * outward))
         around = np.flatnonzero((self.surface.faces == vertex).any(axis=1))
         pushed = self.surface.face_normals[around] @ self.shapes[vertex]
-        face = around[np.argmax(np.square(np.abs(pushed * self.outputs)) @ weights)]
+        face = around[np.argmax(np.square(pushed) @ weights)]
         inward = self.surface.centroids[face] - self.surface.points[vertex]
         return self.surface.points[vertex] + _INWARD * inward
 

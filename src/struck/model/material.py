@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, MaterialError, nearest
+from struck.errors import MaterialError, nearest
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 from struck.model.provenance import table_of
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """A homogeneous, isotropic, elastic material.
@@ -49,11 +50,6 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not isinstance(self.damping, Damping):
-            raise ArgumentError(
-                f"name is {self.name!r} and damping {self.damping!r}: give text and a Damping, as "
-                "Rayleigh"
-            )
         for label, value, unit in (
             ("density", self.density, " kg/m^3"),
             ("Young's modulus", self.youngs_modulus, " Pa"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from struck.errors import MaterialError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, brief
 from struck.model.gains import TransverseShapes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -115,6 +115,7 @@ class Modes:
         How the modes were made.
     """
 
+    __repr__ = brief
     frequencies: Array
     surface: Mesh
     shapes: Array

@@ -117,17 +117,21 @@ def reported(progress: Progress | None) -> Progress:
 class TerminalProgress:
     """One line on a terminal: the stage, the share that is done, and the time left.
 
-    Where there is no terminal, or `lines` are asked for, a line after 2 s and each 10 s more.
+    Where there is no terminal, or `lines` are asked for, a line after 2 s and each 10 s more;
+    `quiet`, nothing.
     """
 
-    def __init__(self, *, lines: bool = False) -> None:
+    def __init__(self, *, lines: bool = False, quiet: bool = False) -> None:
+        self._quiet = quiet
         self._stream = sys.stderr
-        self._shown = self._stream.isatty() and not lines
+        self._shown = self._stream.isatty() and not (lines or quiet)
         self._stage, self._begun = "", time.monotonic()
         self._told = self._begun + _QUIET - _EVERY
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show a stage and the fraction of it that is done."""
+        if self._quiet:
+            return
         now = time.monotonic()
         if stage != self._stage:
             self._stage, self._begun = stage, now

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from struck.errors import OptionError
-from struck.model.arrays import Array
+from struck.model.arrays import Array, brief
 from struck.model.damping import Damping
 
 FADE = 0.01  # the attack goes over into the noise within this time, s
@@ -47,6 +47,7 @@ class Residual:
         When arrays do not fit each other, or numbers lie outside their bounds.
     """
 
+    __repr__ = brief
     attack: NDArray[np.float32]
     sample_rate: int
     lead: float

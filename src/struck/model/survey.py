@@ -47,6 +47,7 @@ def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> A
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
     """Recordings of a body: contacts, listeners, and the gains between some of them.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index, checked
+from struck.model.arrays import Array, Complex, Index, Mask, brief, checked
 from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
 from struck.model.material import AIR
@@ -370,6 +370,7 @@ class TimbreField(RecordedGains):
         Whether gains are Pa/(N s), not relative; whether the blow was divided out.
     """
 
+    __repr__ = brief
     contact_part: ContactPart
     listener_part: ListenerPart
     centre: Array
@@ -382,7 +383,14 @@ class TimbreField(RecordedGains):
 
     @classmethod
     @checked
-    def of(cls, survey: Survey, *, radius: float = 0.0, worst: float = WORST) -> TimbreField:
+    def of(
+        cls,
+        survey: Survey,
+        *,
+        radius: float = 0.0,
+        worst: float = WORST,
+        own: Mask | None = None,
+    ) -> TimbreField:
         """Make the timbre field of a survey.
 
         Parameters
@@ -393,6 +401,8 @@ class TimbreField(RecordedGains):
             none was recorded, none may be placed.
         worst : float
             Error of a part, over its root mean square, from which a mode is not measured.
+        own : array (M,) of bool, optional
+            Which modes are the object's: the notes tell of these alone; of all unless given.
 
         Raises
         ------
@@ -414,7 +424,9 @@ class TimbreField(RecordedGains):
             turned=survey.turns,
         )
         coarse = np.setdiff1d(_too_fine(folded, listener_part), unclear)
-        notes = (*_notes(survey, unclear, worst), *_grid_notes(folded, coarse, listener_part))
+        told = np.ones(len(survey.frequencies), bool) if own is None else own
+        notes = _notes(survey, told, unclear, worst)
+        notes += _grid_notes(folded, told, coarse, listener_part)
         return cls(
             contact_part=ContactPart.of(folded.contacts, parts.drives, parts.drive_errors),
             listener_part=replace(listener_part, waves=replace(listener_part.waves, errors=None)),
@@ -535,12 +547,13 @@ def _levelled(parts: Separation, survey: Survey) -> tuple[Complex, Array]:
     return outputs, weights
 
 
-def _notes(survey: Survey, unmeasured: Index, worst: float) -> tuple[str, ...]:
+def _notes(survey: Survey, own: Mask, unmeasured: Index, worst: float) -> tuple[str, ...]:
+    unmeasured = unmeasured[own[unmeasured]]
     if not len(unmeasured):
         return ()
     names = ", ".join(f"{each:.6g}" for each in survey.frequencies[unmeasured])
     note = (
-        f"{len(unmeasured)} of {len(survey.frequencies)} modes were not measured to "
+        f"{len(unmeasured)} of {np.count_nonzero(own)} modes were not measured to "
         f"{100 * worst:g} %, at {names} Hz: record all listeners with another contact as well, or "
         "with less noise"
     )
@@ -554,9 +567,9 @@ def _too_fine(survey: Survey, part: ListenerPart) -> Index:
     return np.flatnonzero(part.waves.errors > _UNTOLD)
 
 
-def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
+def _grid_notes(survey: Survey, own: Mask, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
     """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
-    notes = []
+    notes, coarse = [], coarse[own[coarse]]
     around = azimuths_of(survey.places)
     if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:
         notes.append(
@@ -570,7 +583,7 @@ def _grid_notes(survey: Survey, coarse: Index, part: ListenerPart) -> tuple[str,
         spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
         names = ", ".join(f"{each:.6g}" for each in tones)
         notes.append(
-            f"the directions of {len(coarse)} of {len(survey.frequencies)} modes are finer than "
+            f"the directions of {len(coarse)} of {np.count_nonzero(own)} modes are finer than "
             f"the listeners can tell, at {names} Hz: it takes listeners {spacing:.2g} degrees apart"
         )
     return tuple(notes)

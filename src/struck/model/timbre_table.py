@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index, Mask, checked
+from struck.model.arrays import Array, Complex, Index, Mask, brief, checked
 from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
 from struck.model.survey import Survey, from_spherical
@@ -177,6 +177,7 @@ class TimbreTable(RecordedGains):
         As in `SinglePoint`.
     """
 
+    __repr__ = brief
     contacts: Grid
     listeners: Grid
     gains: Complex

@@ -180,6 +180,7 @@ class SoundMap:
         write_bytes(path, to_bytes(self, (SoundMap, Mesh)))
 
     @classmethod
+    @checked
     def load(cls, path: str | os.PathLike[str]) -> SoundMap:
         """Read the sound map that `save` wrote to a `path`.
 

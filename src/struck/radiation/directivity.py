@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from struck.errors import ContactError, OptionError
-from struck.model.arrays import Array, Complex, Index
+from struck.model.arrays import Array, Complex, Index, brief
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
 from struck.model.mesh import in_space
@@ -44,6 +44,7 @@ class RadiatingGains(ShapeGains):
     estimate in `radiation` takes over where frequencies change by more than the size.
     """
 
+    __repr__ = brief
     field: Multipoles
     near: tuple[SurfaceField, ...] = ()
 

@@ -218,6 +218,7 @@ def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Arr
         )
 
 
+@checked
 def by_name(name: str) -> Radiation:
     """Return the estimate of radiation called `name`.
 

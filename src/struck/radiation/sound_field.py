@@ -195,7 +195,7 @@ def fields_of(
         for field in _results(tasks, together):
             found.append(field)
             done += len(field.modes)
-            progress("timbre field", done / every)
+            progress("computing the timbre field", done / every)
         parts.append(joined(found))
     return parts
 

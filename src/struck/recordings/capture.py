@@ -14,7 +14,7 @@ from struck.errors import FileFormatError, RecordingError
 from struck.files import wav
 from struck.files.atomic import is_file, read_bytes, write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Complex
+from struck.model.arrays import Array, Complex, checked
 from struck.model.provenance import Progress, silent
 from struck.recordings.acceptance import MARGIN, TakeVerdict, examined
 from struck.recordings.capture_plan import CapturePlan, Point
@@ -102,6 +102,7 @@ class Outcome:
     refusals: tuple[Refusal, ...]
 
 
+@checked
 def capture(
     plan: CapturePlan,
     folder: Path,
@@ -141,7 +142,7 @@ def capture(
     session = _Session(plan, folder, recorder, operator or SilentOperator(), progress)
     for point in session.points():
         session.visit(point)
-    progress("record", 1.0)
+    progress("recording", 1.0)
     return session.outcome()
 
 
@@ -251,7 +252,7 @@ class _Session:
 
     def _tell_progress(self, point: Point) -> None:
         done = self._recorded + self._kept
-        self._progress(f"record {point.name}", done / self._plan.count)
+        self._progress(f"recording {point.name}", done / self._plan.count)
 
 
 class SimulatedRecorder:

@@ -18,7 +18,7 @@ import numpy as np
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.files.atomic import real
 from struck.model import arrays
-from struck.model.arrays import Array, Complex, Index, checked
+from struck.model.arrays import Array, Complex, Index, brief, checked
 from struck.model.survey import SYMMETRIES
 from struck.recordings.acceptance import Bounds
 from struck.recordings.manifest import (
@@ -153,6 +153,7 @@ class SurveyPlan:
         Modes that the pivot contact hardly drives, which the plan will not measure.
     """
 
+    __repr__ = brief
     contacts: Array
     listeners: Array
     listener: int

@@ -16,7 +16,7 @@ from struck.errors import OptionError, RecordingError
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
-from struck.model.arrays import Array, Complex, Mask, checked
+from struck.model.arrays import Array, Complex, Mask, brief, checked
 from struck.model.exponentials import Exponentials
 from struck.model.gains import Gains
 from struck.model.mesh import Mesh
@@ -67,6 +67,7 @@ class Fitting:
         By how much a band of the ear is short without the residual, at most, dB.
     """
 
+    __repr__ = brief
     model: ModalModel
     fitted: Fitted
     recorded: Recorded
@@ -217,19 +218,20 @@ def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalMod
     poles = -model.decays + 2j * np.pi * model.frequencies
     share: Complex = np.asarray(released(poles, struck.duration), np.complex128)
     sizes = np.abs(share * np.exp(-poles * struck.duration))  # before the modes decayed
-    weak = sizes < _WEAKEST
+    weak, own = sizes < _WEAKEST, model.of_object
     share = np.where(weak, share * _WEAKEST / np.maximum(sizes, 1e-300), share)
     later = np.exp(poles * (lead - struck.duration))
+    lost = model.frequencies[weak & own]
     note = (
-        f"{np.count_nonzero(weak)} of {len(weak)} modes, the lowest at "
-        f"{model.frequencies[weak].min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
+        f"{len(lost)} of {np.count_nonzero(own)} modes, the lowest at "
+        f"{lost.min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
         f"{struck.duration:.3g} s: forces drive them too softly"
     )
     return replace(
         model,
         gains=model.gains.deconvolved(struck.impulse * share * later),
         provenance=model.provenance.extended(
-            dropped=(note,) * bool(weak.any()),
+            dropped=(note,) * bool(len(lost)),
             divided_blow={"impulse": struck.impulse, "duration": struck.duration},
         ),
     )
@@ -310,7 +312,7 @@ def _made(
 ) -> Fitting:
     calm = replace(recorded, takes=tuple(without_hum(take)[0] for take in recorded.takes))
     gathered = Gathered.of(fitted, calm)
-    survey, gains = _gains(gathered, recorded, way, radius)
+    survey, gains = _gains(gathered, recorded, way, radius, ~fitted.blow)
     rest, short = remainder(fitted, calm, gathered)
     asked = short > SHORT if residual is None else residual
     places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
@@ -340,7 +342,7 @@ def _made(
 
 
 def _gains(
-    gathered: Gathered, recorded: Recorded, way: str, radius: float
+    gathered: Gathered, recorded: Recorded, way: str, radius: float, own: Mask
 ) -> tuple[Survey | None, Gains]:
     if recorded.contacts is None and recorded.listeners is None:
         outputs = gathered.in_one_point()
@@ -348,7 +350,7 @@ def _gains(
     survey = gathered.survey(recorded)
     if way == "table":
         return survey, TimbreTable.of(survey)
-    return survey, TimbreField.of(survey, radius=radius)
+    return survey, TimbreField.of(survey, radius=radius, own=own)
 
 
 def _loudest(survey: Survey, decays: Array) -> Array:

@@ -327,9 +327,9 @@ def _manifest(
 
 def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:
     for number, each in enumerate(recordings):
-        progress("reading", number / len(recordings))
+        progress("reading recordings", number / len(recordings))
         yield take_of(each, f"recording {number + 1}")
-    progress("reading", 1.0)
+    progress("reading recordings", 1.0)
 
 
 def take_of(recording: Recording, name: str) -> Take:

@@ -20,7 +20,7 @@ from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Index, checked
+from struck.model.arrays import Array, Index, brief, checked
 from struck.model.contact import Place
 from struck.model.exponentials import samples
 from struck.model.gains import ShapeGains
@@ -102,6 +102,7 @@ class Comparison:
         How many pairs random modes would get; 0 where the two surely agree better.
     """
 
+    __repr__ = brief
     model: Side
     other: Side
     pairing: Pairing

@@ -266,17 +266,19 @@ def _places(fitting: Fitting) -> Iterator[str]:
     survey = fitting.survey
     if survey is None or len(survey.contacts) * len(survey.listeners) < 2:
         return
+    own = fitting.model.of_object
     errors, lost = _ranks(fitting.model)
+    errors, lost, tones = errors[own], lost[own], survey.frequencies[own]
     if np.isfinite(errors).any():
-        drawn = fit_pictures.rank_errors(survey.frequencies, errors, lost)
+        drawn = fit_pictures.rank_errors(tones, errors, lost)
         yield f"<p>{_RANK}</p>{_drawing('Rank error of each mode', drawn)}"
     names = f"contact: {', '.join(fitting.model.coordinates)}", "listener: x, y, z (m)"
     sides = survey.contacts, survey.listeners
     for side, (what, places) in enumerate(zip(names, sides, strict=True)):
         if len(places) > 1:
-            levels = fit_pictures.levels_at(survey, side)
+            levels = fit_pictures.levels_at(survey, side)[:, own]
             named = fit_pictures.named(places)
-            drawn = fit_pictures.gain_map(levels, survey.frequencies, named, lost, what)
+            drawn = fit_pictures.gain_map(levels, tones, named, lost, what)
             yield _drawing(f"How loud each mode is at each {what}", drawn)
 
 
@@ -327,7 +329,7 @@ def modes_line(frequencies: Array, decays: Array) -> str:
     count = len(frequencies)
     if not count:
         return "No modes were found."
-    times = np.log(1000) / np.maximum(decays, np.finfo(float).tiny)
+    times = np.log(1000) / np.maximum(decays, 1e-300)
     low, high = frequencies.min(), frequencies.max()
     return (
         f"{counted(count, 'mode')} from {low:.1f} to {high:.1f} Hz, which fall by 60 dB in "

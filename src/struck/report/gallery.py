@@ -22,6 +22,7 @@ from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
+from struck.model.arrays import checked
 from struck.model.damping import InternalFriction, Rayleigh
 from struck.model.html import document
 from struck.model.material import Material
@@ -85,7 +86,7 @@ class Piece:
             band=self.band,
             wall=self.wall,
             damping=self.damping,
-            accuracy="standard" if isinstance(body, Shape) else "preview",
+            accuracy=None if isinstance(body, Shape) else "preview",
             progress=staged,
         )
         model_file.save(model, folder / f"{self.name}.struck")
@@ -384,6 +385,7 @@ _TITLE = "struck: a gallery"
 LIST = "list.txt"  # of the files that were made
 
 
+@checked
 def gallery(folder: Path, progress: Progress = silent) -> Path:
     """Compute models, sounds, pictures and pages into a `folder`; return the first page.
 

@@ -38,8 +38,8 @@ class Exhibit:
     spectrograms: Sequence[Figure] = ()  # one for each sound, or none
 
 
-def summary(model: ModalModel) -> list[str]:
-    """Return the contents of a model, a line each."""
+def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
+    """Return the contents of a model, a line each; the `whole` with how it was made."""
     material = model.material
     own = model.of_object
     lines = [f"{np.count_nonzero(own)} modes, {_completeness(model)}"]
@@ -66,19 +66,26 @@ def summary(model: ModalModel) -> list[str]:
         lines.append(f"mass      {model.mass:.4g} kg")
     if model.geometry is not None:
         size = " x ".join(f"{edge:.4g}" for edge in np.ptp(model.geometry.bounds, axis=0))
-        lines.append(f"size      {size} m, {model.geometry.up} up")
+        up = model.provenance.details.get("up", model.geometry.up)
+        other = "; another by up=, --up when it is analyzed" if "," in str(up) else ""
+        lines += [f"size      {size} m", f"up        {up}: it says where top is{other}"]
     lines.append(f"gains     {_unit(model)}")
     if not isinstance(model.gains, ShapeGains):
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
-    lines.append(f"method    {model.provenance.method}")
-    details = model.provenance.details.items()
-    lines += [
-        f"          {name}: {len(value) if isinstance(value, list) else value}"
-        for name, value in details
-        if name != "blow"
-    ]
+    lines += _method(model) if whole else []
     return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
+
+
+def _method(model: ModalModel) -> list[str]:
+    """Return how a model was made, and the papers behind that, a line each."""
+    details = [
+        f"          {name}: {len(value) if isinstance(value, list) else value}"
+        for name, value in model.provenance.details.items()
+        if name not in {"blow", "up"}  # which have their own lines
+    ]
+    papers = [f"cite      {paper}" for paper in model.cite().splitlines()]
+    return [f"method    {model.provenance.method}", *details, *papers]
 
 
 def _completeness(model: ModalModel) -> str:
@@ -122,7 +129,8 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
     places = counted(len(part.contacts), "contact")
     places += f" and {counted(inside, 'listener')} inside" if inside else ""
     lines = [f"recorded  a field of {places}{_over(model, ranges)}"]
-    errors = field.rank_errors[np.isfinite(field.rank_errors)]
+    errors = field.rank_errors[model.of_object[: field.count]]
+    errors = errors[np.isfinite(errors)]
     if errors.size:
         lines.append(
             f"rank      gains are products of contact and listener to "
@@ -159,9 +167,10 @@ def page(
 
 def _section(exhibit: Exhibit) -> str:
     model = exhibit.model
-    count = min(_ROWS, len(model.frequencies))
-    errors = None if model.errors is None else model.errors[:count]
-    table = modes_table(model.frequencies[:count], model.t60[:count], model.decays[:count], errors)
+    own = np.flatnonzero(model.of_object)
+    shown = own[:_ROWS]
+    errors = None if model.errors is None else model.errors[shown]
+    table = modes_table(model.frequencies[shown], model.t60[shown], model.decays[shown], errors)
     facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
     sounds = "".join(
         f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"
@@ -171,6 +180,6 @@ def _section(exhibit: Exhibit) -> str:
     return (
         f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
         f'<div class="sounds">{sounds}</div>{picture(exhibit.title, exhibit.picture)}'
-        f"<details><summary>{count} of {len(model.frequencies)} modes</summary>"
+        f"<details><summary>{len(shown)} of {len(own)} modes</summary>"
         f"<p>{facts}</p>{table}</details></section>"
     )

@@ -12,6 +12,7 @@ from struck.errors import OptionError
 from struck.excitation.pulses import SPECTRA
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Mask, checked, numbers, require_numbers
+from struck.model.contact import Contact
 from struck.model.gains import Gains, ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -38,6 +39,9 @@ _SPAN, _CELLS = 4.0, 121  # of slices: radii from the centre, points along an ed
 _AT_ONCE = 256  # places
 _PLANES = (("above", 0, 1), ("front", 0, 2), ("side", 1, 2))  # name, axis across, axis up
 _BODY = "#cfcfcf"
+_SILENT = 1e-6  # of the power of the loudest place in slices: 60 dB below it nothing is heard
+_SOFT = "grey: the body, and where it is 60 dB softer than at the loudest place"
+_SAME = 1e-6  # m
 
 
 @checked
@@ -299,9 +303,13 @@ def _slices(model: ModalModel) -> Figure:
     reach = _SPAN * (radius_of(model) or _UNKNOWN)
     line = np.linspace(-reach, reach, _CELLS)
     figure = chart(12.0, 4.6)
-    figure.suptitle("brightness of a strike: the centroid of its spectrum", fontsize=12, color=INK)
+    contact = model.contact(None)
+    where = f"brightness of a strike at {_named(model, contact)}: the centroid of its spectrum"
+    figure.suptitle(f"{where}\n{_SOFT}", fontsize=12, color=INK)
     panels = figure.subplots(1, 3)
-    drawn = [_brightness(model, centre, line, across, up) for _, across, up in _PLANES]
+    seen = [_brightness(model, contact, centre, line, across, up) for _, across, up in _PLANES]
+    least = _SILENT * max(np.nanmax(powers) for _, powers in seen)
+    drawn = [np.where(powers >= least, values, np.nan) for values, powers in seen]
     known = np.concatenate([values[np.isfinite(values)] for values in drawn])
     scale = LogNorm(*np.percentile(known, (1, 99)))
     for axes, (name, across, up), values in zip(panels, _PLANES, drawn, strict=True):
@@ -320,20 +328,32 @@ def _slices(model: ModalModel) -> Figure:
     return figure
 
 
-def _brightness(model: ModalModel, centre: Array, line: Array, across: int, up: int) -> Array:
-    """Return centroids (n, n), Hz, on a plane through the centre; NaN where none is known."""
+def _named(model: ModalModel, contact: Contact) -> str:
+    """Return the name of a contact's place, or its coordinates."""
+    point = contact.point
+    for name, place in model.places.items():
+        if np.shape(place) == point.shape and np.allclose(place, point, atol=_SAME):
+            return name
+    return f"({', '.join(f'{each:.3g}' for each in point)}){' m' * (point.size == 3)}"
+
+
+def _brightness(
+    model: ModalModel, contact: Contact, centre: Array, line: Array, across: int, up: int
+) -> tuple[Array, Array]:
+    """Return centroids, Hz, and powers (n, n) on a plane through the centre; NaN within a body."""
     places = np.tile(centre, (len(line) ** 2, 1))
     places[:, across] += np.tile(line, len(line))
     places[:, up] += np.repeat(line, len(line))
-    contact = model.contact(None)
     drives = model.gains.at(contact.point[None], contact.direction[None])[0]
     lasting = 1 / np.maximum(model.decays, 1e-3 * model.natural_frequencies)
-    values, known = np.full(len(places), np.nan), _known(model, places - centre, places)
+    values, powers = np.full((2, len(places)), np.nan)
+    known = _known(model, places - centre, places)
     gains = (_toward(model.gains, places[known]) * drives).sum(axis=1)
     energies = np.square(np.abs(gains)) * lasting
     total = energies.sum(axis=1)
     values[known] = energies @ model.frequencies / np.where(total > 0, total, np.nan)
-    return values.reshape(len(line), len(line))
+    powers[known] = total
+    return values.reshape(len(line), -1), powers.reshape(len(line), -1)
 
 
 def _known(model: ModalModel, apart: Array, places: Array) -> Mask:
@@ -342,7 +362,7 @@ def _known(model: ModalModel, apart: Array, places: Array) -> Mask:
     if not isinstance(gains, ShapeGains):
         return distances > max(getattr(gains, "radius", 0.0), 1e-6)
     if isinstance(gains, RadiatingGains) and not gains.near:
-        return distances >= CLOSE * gains.field.radius
+        return distances > CLOSE * gains.field.radius + _SAME
     close = np.flatnonzero(distances < gains.radius)
     known = np.ones(len(places), np.bool_)
     if len(close):

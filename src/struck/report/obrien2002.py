@@ -185,7 +185,7 @@ def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> 
     """Simulate and render a scene."""
     simulation = ready(staged, folder, accuracy, progress)
     scene, contacts = simulation.run(staged.seconds, control=staged.control, progress=progress)
-    progress("render", 0.0)
+    progress("computing the sound", 0.0)
     scenes = {staged.name: scene} | {
         f"{staged.name}_{name}": _remodelled(scene, models) for name, models in staged.again.items()
     }

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from struck.errors import MaterialError, OptionError, RecordingError
-from struck.model.arrays import Array, checked, require_number
+from struck.model.arrays import Array, brief, checked, require_number
 from struck.model.damping import Measured, ringing
 from struck.model.material import Material
 from struck.model.model import ModalModel
@@ -305,6 +305,7 @@ class Calibration:
         Fitted frequencies over those of the model with these constants, cents.
     """
 
+    __repr__ = brief
     specific_stiffness: float
     poisson_ratio: float
     covariance: Array
@@ -323,6 +324,7 @@ class Calibration:
         relative, ratio = np.sqrt(np.diag(self.covariance))
         return float(relative), float(ratio)
 
+    @checked
     def interval(self, level: float = 0.95) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return between which bounds E / density and Poisson's ratio lie with this probability.
 
@@ -341,6 +343,7 @@ class Calibration:
             (self.poisson_ratio - reach * ratio, self.poisson_ratio + reach * ratio),
         )
 
+    @checked
     def material(self, density: float | None = None) -> Material:
         """Return the material to analyze other bodies with.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from struck.core.machine import in_few_threads
 from struck.errors import OptionError
-from struck.model.arrays import AnyComplex, Array, Index, Mask, checked
+from struck.model.arrays import AnyComplex, Array, Index, Mask, brief, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
@@ -83,6 +83,7 @@ class Fitted:
         What a person should know: what is wrong with the takes, and what was left out.
     """
 
+    __repr__ = brief
     frequencies: Array
     decays: Array
     gains: AnyComplex
@@ -272,12 +273,12 @@ def search(
         ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
         if number > len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
-    progress("refining", 0.0)
+    progress("refining the modes", 0.0)
     ringing = kept("pairs", lambda: _paired(segments, refine(segments, ringing, sweeps=2), budget))
-    progress("refining", 0.4)
+    progress("refining the modes", 0.4)
     few = partial(_within, segments, ringing, budget)
     ringing = kept("budget", lambda: refine(segments, few(), sweeps=4, steps=4))
-    progress("refining", 0.8)
+    progress("refining the modes", 0.8)
     ringing = _proven(segments, ringing, budget)
     return _once_more(segments, ringing, budget) if budget else ringing
 

@@ -202,9 +202,9 @@ class Simulation:
         count = max(1, round(seconds / engine.step))
         for number in range(count):
             if number % _TOLD == 0:
-                progress("simulate", number / count)
+                progress("moving the bodies", number / count)
             engine.advance(control)
-        progress("simulate", 1.0)
+        progress("moving the bodies", 1.0)
         contacts = engine.contacts()
         self.require_no_blast(contacts)
         notes = (*contacts.notes, *self._watched(contacts))

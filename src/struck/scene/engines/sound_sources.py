@@ -16,7 +16,7 @@ from struck.analysis.cached_steps import fingerprint
 from struck.analysis.discretisation import Solid
 from struck.errors import MaterialError, OptionError, StruckError
 from struck.files.model_file import load_model
-from struck.model.arrays import Array
+from struck.model.arrays import Array, checked
 from struck.model.damping import Band
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -32,6 +32,7 @@ Sounding = ModalModel | Shaped
 T = TypeVar("T")
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoundOptions:
     """Materials and other options for bodies of a scene file, by patterns of their names."""
@@ -83,7 +84,7 @@ class SoundSources:
         options.require_known([link.name for link in links])
         bodies = {}
         for number, (link, mass) in enumerate(zip(links, masses, strict=True)):
-            options.progress(f"analyze {link.name}", number / len(links))
+            options.progress(f"computing the modes of {link.name}", number / len(links))
             material = self._material(link)
             model, why = self._model(link, material)
             if why:

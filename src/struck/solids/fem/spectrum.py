@@ -104,7 +104,7 @@ class Spectrum:
 
     def shift(self, value: float) -> Shift:
         """Factorise at a shift; SolverError when it lies on an eigenvalue too exactly."""
-        self._tell("factor", self._done)
+        self._tell("solving for modes", self._done)
         for nudge in (0.0, 1e-6, -1e-6):
             try:
                 factor = self._factorise(self._system.shifted(value * (1 + nudge)))
@@ -132,7 +132,7 @@ class Spectrum:
             shift.value,
             above,
             self._known,
-            lambda fraction: self._tell("iterate", done + fraction * share),
+            lambda fraction: self._tell("solving for modes", done + fraction * share),
             below=below,
             least=least,
         )
@@ -300,7 +300,7 @@ class Search:
 
     def pairs(self) -> Iterator[Eigenpairs]:
         """Yield all eigenpairs, ascending, a slice at a time."""
-        self.progress("count", 0.0)
+        self.progress("counting modes", 0.0)
         self._require_memory(modes=1)
         end = self._spectrum.shift(self.bound)
         self.counted = end.below

@@ -46,7 +46,7 @@ def vibration_modes(
     """Compute all modes of a body up to `highest`, Hz, certified by a count of inertia."""
     # `fixed` (N,): nodes that cannot move; without any the body floats freely.
     solver = solver or Solver()
-    progress("assemble", 0.0)
+    progress("setting up the equations of motion", 0.0)
     whole = assemble(mesh, material, lumped=solver.lumped)
     basis = Displacements.of(mesh)
     movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
@@ -156,7 +156,7 @@ def _surface(basis: Displacements) -> tuple[Mesh, Index | sparse.csr_array]:
 
 
 def _certified(search: Search, collector: _Collector, pairs: Eigenpairs) -> _SliceResults:
-    search.progress("certify", 0.0)
+    search.progress("checking that no mode is missing", 0.0)
     require_one_piece(pairs.values, search.bound)
     return collector.of(pairs, largest_residual(search.system, pairs))
 
