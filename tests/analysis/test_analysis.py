@@ -128,12 +128,12 @@ def test_progress_tells_every_stage() -> None:
     told: list[str] = []
     struck.analyze(BAR, "steel", band=BAND, progress=lambda stage, _share: told.append(stage))
     assert list(dict.fromkeys(stage.partition(":")[0] for stage in told))[:4] == [
-        "mesh",
+        "cutting the body into elements",
         "forecast",
-        "assemble",
-        "count",
+        "setting up the equations of motion",
+        "counting modes",
     ]
-    assert told[-1] == "radiation"
+    assert told[-1] == "computing how loudly modes radiate"
 
 
 @pytest.mark.prove

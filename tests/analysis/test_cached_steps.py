@@ -39,6 +39,8 @@ BLOCK = Block(size=(0.1, 0.12, 0.15))
 TUBE = Tube(length=0.5, radius=0.0125, wall=0.001)
 EGG = trimesh.creation.icosphere(subdivisions=2, radius=0.05).apply_scale([1, 1.2, 1.4])
 
+KEPT = " taken from the cache"
+
 
 @pytest.fixture
 def cache(tmp_path: Path) -> Cache:
@@ -230,7 +232,7 @@ def test_the_same_is_computed_once(cache: Cache) -> None:
         modes = stages.kept(MODES, work, band=1.0)
         assert bits(modes) == bits(some_modes())
     assert work.count == 1
-    assert told == [("modes (kept)", 1.0)] * 2
+    assert told == [("modes taken from the cache", 1.0)] * 2
     Stages(cache=Cache(cache.folder)).kept(MODES, work, band=1.0)
     assert work.count == 1
     Stages(cache=cache).kept(MODES, work, band=2.0)
@@ -361,7 +363,7 @@ def stages_kept(body: object, material: Material, cache: Path, **options: object
         progress=lambda stage, _: told.add(stage),
         **options,
     )
-    return {stage.removesuffix(" (kept)") for stage in told if stage.endswith("(kept)")}
+    return {stage.removesuffix(KEPT) for stage in told if stage.endswith(KEPT)}
 
 
 @pytest.mark.prove

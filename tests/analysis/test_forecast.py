@@ -183,7 +183,7 @@ HULL = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))
 
 
 def stopped(stage: str, _fraction: float) -> None:
-    if stage == "assemble":
+    if stage == "setting up the equations of motion":
         raise OptionError("stopped")
 
 

@@ -121,7 +121,7 @@ def test_a_worker_that_dies_costs_its_own_job_alone(tmp_path: Path) -> None:
     ):
 
         def watch(stage: str, fraction: float) -> None:
-            if stage == "models" and fraction > 0.2 and not killed:
+            if stage == "computing models" and fraction > 0.2 and not killed:
                 worker, process = next(iter(client.run(os.getpid).items()))
                 killed.append(worker)
                 os.kill(process, signal.SIGKILL)
@@ -142,7 +142,7 @@ def test_without_its_scheduler_what_was_finished_stays_and_the_rest_is_resumed(
     with machines(2, tmp_path) as cluster:
 
         def watch(stage: str, fraction: float) -> None:
-            if stage == "models" and fraction > 0.4:
+            if stage == "computing models" and fraction > 0.4:
                 cluster.scheduler.kill()
 
         report = run(tmp_path, cache=False, scheduler=cluster.address, progress=watch)

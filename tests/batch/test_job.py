@@ -31,7 +31,7 @@ def test_a_file_that_changes_while_it_is_read_has_no_model(tmp_path: Path) -> No
     job = job_of(file)
 
     def change(stage: str, _fraction: float) -> None:
-        if stage == "radiation":
+        if stage == "computing how loudly modes radiate":
             bar(file, 0.09, 0.01, 0.01)
 
     facts = done(job, tmp_path / "out", change)

@@ -480,7 +480,7 @@ TEXT_FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
     "its gains are 'FieldGains'": lambda m: m["gains"].update(kind="FieldGains"),
     "its damping is 'Magic'": lambda m: m["material"]["damping"].update(kind="Magic"),
     "density of": lambda m: m["material"].update(density=-1),
-    "TypeError": lambda m: m["material"].update(colour="red"),
+    "Material has no colour=": lambda m: m["material"].update(colour="red"),
 }
 
 

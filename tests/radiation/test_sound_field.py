@@ -48,7 +48,7 @@ def test_a_field_is_computed_kept_and_taken_up_again(
     assert made.gains.directional
     assert made.provenance.details["radiation"] == "field"
     assert told[0][0].startswith("forecast: timbre field, about ")
-    assert told[-1] == ("timbre field", 1.0)
+    assert told[-1] == ("computing the timbre field", 1.0)
     monkeypatch.setattr(sound_field, "solved", solved_again)
     again = radiating(block, band, cache=tmp_path)
     place = np.array([[0.1, 0.3, -0.2]])

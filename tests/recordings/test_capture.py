@@ -97,8 +97,8 @@ def test_every_planned_take_is_recorded_with_its_place(tmp_path: Path, simulatio
         assert np.abs(recorded.samples).max() == pytest.approx(0.3 + 0.05 * number, abs=1e-3)
     assert notes.asked[1] == ("contact1_listener1, hit 2 of 2: contact 1.0; listener 0.0,1.0,0.0")
     assert notes.told == ["strike now"] * 8
-    assert heard[0] == ("record contact1_listener1", 0.0)
-    assert heard[-1] == ("record", 1.0)
+    assert heard[0] == ("recording contact1_listener1", 0.0)
+    assert heard[-1] == ("recording", 1.0)
     assert [share for _, share in heard] == sorted(share for _, share in heard)
 
 

@@ -308,7 +308,7 @@ def test_a_stopped_fit_ends_in_the_same_model(tmp_path: Path) -> None:
         cache=tmp_path / "two",
         progress=lambda stage, _share: told.append(stage),
     ).model
-    assert "poles (kept)" in told
+    assert "poles taken from the cache" in told
     assert np.array_equal(again.frequencies, whole.frequencies)
     assert np.array_equal(again.decays, whole.decays)
     assert np.array_equal(

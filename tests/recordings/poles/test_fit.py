@@ -150,8 +150,8 @@ def test_the_same_takes_give_the_same_modes() -> None:
 def test_progress_is_told_and_grows() -> None:
     told: list[tuple[str, float]] = []
     fit_poles(bar(10), progress=lambda stage, share: told.append((stage, share)))
-    assert {stage for stage, _ in told} == {"looking for modes", "refining"}
-    for stage in ("looking for modes", "refining"):
+    assert {stage for stage, _ in told} == {"looking for modes", "refining the modes"}
+    for stage in ("looking for modes", "refining the modes"):
         shares = [share for each, share in told if each == stage]
         assert shares == sorted(shares)
         assert 0 <= min(shares) <= max(shares) <= 1

@@ -99,7 +99,7 @@ def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.Monke
             solver=Solver(dense_limit=0),
             progress=lambda stage, _: stages.append(stage),
         )
-    assert stages == ["assemble", "count"]
+    assert stages == ["setting up the equations of motion", "counting modes"]
 
 
 def test_nothing_is_refused_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
