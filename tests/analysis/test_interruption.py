@@ -22,7 +22,7 @@ from struck.files import model_file
 from struck.files.cache import Cache
 
 SHELL = "import sys; from struck.__main__ import main; sys.exit(main())"
-COMMAND = ["analyze", "egg.stl", "--material", "steel", "--accuracy", "preview"]
+COMMAND = ["analyze", "egg.stl", "--material", "steel", "--accuracy", "preview", "--quiet"]
 STAGES = 6  # surface, filling and modes, both coarse and fine, and model
 
 
