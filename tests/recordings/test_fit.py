@@ -15,7 +15,7 @@ from struck.model.gains import Gains
 from struck.model.model import ModalModel
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
-from struck.recordings.fit import Fitting, fit_recordings
+from struck.recordings.fit import Fitting, files_read, fit_recordings
 from struck.recordings.takes import Take
 from tests.recordings.scenes import over_noise
 from tests.recordings.sounds import chord, cymbal, sine
@@ -407,7 +407,8 @@ def written(folder: Path) -> Path:
 
 def test_a_manifest_tells_the_places(tmp_path: Path) -> None:
     manifest = written(tmp_path)
-    made = fit_recordings(manifest, cache=False)
+    made = fit_recordings(tmp_path, cache=False)  # the one table in it
+    assert manifest in files_read(tmp_path, None)
     assert made.survey.contacts[:, 0] == pytest.approx([0.0, 0.3, 0.8])
     files = sorted(tmp_path.glob("*.wav"))
     again = fit_recordings(files, manifest=manifest, cache=False)
@@ -420,8 +421,12 @@ def test_a_manifest_tells_the_places(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_manifest_and_missing_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"has no manifest\.toml"):
-        fit_recordings(tmp_path, cache=False)
+    said = r"has no manifest\.toml, nor one table alone .*: give its recordings one by one, or"
+    for tables in ((), ("takes.csv", "more.csv")):
+        for name in tables:
+            (tmp_path / name).write_text("file\n")
+        with pytest.raises(RecordingError, match=said):
+            fit_recordings(tmp_path, cache=False)
     with pytest.raises(FileFormatError, match="cannot be read"):
         fit_recordings(tmp_path / "none.wav", cache=False)
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 import struck
 from struck.cli import Result
+from struck.cli.info import or_null
 from struck.cli.options import POSITION, place
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
@@ -102,7 +100,7 @@ def _facts(found: Comparison) -> dict[str, object]:
         "level_difference": found.level_differences,
         "confidence": found.pairing.confidence,
     }
-    rows = zip(*map(_listed, columns.values()), strict=True)
+    rows = zip(*map(or_null, columns.values()), strict=True)
     return {
         "pairs": [dict(zip(columns, row, strict=True)) for row in rows],
         "missing": mine.frequencies[found.missing].tolist(),
@@ -114,8 +112,3 @@ def _facts(found: Comparison) -> dict[str, object]:
         "strikes": {side.name: side.struck for side in (found.model, found.other)},
         "notes": list(found.notes),
     }
-
-
-def _listed(values: NDArray[np.number]) -> list[float | None]:
-    """Return numbers for JSON, with null in place of NaN."""
-    return [value if np.isfinite(value) else None for value in values.tolist()]

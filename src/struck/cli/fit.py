@@ -9,7 +9,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.info import described
+from struck.cli.info import described, or_null
 from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_folder, real, writable
@@ -127,7 +127,7 @@ def _result(fitting: Fitting, written: list[str], *, output: str, report: str | 
     return described(
         fitting.model,
         "\n".join([ratio, *caution, *written]),
-        decay_errors=[None if np.isnan(each) else each for each in fitted.decay_errors.tolist()],
+        decay_errors=or_null(fitted.decay_errors),
         of_room=None if fitting.room is None else np.flatnonzero(fitting.room).tolist(),
         modal=verdict.modal,
         reason=verdict.reason,

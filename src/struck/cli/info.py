@@ -135,7 +135,7 @@ def described(
         "\n".join([*lines, "", *blocks, last]).rstrip(),
         frequencies=model.frequencies[told].tolist(),
         decays=model.decays[told].tolist(),
-        errors=None if model.errors is None else _or_null(known[told]),
+        errors=None if model.errors is None else or_null(known[told]),
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
@@ -156,6 +156,6 @@ def _lists(recoil: Recoil) -> dict[str, list]:
     return {each.name: getattr(recoil, each.name).tolist() for each in fields(recoil)}
 
 
-def _or_null(errors: np.ndarray) -> list[float | None]:
-    """Return errors for JSON, with null in place of NaN."""
-    return [error if math.isfinite(error) else None for error in errors.tolist()]
+def or_null(values: np.ndarray) -> list[float | None]:
+    """Return numbers for JSON, with null in place of NaN."""
+    return [value if math.isfinite(value) else None for value in values.tolist()]

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 STATIC = Path(__file__).parent / "static"
-_ENDED = 5.0  # s that an end may take
+_ENDED = 30.0  # s that an end may take: heads that are being made are waited for
 _APART = 0.25  # m between given bodies
 _ONE_HEAD = threading.Lock()
 
@@ -85,7 +85,7 @@ class Explorer:
             raise
         self._stopping = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._running = threading.Event()
+        self._running, self._ended = threading.Event(), threading.Event()
         self._server: Any = None
         self._thread = threading.Thread(target=self._serve, name="struck explorer", daemon=True)
         self._thread.start()
@@ -99,8 +99,9 @@ class Explorer:
         """Serve until Ctrl-C or `stop`, or for a number of seconds; then end."""
         end = math.inf if seconds is None else time.monotonic() + seconds
         with contextlib.suppress(KeyboardInterrupt):
-            while self._thread.is_alive() and time.monotonic() < end:
-                self._thread.join(min(0.5, max(0.0, end - time.monotonic())))
+            # Ctrl-C amid a thread's `join` lets Python 3.11 take the thread for ended.
+            while (left := end - time.monotonic()) > 0 and not self._ended.wait(min(0.5, left)):
+                pass
         self.stop()
 
     def stop(self) -> None:
@@ -108,7 +109,8 @@ class Explorer:
         if self._running.wait(_ENDED) and self._loop is not None:
             with contextlib.suppress(RuntimeError):  # it has ended by itself
                 self._loop.call_soon_threadsafe(self._stopping.set)
-            self._thread.join(_ENDED)
+            self._ended.wait(_ENDED)
+            self._thread.join(0.5)
         self._socket.close()
         self._scratch.cleanup()
 
@@ -119,7 +121,11 @@ class Explorer:
         self.stop()
 
     def _serve(self) -> None:
-        asyncio.run(self._served())
+        try:
+            asyncio.run(self._served())
+        finally:
+            self._running.set()
+            self._ended.set()
 
     async def _served(self) -> None:
         import uvicorn
