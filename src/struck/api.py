@@ -78,8 +78,7 @@ def analyze(
     fixed : box (2, 3) or callable, optional
         Where the body is held: between two corners, m, or where ``fixed(points)`` is true.
     accuracy : str, optional
-        "preview", "standard" (unless given) or "fine": how many elements a body gets at least, and
-        as many more as bring most errors below 3, 0.5 and 0.1 %.
+        "preview", "standard" (unless given) or "fine": most errors are below 3, 0.5 or 0.1 %.
     band : pair of float or str, optional
         All modes within it are computed, Hz or notes: from 20 to 20,000 unless given, if not long.
     damping, radiation : str
