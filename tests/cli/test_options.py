@@ -176,6 +176,13 @@ def test_every_length_of_every_command_takes_units() -> None:
             "use a solid of struck.solids, or",
             "use a solid of 'struck analyze --list', or",
         ),
+        ("analyze", "Tube(length=1, wall=2, x=(1, 2))", "Tube(length=1, wall=2, x=(1, 2))"),
+        ("info", "runs/seed=3 has wall=3.stl", "runs/seed=3 has wall=3.stl"),
+        (
+            "calibrate",
+            "--material density=1,poisson_ratio=2",
+            "--material density=1,poisson_ratio=2",
+        ),
         ("analyze", "tube:length=1,wall=2 of x.wall=3", "tube:length=1,wall=2 of x.wall=3"),
     ],
 )
@@ -251,6 +258,18 @@ def test_both_sides_of_a_comparison_are_struck_alike(
         durations[striker] = float(blows[0])
         assert blows[0] == blows[1]
     assert durations["felt"] > 2 * durations["steel"]
+
+
+def test_pairs_by_chance_are_told(bar: str) -> None:
+    model = struck.load(bar)
+    strip = Bar(length=0.37, width=0.02, thickness=0.004, ends=("clamped", "free"))
+    other = struck.compare(model, struck.analyze(strip, "brass", recoil=False))
+    larger = struck.compare(model, model.scaled(1.02))
+    assert (larger.explained, larger.by_chance) == (True, 0)
+    assert not other.explained
+    share = min(100, round(100 * other.by_chance / len(other.pairs)))
+    assert share > 0
+    assert f"about {share} % of the pairs would be found by chance" in other.summary()
 
 
 TABLES = {

@@ -79,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(type(error)(told), words)
     finally:
         progress.close()
-    text = json.dumps(result.facts, indent=2) if options.json else result.text
+    plain = options.in_shell_words(result.text)
+    text = json.dumps(result.facts, indent=2) if options.json else plain
     return _print(text + "\n") or result.code
 
 
@@ -205,12 +206,14 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 
 # Advice of the library, which speaks Python, in the words of the shell.
 
-# Commands that options are looked up in which the one that runs lacks.
-_OTHERS = ("analyze", "radiate", "fit")
+_OTHERS = ("analyze", "radiate", "fit")  # whose options are named where a command lacks them
 _CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
 _CALLED |= {"at": "strike", "out": "output", "path": "output"}
+# An argument with or without a value; calls, as in what a body is printed as, are passed over.
+_CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
 _ARGUMENT = re.compile(
-    r"""(?<![\w.,:{])(?<!\w\()([a-z_]{2,})=(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|([\w.]*\w))?"""
+    rf"""\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
+    rf"""(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|({_CALL}|[\w.]*\w))?"""
 )
 _PHRASES: Mapping[str, str] = {
     r", as in model\.\w+\([^)]*\)": "",
@@ -230,6 +233,8 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
         text = re.sub(phrase, words, text)
 
     def option(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
         value = next((each for each in found.groups()[1:] if each), "")
         for name in (None, *_OTHERS):
             one = parser if name is None else Parser()

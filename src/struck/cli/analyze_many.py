@@ -52,8 +52,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         **{name: getattr(options, name) for name in same},
         **how(options),
     )
-    told = options.in_shell_words
-    failed = [f"failed: {row.file} {row.part}: {told(row.message)}" for row in report.failed[:20]]
+    failed = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
     if len(report.failed) > len(failed):
         failed.append(f"and {len(report.failed) - len(failed)} more")
     page = report.folder / "report.html"

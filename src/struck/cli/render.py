@@ -98,7 +98,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     sound = struck.render(*_placed(model, actions, options), **heard)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
-    notes = [*map(options.in_shell_words, (*lost, *sound.notes))]
+    notes = [*lost, *sound.notes]
     return Result(
         "\n".join((*notes, last)),
         output=str(output),
@@ -157,8 +157,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
-    every = dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)])
-    notes = list(map(options.in_shell_words, every))
+    notes = list(dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)]))
     last = f"wrote {len(rows)} sounds and {TABLE} to {options.output}: full scale is {scale}{span}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 

@@ -97,7 +97,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     files = [output, log, *_write_others(output, scene, events, sound, options.seconds, progress)]
     if options.stems:
         files += save_stems(excited, output, factor=factor, **heard)
-    notes = list(map(options.in_shell_words, dict.fromkeys((*scene.notes, *sound.notes))))
+    notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
     count += f"{len(events.sustained)} lasting contacts"
@@ -124,7 +124,7 @@ def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Resu
             while time.monotonic() < end and player.simulating:
                 time.sleep(_LOOK)
         player.listen(player.listener)  # tells what went wrong
-        return played_result(player, [*map(options.in_shell_words, simulation.notes)])
+        return played_result(player, simulation.notes)
 
 
 def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:

@@ -140,10 +140,9 @@ class Comparison:
             lines.insert(1, f"{alike}, and are heard with it")
         lines += [f"the {side.name} is {side.struck}" for side in (self.model, self.other)]
         if not self.explained:
-            lines.append(
-                "caution: random modes would agree as well; this may be another body, and about "
-                f"{self.by_chance:.0f} of {len(self.cents)} pairs are expected by chance"
-            )
+            share = 100 * min(1.0, self.by_chance / max(len(self.cents), 1))
+            lines.append("caution: random modes would agree as well; this may be another body")
+            lines.append(f"about {share:.0f} % of the pairs would be found by chance")
         lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):
             return lines
@@ -221,7 +220,7 @@ def compare(
         )
     else:
         theirs = _recorded_side(other, against, recording, modes=modes, progress=progress)
-        way = "" if strike or at is not None else "; give place and strike if you know"
+        way = "" if strike or at is not None else "; give at= or strike= if you know"
         theirs = replace(
             theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
         )
