@@ -296,7 +296,7 @@ def test_a_stopped_fit_ends_in_the_same_model(tmp_path: Path) -> None:
     whole = fit_recordings(takes, contacts=CONTACTS[:3], cache=tmp_path / "one").model
 
     def stop(stage: str, _share: float) -> None:
-        if stage == "refining":
+        if stage == "refining the modes":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

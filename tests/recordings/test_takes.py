@@ -199,7 +199,7 @@ def test_mp3_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("takes.csv", "--manifest"), ("mug.struck", "a model, not a recording")]
+    ("name", "message"), [("takes.csv", "manifest="), ("mug.struck", "a model, not a recording")]
 )
 def test_what_is_given_for_a_recording_is_told(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / name).write_text("file,u\n")
