@@ -197,7 +197,7 @@ def fit(
         Times of the hits in each recording, s; found unless given.
     room : float, path or Sound, optional
         Reverberation time T60 of the room, s, or a recording of a clap in it: modes that die away
-        nearly as fast, or faster, are told in the report and in `provenance` as perhaps its own.
+        nearly as fast are told as perhaps its own; with modes=None few but the clear ones stay.
     pitch, geometry : optional
         Where contacts lie, in m, as of `ModalModel.charted`, for what scrapes or rolls along them;
         the surface may be a mesh file in m.

@@ -72,3 +72,12 @@ def music(chance: Generator, seconds: float = 8.0) -> Array:
                 turn = 2 * np.pi * (partial * tone * times[here] + chance.random())
                 played[here] += rise[here] * np.sin(turn) / partial
     return 0.1 * played
+
+
+def engine(chance: Generator, seconds: float = 4.0) -> Array:
+    """Return forty harmonics of an engine of 25 turns a second that speeds up and slows down."""
+    times = np.arange(round(seconds * RATE)) / RATE
+    wander = np.cumsum(chance.standard_normal(len(times))) / np.sqrt(RATE)
+    turns = np.cumsum(25 + 1.5 * np.sin(0.8 * np.pi * times) + 0.3 * wander) / RATE
+    tones = sum(np.sin(2 * np.pi * k * turns + k * k) / k for k in range(1, 41))
+    return 0.1 * tones + 0.02 * chance.standard_normal(len(times))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,13 @@ def test_what_is_given_for_a_recording_is_told(tmp_path: Path, name: str, messag
     (tmp_path / name).write_text("file,u\n")
     with pytest.raises(FileFormatError, match=message):
         Take.load(tmp_path / name)
+
+
+def test_an_hour_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "hour.wav"
+    with path.open("wb") as file:
+        file.truncate(2 * 44_100 * 3600)  # a hole: no disk is filled
+    begun = time.perf_counter()
+    with pytest.raises(RecordingError, match=r"hour\.wav holds 159 million values, and at most 80"):
+        Take.load(path)
+    assert time.perf_counter() - begun < 5

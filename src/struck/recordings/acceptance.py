@@ -24,19 +24,11 @@ _SILENT = 1e-12  # of full scale: keeps logarithms finite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Levels at which a take is accepted.
+    """Levels at which a take is accepted."""
 
-    Parameters
-    ----------
-    quietest, loudest : float
-        Of its peak in every channel, dB of full scale.
-    above_noise : float
-        How far its peak lies at least over the root mean square of the ambient sound, dB.
-    """
-
-    quietest: float = -40.0
-    loudest: float = -1.0
-    above_noise: float = 20.0
+    quietest: float = -40.0  # of its peak in every channel, dB of full scale
+    loudest: float = -1.0  # the same
+    above_noise: float = 20.0  # of its peak, over the root mean square of the ambient sound, dB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -47,24 +47,12 @@ _SHOWN = 300  # bytes of a program's standard error
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hooks:
-    """Programs, with their arguments, that are run during a capture; empty for none.
+    """Programs, with their arguments, that are run during a capture; empty for none."""
 
-    Parameters
-    ----------
-    move : tuple of str
-        Run before the takes of each point, which wait for its end.
-    strike : tuple of str
-        Run in each take when the lead-in is over.
-    timeout : float
-        Time after which a program is ended, s.
-    folder : Path
-        Where they run.
-    """
-
-    move: tuple[str, ...] = ()
-    strike: tuple[str, ...] = ()
-    timeout: float = 60.0
-    folder: Path = Path()
+    move: tuple[str, ...] = ()  # before the takes of each point, which wait for its end
+    strike: tuple[str, ...] = ()  # in each take when the lead-in is over
+    timeout: float = 60.0  # after which a program is ended, s
+    folder: Path = Path()  # where they run
 
     def run(self, which: str, facts: Mapping[str, str]) -> None:
         """Run "move" or "strike", if there is such a program, and wait for its end.

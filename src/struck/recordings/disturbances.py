@@ -109,16 +109,19 @@ def _cleared(samples: Array, tone: float, rate: int, before: int) -> tuple[Array
     return samples - (envelope * turn).real, usual**0.5, tone + drift * rate
 
 
+def stiffness(bends: Array) -> Array:
+    """Return bands (3, B) of the matrix that weighs second differences by bends (B - 2,)."""
+    bands = np.zeros((3, len(bends) + 2))
+    for one, first in enumerate((1.0, -2.0, 1.0)):
+        for other, second in enumerate((1.0, -2.0, 1.0)[one:], one):
+            bands[2 - (other - one), other : len(bends) + other] += bends * first * second
+    return bands
+
+
 def _smooth(sizes: AnyComplex, weights: Array) -> AnyComplex:
     """Return weighted sizes (C, B) with as small second differences as they allow."""
-    count = sizes.shape[1]
     weights = weights / weights.max()
-    bands = np.zeros((3, count))
-    for row in range(count - 2):
-        for one, first in enumerate((1.0, -2.0, 1.0)):
-            for other, second in enumerate((1.0, -2.0, 1.0)):
-                if other >= one:
-                    bands[2 - (other - one), row + other] += _STIFF * first * second
+    bands = stiffness(np.full(sizes.shape[1] - 2, _STIFF))
     bands[2] += weights + 1e-9
     return solveh_banded(bands, (weights * sizes).T).T
 

@@ -27,9 +27,11 @@ from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.disturbances import without_hum
+from struck.recordings.gain_control import GainControl
 from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, manifest_in, read_manifest
 from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
+from struck.recordings.poles.selection import hidden, raised
 from struck.recordings.residual_sound import (
     SHORT,
     may_be_of_room,
@@ -86,6 +88,7 @@ _REFERENCES = {
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
 _FEW = 6  # takes that are also judged one by one
+_TOLD = 8.0  # least energy of a mode over the skirts of louder ones, beside a room that was told
 _WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
 
 
@@ -137,7 +140,7 @@ def fit_recordings(
     told = {"method": method, "budget": modes, "onsets": onsets}
     fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, told, force=force)
-    fitted = _by_natural_frequency(_with_room_note(fitted, seconds))
+    fitted = _by_natural_frequency(_with_room_note(fitted, seconds, measured=modes is None))
     asked = residual if blow is None else False
     made = _made(fitted, recorded, seconds, way, radius, method, residual=asked)
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
@@ -195,20 +198,8 @@ def _require_blow(blow: Strike | None, *, residual: bool | None) -> None:
 def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalModel:
     """Return a model whose gains are for a force in N, the blow of its recordings divided out.
 
-    Parameters
-    ----------
-    model : ModalModel
-        Of recordings.
-    blow : Strike
-        With which it was struck: impulse and duration, or striker and speed.
-    lead : float
-        From the beginning of the blow to the moment that gains are as of, s.
-
-    Returns
-    -------
-    ModalModel
-        A blow is weak where its spectrum falls off: modes that it drove by less than a tenth of
-        its impulse are divided by a tenth alone, and counted in `provenance`.
+    The blow begins `lead` s before the moment that gains are as of. Modes that it drove by less
+    than a tenth of its impulse are divided by a tenth alone, and counted in `provenance`.
     """
     from struck.synth.ring_down import released
 
@@ -278,26 +269,31 @@ def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
 
 
 def _by_natural_frequency(fitted: Fitted) -> Fitted:
-    order = np.argsort(np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)), kind="stable")
-    names = ("frequencies", "decays", "frequency_errors", "decay_errors", "blow", "vague")
-    return replace(
-        fitted,
-        **{name: getattr(fitted, name)[order] for name in names},
-        gains=fitted.gains[:, order],
-        gain_errors=fitted.gain_errors[:, order],
-    )
+    natural = np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi))
+    return fitted.of(np.argsort(natural, kind="stable"))
 
 
-def _with_room_note(fitted: Fitted, seconds: float | None) -> Fitted:
-    """Add a note on the modes that may be the room's."""
-    if seconds is None or not (count := may_be_of_room(fitted.decays, seconds).sum()):
+def _with_room_note(fitted: Fitted, seconds: float | None, *, measured: bool) -> Fitted:
+    """Add a note on the modes that may be the room's; of `measured` ones leave out its crowd."""
+    if seconds is None or not (fast := may_be_of_room(fitted.decays, seconds)).any():
         return fitted
-    note = (
-        f"{count} of {len(fitted.decays)} modes die away nearly as fast as the room, T60 "
-        f"{seconds:.2g} s, or faster: they may be its own; those that stay when the object is "
-        "moved are not"
-    )
-    return replace(fitted, notes=(*fitted.notes, note))
+    heard = Exponentials(poles=-fitted.decays + 2j * np.pi * fitted.frequencies, gains=fitted.gains)
+    own = np.isin(fitted.heard.decays, fitted.decays)
+    crowd = hidden(heard, ~fast, _TOLD) & raised(fitted.segments, fitted.heard)[own]
+    notes = list(fitted.notes)
+    if measured and crowd.any():
+        notes.append(
+            f"{crowd.sum()} modes that die away as fast as the room, T60 {seconds:.2g} s, and "
+            "hardly stand out of what else sounds there, left out of the model as its own"
+        )
+        fitted, fast = fitted.of(~crowd), fast[~crowd]
+    if fast.any():
+        notes.append(
+            f"{fast.sum()} of {len(fast)} modes die away nearly as fast as the room, T60 "
+            f"{seconds:.2g} s, or faster: they may be its own; those that stay when the object is "
+            "moved are not"
+        )
+    return replace(fitted, notes=tuple(notes))
 
 
 def _made(
@@ -310,7 +306,7 @@ def _made(
     *,
     residual: bool | None,
 ) -> Fitting:
-    calm = replace(recorded, takes=tuple(without_hum(take)[0] for take in recorded.takes))
+    calm = replace(recorded, takes=tuple(map(_restored, recorded.takes, fitted.controls)))
     gathered = Gathered.of(fitted, calm)
     survey, gains = _gains(gathered, recorded, way, radius, ~fitted.blow)
     rest, short = remainder(fitted, calm, gathered)
@@ -339,6 +335,12 @@ def _made(
         residual=rest,
         short=short,
     )
+
+
+def _restored(take: Take, control: GainControl | None) -> Take:
+    """Return a take without hum and automatic gain."""
+    calm, _ = without_hum(take)
+    return calm if control is None else control.undone(calm)
 
 
 def _gains(

@@ -39,39 +39,17 @@ Place = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
-    """A take of a manifest.
+    """A take of a manifest; places are empty, and numbers None, where they are unknown."""
 
-    Parameters
-    ----------
-    file : str
-        Name of the recording, relative to the manifest.
-    contact : tuple of numbers
-        Coordinates u, or u and v, of the place that was struck; empty where unknown.
-    listeners : tuple of (x, y, z)
-        Of each channel's microphone, body coordinates, m; empty where unknown.
-    hit : int
-        Number among several hits of one place, from 1.
-    sample_rate : int or None
-        Hz.
-    lead_in : float or None
-        Ambient sound before the hit, s.
-    peak : float or None
-        Of the loudest channel, dB of full scale.
-    above_noise : float or None
-        Peak over the root mean square of the ambient sound, in the worst channel, dB.
-    note : str
-        Anything else.
-    """
-
-    file: str
-    contact: Place = ()
-    listeners: tuple[Place, ...] = ()
-    hit: int = 1
-    sample_rate: int | None = None
-    lead_in: float | None = None
-    peak: float | None = None
-    above_noise: float | None = None
-    note: str = ""
+    file: str  # name of the recording, relative to the manifest
+    contact: Place = ()  # coordinates u, or u and v, of the place that was struck
+    listeners: tuple[Place, ...] = ()  # (x, y, z) of each channel's microphone on the body, m
+    hit: int = 1  # number among several hits of one place
+    sample_rate: int | None = None  # Hz
+    lead_in: float | None = None  # ambient sound before the hit, s
+    peak: float | None = None  # of the loudest channel, dB of full scale
+    above_noise: float | None = None  # peak over the ambient sound's rms, in the worst channel, dB
+    note: str = ""  # anything else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

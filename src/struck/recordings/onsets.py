@@ -89,13 +89,17 @@ def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
 
 
 def _risen(energy: Array, onset: int, end: int, size: int) -> int:
-    """Return the sample by which the power has risen to half of its maximum."""
+    """Return the sample by which the power has risen to half of its maximum, and the push is over.
+
+    That is a little after the loudest moment: blow and recoil of what is struck are over as well.
+    """
     last = min(end, onset + round(_CLOSE / _BLOCK) * size)
     if last <= onset:
         return onset
     following = uniform_filter1d(energy[onset:last], size, origin=-(size // 2), mode="constant")
     risen = int(np.argmax(following >= 0.5 * following.max(initial=0.0)))
-    return min(onset + risen + size, end)  # blow and recoil of what is struck are over as well
+    loudest = int(uniform_filter1d(energy[onset:last], max(1, size // 2)).argmax())
+    return min(onset + max(risen, loudest) + size, end)
 
 
 def _energy(take: Take, start: int, seconds: float) -> float:

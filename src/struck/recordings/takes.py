@@ -21,6 +21,7 @@ from struck.recordings.manifest import KINDS, NAME, Manifest, manifest_in, read_
 
 _RATES = (4000, 400_000)  # Hz
 _SHORTEST = 0.1  # s
+_MOST = 80_000_000  # values of all channels, 30 minutes of one at 44,100 Hz: 0.64 GB
 _TABLE = "a list of recordings, not one: give it alone, or as manifest="
 _OTHERS = {
     ".csv": _TABLE,
@@ -47,8 +48,8 @@ class Take:
     Raises
     ------
     RecordingError
-        When samples are not (channels, n) finite numbers, are silent or shorter than 0.1 s, or the
-        rate is none that sound is recorded at.
+        When samples are not (channels, n) finite numbers, are silent, shorter than 0.1 s or more
+        than 80 million, or the rate is none that sound is recorded at.
     """
 
     samples: Array
@@ -56,6 +57,7 @@ class Take:
     name: str = "the take"
 
     def __post_init__(self) -> None:
+        _require_brief(np.size(self.samples), self.name)
         samples = np.array(self.samples, dtype=float, ndmin=2)
         object.__setattr__(self, "samples", samples)
         _require_sound(samples, self.sample_rate, self.name)
@@ -105,6 +107,14 @@ def require_one_rate(takes: list[Take]) -> None:
             )
 
 
+def _require_brief(values: float, name: str) -> None:
+    if values > _MOST:
+        raise RecordingError(
+            f"{name} holds {values / 1e6:.0f} million values, and at most {_MOST / 1e6:g} million "
+            "are fitted, 30 minutes of one channel: cut its hits out of it"
+        )
+
+
 def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
     if not _RATES[0] <= sample_rate <= _RATES[1]:
         raise RecordingError(
@@ -132,6 +142,8 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
 
 def _read(path: Path) -> tuple[Array, int]:
     """Return samples (C, n) and rate; plain WAV without soundfile, which accepts cut files."""
+    if is_file(path):  # of 16 bits or more, before it is read
+        _require_brief(path.stat().st_size / 2, str(path))
     data = read_bytes(path)
     _require_lossless(path, data[:3])
     if data[:4] == b"RIFF":
@@ -176,6 +188,7 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
     try:
         with soundfile.SoundFile(path) as file:
             announced, rate = file.frames, file.samplerate
+            _require_brief(announced * file.channels, str(path))
             samples = np.asarray(file.read(dtype="float64", always_2d=True), float).T
     except (soundfile.SoundFileError, RuntimeError, TypeError) as error:
         raise FileFormatError(

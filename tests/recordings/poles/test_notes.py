@@ -23,3 +23,12 @@ def test_what_several_takes_share_is_told_once_without_folders() -> None:
     (told,) = [note for note in notes if "quiet" in note]
     assert told == "tap0.wav is quiet: its peak is -60 dB of full scale; so 2 more takes"
     assert not any("somewhere" in note for note in notes)
+
+
+def test_takes_normalised_one_by_one_are_told() -> None:
+    takes = [quiet(f"tap{number}.wav", number, 0.98) for number in range(3)]
+    hits = [[hit_at(take, 4000, 8000)] for take in takes]
+    (note,) = (each for each in notes_on(takes, hits) if "normalised" in each)
+    assert note.startswith("all 3 takes have the peak -0.2 dB")
+    takes[1] = quiet("tap1.wav", 1, 0.5)
+    assert not any("normalised" in each for each in notes_on(takes, hits))

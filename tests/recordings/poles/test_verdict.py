@@ -14,7 +14,7 @@ from struck.recordings.poles.search import Fitted, fit_poles
 from struck.recordings.poles.verdict import MODAL_MARGIN, proven
 from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, body, recorded, ringing, scene
-from tests.recordings.sounds import music, speech
+from tests.recordings.sounds import engine, music, speech
 
 Array = NDArray[np.float64]
 
@@ -24,12 +24,12 @@ def fit(samples: Array, every: int = 1, budget: int = 32) -> Fitted:
 
 
 @pytest.mark.parametrize("lead", [0, LEAD])
-@pytest.mark.parametrize("heard", [music, speech])
+@pytest.mark.parametrize("heard", [music, speech, engine])
 @pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.prove)])
 def test_music_and_speech_are_refused(heard: Callable[..., Array], lead: int, every: int) -> None:
-    """Eight seconds of chords, ten of speech, from their first sample on or after silence."""
+    """Eight seconds of chords, ten of speech, four of an engine, at once or after silence."""
     chance = np.random.default_rng(1)
-    sound = heard(chance) if heard is music else heard(chance, 10.0)[RATE // 3 :]
+    sound = heard(chance, 10.0)[RATE // 3 :] if heard is speech else heard(chance)
     samples = np.pad(0.5 * sound, (lead, 0))
     samples = samples + 1e-5 * chance.standard_normal(len(samples))
     assert not is_modal(samples, every)

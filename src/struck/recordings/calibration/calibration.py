@@ -345,13 +345,7 @@ class Calibration:
 
     @checked
     def material(self, density: float | None = None) -> Material:
-        """Return the material to analyze other bodies with.
-
-        Parameters
-        ----------
-        density : float, optional
-            kg/m^3; that of the model's material unless given. Frequencies do not depend on it.
-        """
+        """Return the material to analyze others with, of a density, kg/m^3, or the model's own."""
         given = self.density if density is None else density
         stiffness, ratio = self.standard_errors
         return Material(

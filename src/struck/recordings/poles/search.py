@@ -17,16 +17,19 @@ from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
 from struck.recordings.disturbances import of_hum, without_hum
+from struck.recordings.gain_control import UNKNOWN, GainControl, gain_control
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.selection import (
     LOWEST,
     ambient,
+    crowd,
     energies,
     prune,
     significance,
     split,
+    standing_out,
     strongest_per_band,
     weed,
 )
@@ -81,6 +84,8 @@ class Fitted:
         Which modes stand for the blow instead of the object, and which are known to 30 % at best.
     notes : tuple of str
         What a person should know: what is wrong with the takes, and what was left out.
+    controls : tuple of GainControl or None
+        Automatic gain of each take, which was undone.
     """
 
     __repr__ = brief
@@ -98,6 +103,17 @@ class Fitted:
     blow: Mask
     vague: Mask
     notes: tuple[str, ...] = ()
+    controls: tuple[GainControl | None, ...] = ()
+
+    def of(self, modes: Index | Mask) -> Fitted:
+        """Return the modes of these numbers (M,), in this order, or where a mask (M,) is true."""
+        names = ("frequencies", "decays", "frequency_errors", "decay_errors", "blow", "vague")
+        return replace(
+            self,
+            **{name: getattr(self, name)[modes] for name in names},
+            gains=self.gains[:, modes],
+            gain_errors=self.gain_errors[:, modes],
+        )
 
     def heard_in(self, row: int) -> tuple[Array, Array]:
         """Return samples (n,) of one row from its time on: as recorded, and as fitted."""
@@ -149,7 +165,7 @@ def fitted_of(
     if weak.any():
         lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
         notes = [*notes, f"too weak to be measured, left out of the model: {lost} Hz"]
-    blow = of_blow(segments, heard)
+    blow = of_blow(segments, heard, released=measured)
     # What was to be measured is the object alone.
     kept = ~(surrounding | weak | (blow & measured))
     endless = np.count_nonzero((errors.decays > heard.decays) & kept & ~blow)
@@ -199,6 +215,7 @@ def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> A
     return own
 
 
+_SAME_PEAK = 1e-3  # of the peak
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 
@@ -212,9 +229,21 @@ def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[s
         for note in findings(take, own):
             kind = _NUMBER.sub("#", note.replace(take.name, ""))
             alike.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
+    yield from _normalised(takes)
     for notes in alike.values():
         more = len(notes) - 1
         yield f"{notes[0]}; so {more} more take{'s' if more > 1 else ''}" if more else notes[0]
+
+
+def _normalised(takes: Sequence[Take]) -> Iterator[str]:
+    """Yield that takes have one and the same peak, as no person strikes."""
+    peaks = np.array([np.abs(take.samples).max() for take in takes])
+    if len(takes) > 2 and np.ptp(peaks) < _SAME_PEAK * peaks.max():
+        yield (
+            f"all {len(takes)} takes have the peak {20 * np.log10(peaks.max()):.1f} dB: they were "
+            "normalised one by one, and how loud each contact is cannot be told; use them as they "
+            "were recorded"
+        )
 
 
 def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
@@ -308,16 +337,29 @@ def _looked(
         found = strongest_per_band(segments, found, spare)
     if not found.poles.size:
         return ringing
+    if spare is None:
+        more = standing_out(segments, ringing, found)
+        return _settled(segments, more, None) if more.count > ringing.count else ringing
     return _settled(segments, ringing.joined(found.poles), spare)
 
 
 def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
-    """Keep the modes that stand out, with the best gains of all at once."""
+    """Keep the modes that stand out, with the best gains of all at once.
+
+    Where many are a crowd, they go and the others stay as they are: refitted to it they would move.
+    """
+    if not budget:
+        false = crowd(segments, ringing)
+        if 3 * np.count_nonzero(false) > ringing.count:
+            return with_best_gains(segments, ringing.of(~false)).by_frequency()
     noisy = segments if budget else _noisier(segments, ringing)
     proven = weed(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
         proven = weed(noisy, refine(segments, proven, sweeps=2, steps=4))
-    return with_best_gains(segments, proven.of(proven.frequencies > LOWEST)).by_frequency()
+    proven = with_best_gains(segments, proven.of(proven.frequencies > LOWEST)).by_frequency()
+    if not budget and (false := crowd(segments, proven)).any():
+        return with_best_gains(segments, proven.of(~false))
+    return proven
 
 
 def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
@@ -436,9 +478,9 @@ def fit_poles(
     if not takes or (budget is not None and budget < 1):
         raise OptionError(f"{len(takes)} takes, budget {budget}: give at least 1 of each")
     require_one_rate(takes)
-    microphones, tones = zip(*(without_hum(without_force(take)) for take in takes), strict=True)
+    calm, tones = zip(*(without_hum(without_force(take)) for take in takes), strict=True)
+    microphones, hits, controls = _undone(calm, onsets)
     hum = np.concatenate(tones)
-    hits = _hits(microphones, onsets)
     doubts = [
         doubtful(*each) if onsets is None else [] for each in zip(microphones, hits, strict=True)
     ]
@@ -446,7 +488,10 @@ def fit_poles(
 
     def fit(hits: Sequence[Sequence[Hit]], stage: str = "") -> Fitted:
         segments, rows = joined(cut(microphones, hits, attack=whole))
-        each = partial(_from_cache, kept, stage)
+
+        def each(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
+            return kept(f"{name}{stage}", compute)
+
         if method == "shared":
             ringing = search(segments, budget=budget, progress=progress, kept=each)
         else:
@@ -464,14 +509,54 @@ def fit_poles(
         return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)
 
     fitted = _by_evidence(fit, microphones, hits, doubts) if any(doubts) else fit(hits)
+    fitted = _controlled(fitted, controls, takes)
     fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
     return fitted if method == "shared" else _without_errors(fitted)
 
 
-def _from_cache(
-    kept: Kept, stage: str, name: str, compute: Callable[[], Exponentials]
-) -> Exponentials:
-    return kept(f"{name}{stage}", compute)
+def _undone(
+    takes: Sequence[Take], onsets: Sequence[Sequence[float]] | None
+) -> tuple[list[Take], list[list[Hit]], list[GainControl | None]]:
+    """Return takes without automatic gain, their hits, and the gains that were undone."""
+    takes, hits = list(takes), _hits(takes, onsets)
+    controls = [gain_control(*each) for each in zip(takes, hits, strict=True)]
+    for place, control in enumerate(controls):
+        if control is not None:
+            takes[place] = control.undone(takes[place])
+            found = _hits(takes[place : place + 1], onsets and onsets[place : place + 1])
+            hits[place] = control.settled(found[0], takes[place].sample_rate)
+    return takes, hits, controls
+
+
+def _controlled(
+    fitted: Fitted, controls: Sequence[GainControl | None], takes: Sequence[Take]
+) -> Fitted:
+    """Add the gains' uncertainty to the errors of decays; refuse takes with too much of it."""
+    fitted = replace(fitted, controls=tuple(controls))
+    of_gain = [each.decay_errors(fitted.decays) for each in controls if each is not None]
+    if not of_gain:
+        return fitted
+    notes = [
+        f"the gain of {take.name} was controlled automatically, by {control.depth:.0f} dB: it is "
+        "undone by what the noise tells of it, and decays are less certain; turn it off"
+        for take, control in zip(takes, controls, strict=True)
+        if control is not None
+    ]
+    own, unknown = ~fitted.blow, np.max(of_gain, axis=0)
+    share = float(np.median((unknown / fitted.decays)[own])) if own.any() else 0.0
+    verdict = fitted.verdict
+    if share > UNKNOWN:
+        reason = (
+            "its gain was controlled automatically, and the noise tells decays to "
+            f"{100 * share:.0f} % only, of {100 * UNKNOWN:g} % that are needed: turn it off"
+        )
+        verdict = replace(verdict, modal=False, reason=reason)
+    return replace(
+        fitted,
+        decay_errors=np.hypot(fitted.decay_errors, unknown),
+        notes=(*fitted.notes, *notes),
+        verdict=verdict,
+    )
 
 
 def _by_evidence(

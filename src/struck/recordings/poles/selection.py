@@ -12,7 +12,10 @@ from scipy.stats import gamma
 from struck.model.arrays import Array, Index, Mask
 from struck.model.exponentials import Exponentials, correlations
 from struck.perception.auditory_scale import erb_number
-from struck.recordings.poles.candidates import Candidates, loudest_per_band
+from struck.recordings.poles.candidates import (
+    Candidates,
+    loudest_per_band,
+)
 from struck.recordings.poles.normal_equations import SLOWEST, add_unique, damped
 from struck.recordings.poles.refinement import (
     Attempt,
@@ -23,7 +26,7 @@ from struck.recordings.poles.refinement import (
     refine,
     settled,
 )
-from struck.recordings.poles.uncertainty import pole_statistics
+from struck.recordings.poles.uncertainty import met, pole_statistics, standard_errors
 from struck.recordings.segments import Segment
 
 _STEADY = 3.0  # nepers that a tone decays by in a segment at most
@@ -281,3 +284,110 @@ def _without(
         if fewer.cost - whole.cost > least:
             return ringing
     return _refitted(ringing, rest, fewer).of(np.arange(ringing.count) != mode)
+
+
+# A room, a coder or a swaying gain answers each mode with a crowd of others that no model of few
+# modes explains. In a crowd every mode of a fit has neighbours as strong; one of the object stands
+# out of what is left in its own band while it lasts.
+
+_SEPARATE = 4.0  # widths between modes that are tried at once: a crowd is not fitted as a whole
+_TRIALS = 6
+_STANDS_OUT = 1e-9  # chance that what is left in its band makes a mode
+_FAINT = 10**1.9  # energy over what is left at which a mode's decay is known to 16 %
+_KNOWN = 10**1.6  # the same to 22 %
+_SURE = 10**5.0  # the same to 0.5 %: none of a crowd
+_MOST, _OFTEN = 0.5, 0.2  # of the modes are faint, and of their bands hold more than noise: a crowd
+_LASTING = 0.6  # of the decay of a crowd: slower modes are none of it
+_CLEARLY = 1.5  # times what faint modes usually have, over the skirts of louder ones
+_ANSWER = 5.0  # largest energy of what a room makes of a mode, over the mode's own
+_OVER_NOISE = 2.0  # what is left over the noise: more than noise
+
+
+def standing_out(
+    segments: Sequence[Segment], ringing: Exponentials, found: Candidates
+) -> Exponentials:
+    """Join modes with candidates that stand out of the residual in their bands, a few at a time."""
+    least = significance(len(ringing.gains), _STANDS_OUT)
+    for _ in range(_TRIALS):
+        if not found.poles.size:
+            break
+        tried = _separate(segments, found)
+        trial = refine(segments, ringing.joined(found.poles[tried]), sweeps=1, steps=0)
+        heard = _lasting(segments, trial) / met(segments, trial)[1]
+        kept = heard.sum(axis=0) > least
+        kept[: ringing.count] = True
+        if kept.sum() == ringing.count:
+            break
+        ringing = refine(segments, trial.of(kept), sweeps=1, steps=0)
+        rest = np.delete(np.arange(len(found.poles)), tried)
+        found = Candidates(poles=found.poles[rest], energies=found.energies[rest])
+    return ringing
+
+
+def crowd(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+    """Return which modes (M,) are a crowd: they hardly stand out of a residual over the noise.
+
+    Where most are faint, they have themselves made that residual small. Then slower modes than they
+    are none of the crowd, and others only those that the skirts of louder modes hide.
+    """
+    errors = standard_errors(segments, ringing).decays
+    energies = 2 * (ringing.decays / np.maximum(errors, 1e-300)) ** 2
+    over = raised(segments, ringing)
+    faint, known = energies < _FAINT, energies > _KNOWN
+    weak = ringing.decays[faint & over]
+    if not weak.size or over.mean() < _OFTEN or faint.mean() < _MOST:
+        return over & ~known
+    slow = ringing.decays < _LASTING * np.median(weak)
+    free = (known & slow) | (energies > _SURE)
+    energy, skirts = _skirts(ringing)
+    ratios = (energy / np.maximum(skirts[:, free].sum(axis=1), 1e-300))[faint & ~free]
+    usual = min(float(np.median(ratios)), _ANSWER) if ratios.size else _ANSWER
+    return hidden(ringing, free, _CLEARLY * usual)
+
+
+def _skirts(ringing: Exponentials) -> tuple[Array, Array]:
+    """Return energies of modes (M,), and of each the part that is alike to others (M, M)."""
+    energy = (np.abs(ringing.gains) ** 2).sum(axis=0) / ringing.decays
+    return energy, overlaps(ringing.poles, np.inf) * energy
+
+
+def hidden(ringing: Exponentials, free: Mask, least: float) -> Mask:
+    """Return which modes (M,) the skirts of louder modes hide, no free ones among them.
+
+    What a room makes of a mode goes off with the distance from it as the mode's own line does: a
+    mode counts that has so often the energy at least of all skirts together where it stands.
+    """
+    energy, skirts = _skirts(ringing)
+    level, seen = skirts[:, free].sum(axis=1), free.copy()
+    for mode in np.argsort(-energy):
+        if not seen[mode] and energy[mode] > least * level[mode]:
+            seen[mode] = True
+            level += skirts[:, mode]
+    return ~seen
+
+
+def raised(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+    """Return in the bands of which modes (M,) more than noise is left."""
+    usual = np.concatenate([each.noise.at(ringing.frequencies) for each in segments])
+    return np.any(met(segments, ringing)[0] > _OVER_NOISE * usual, axis=0)
+
+
+def _lasting(segments: Sequence[Segment], ringing: Exponentials) -> Array:
+    """Return energies (C, M) along modes, in the unit of the noise's density."""
+    duration = max(segment.duration for segment in segments)
+    lasting = -np.expm1(-2 * ringing.decays * duration) / (2 * ringing.decays)
+    return np.abs(ringing.gains) ** 2 * lasting * segments[0].sample_rate / 4
+
+
+def _separate(segments: Sequence[Segment], found: Candidates) -> Index:
+    """Return the strongest of candidates in each band."""
+    duration = max(segment.duration for segment in segments)
+    frequencies = found.poles.imag / (2 * np.pi)
+    reach = _SEPARATE * np.maximum(-found.poles.real / np.pi, 1 / duration)
+    free = np.ones(len(frequencies), bool)
+    chosen = []
+    for mode in np.argsort(-found.energies):
+        if free[mode]:
+            chosen.append(mode)
+            free &= np.abs(frequencies - frequencies[mode]) > np.maximum(reach, reach[mode])
+    return np.array(chosen, np.int64)

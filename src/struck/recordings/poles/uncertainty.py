@@ -85,6 +85,13 @@ def standard_errors(segments: Sequence[Segment], ringing: Exponentials) -> Stand
     return StandardErrors(frequencies=errors / (2 * np.pi), decays=errors, gains=np.sqrt(sizes))
 
 
+def met(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array, Array]:
+    """Return the densities (C, M) of noise, or of a louder residual, for poles and for gains."""
+    parts = [_as_met(segment, ringing) for segment in segments]
+    poles = np.concatenate([each.noise.at(ringing.frequencies) for each, _ in parts])
+    return poles, poles * np.concatenate([louder for _, louder in parts])
+
+
 _WINDOW, _BREADTH = 0.023, 4  # s, and its bins on either side that tell what is left at a mode
 _FRAMES = 4  # at least
 

@@ -131,11 +131,12 @@ _AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over th
 _UNKNOWN = 0.3  # of its decay, or of what a take of that length can show
 
 
-def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+def of_blow(segments: Sequence[Segment], ringing: Exponentials, *, released: bool = False) -> Mask:
     """Return which modes (M,) are of the hits' blow, not of the object.
 
     The push is over after twice the time to the loudest moment, as that of a half-sine is. What
-    has gone by 40 dB in twice the push is of the blow, too, and all where but noise follows.
+    has gone by 40 dB in twice the push is of the blow, too, and all where but noise follows. In
+    segments that begin when the object is `released` no modes cancel for a push.
     """
     longest = _SHORTEST_PUSH
     after = noise = 0.0
@@ -155,7 +156,8 @@ def of_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
         whole += (np.abs(decayed) ** 2).sum(axis=0)
     if after < _RINGS * noise:
         return np.ones(ringing.count, bool)
-    return (change > _CHANGED**2 * whole) | (ringing.decays * 2 * longest > np.log(100))
+    cancelled = (change > _CHANGED**2 * whole) & (not released)
+    return cancelled | (ringing.decays * 2 * longest > np.log(100))
 
 
 def vague(segments: Sequence[Segment], decays: Array, errors: Array) -> Mask:
