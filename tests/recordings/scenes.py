@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.signal import fftconvolve
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -202,6 +203,65 @@ def hummed(take: Scene, level: float, chance: Generator) -> Scene:
     loud = np.std(take.samples[:, LEAD : LEAD + RATE // 10])
     whole = take.samples + loud * 10 ** (level / 20) * hum / hum.std()
     return Scene(samples=whole / np.abs(whole).max(), truth=take.truth)
+
+
+def struck_softly(modes: int, level: float, chance: Generator, *, push: float = 3e-3) -> Scene:
+    """Return a scene under a half-sine push of so many seconds, with the gains that it leaves."""
+    frequencies, decays, gains = body(modes, chance)
+    count = round(push * RATE)
+    force = np.sin(np.pi * np.arange(count) / count)
+    rung = ringing(frequencies, decays, gains[None].astype(complex), 2 * RATE)
+    sound = fftconvolve(rung, force[None], axes=1)[:, : 2 * RATE]
+    poles = -decays + 2j * np.pi * frequencies
+    gains = gains * (force[:, None] * np.exp(-np.outer(np.arange(count), poles) / RATE)).sum(axis=0)
+    return with_noise(sound, frequencies, decays, gains[None], level, chance)
+
+
+def in_room(
+    modes: int, level: float, chance: Generator, *, seconds: float, distance: float
+) -> Scene:
+    """Return a scene in a room with this T60, heard from so many metres.
+
+    Its answer is noise that dies away and is as loud as what comes directly at 0.6 m.
+    """
+    frequencies, decays, gains = body(modes, chance)
+    dry = ringing(frequencies, decays, gains[None].astype(complex), 2 * RATE)
+    times = np.arange(round(1.2 * seconds * RATE)) / RATE
+    tail = chance.standard_normal(len(times)) * 1000 ** (-times / seconds) * (times > 0.003)
+    tail *= distance / 0.6 / np.linalg.norm(tail)
+    wet = dry + fftconvolve(dry, tail[None], axes=1)[:, : 2 * RATE]
+    return with_noise(wet, frequencies, decays, gains[None].astype(complex), level, chance)
+
+
+def with_noise(
+    sound: Array, frequencies: Array, decays: Array, gains: Complex, level: float, chance: Generator
+) -> Scene:
+    """Return a take of a sound (channels, n) after `LEAD` samples, in white noise so far down, dB.
+
+    The gains (channels, M) are those of the sound's modes.
+    """
+    loud = np.sqrt((sound[:, : RATE // 10] ** 2).mean())
+    peak, rms = np.abs(sound).max(), loud * 10 ** (-level / 20)
+    samples = np.pad(sound, ((0, 0), (LEAD, 0)))
+    samples = samples + rms * chance.standard_normal(samples.shape)
+    noise = np.full(len(gains), rms / peak)
+    truth = Truth(frequencies=frequencies, decays=decays, gains=gains / peak, noise=noise)
+    return Scene(samples=samples / peak, truth=truth)
+
+
+def gain_controlled(
+    take: Scene, threshold: float, ratio: float, *, attack: float = 5e-3, release: float = 0.15
+) -> Scene:
+    """Return a scene through a compressor that takes back up to 12 dB over a threshold, dB."""
+    levels = 20 * np.log10(np.abs(take.samples[0]) / np.abs(take.samples).max() + 1e-9)
+    wanted = np.clip((levels - threshold) * (1 - 1 / ratio), 0, 12)
+    falls, rises = np.exp(-1 / (attack * RATE)), np.exp(-1 / (release * RATE))
+    taken, gains = 0.0, np.zeros(len(wanted))
+    for place, each in enumerate(wanted.tolist()):
+        share = falls if each > taken else rises
+        taken = share * taken + (1 - share) * each
+        gains[place] = -taken
+    return Scene(samples=take.samples * 10 ** (gains / 20), truth=take.truth)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
