@@ -57,7 +57,10 @@ def test_an_object_in_a_room_keeps_its_slow_modes(level: float) -> None:
     nearest = np.abs(made.model.frequencies[:, None] - FREQUENCIES[slow]).argmin(axis=0)
     assert not made.room[nearest].any()
     others = np.setdiff1d(np.arange(len(made.room)), nearest)
-    assert made.room[others].mean() > 0.9
+    # The crowd is left out of the model: what stays of the room are one or two modes of many.
+    assert np.count_nonzero(~made.room[others]) <= 1
+    assert len(others) <= 5
+    assert any("left out of the model as its own" in note for note in made.model.provenance.dropped)
     assert any("as fast as the room" in note for note in made.model.provenance.dropped)
     assert "perhaps" in report(made)
 
