@@ -254,7 +254,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "a place in no room": (
         shell("render", "b.struck", "--position", "1,2,1"),
-        ("--position \\(1.0, 2.0, 1.0\\)", "a place in a room", "give --room x,y,z"),
+        ("--position \\(1.0, 2.0, 1.0\\)", "needs a room", "give --room x,y,z"),
     ),
     "a strike after the end": (
         lambda: sys.stderr.write(

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from struck.cli import Parser
 from struck.cli.options import add_listener, add_room, listener, room
 from struck.ears.listeners import Binaural, Mono, Stereo
 from struck.errors import FileFormatError, OptionError
 
 
 def parsed(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_listener(parser)
     add_room(parser)
     return parser.parse_args(words)
@@ -58,7 +59,7 @@ def test_what_makes_no_listener_is_refused(words: tuple[str, ...], message: str)
 
 
 def test_a_reverberation_without_a_room_is_refused() -> None:
-    with pytest.raises(OptionError, match="--reverberation needs a room"):
+    with pytest.raises(OptionError, match="--reverberation 1.0 needs a room"):
         room(parsed("--reverberation", "1"))
 
 

@@ -304,3 +304,25 @@ def test_tables_have_commas_or_semicolons_or_tabs(bar: str, between: str) -> Non
     words = ("--seconds", "0.1", "-o", "hits")
     assert main(["render", bar, "--strikes", "hits.csv", *words]) == 0
     assert {path.name for path in Path("hits").glob("*.wav")} == {"soft.wav", "hard.wav"}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--load 3", "--load 3.0 is for --scrape, which is not given: give it, or leave it out"),
+        ("--strike end --mass 2", "--mass 2.0 is for --roll"),
+        ("--pluck end --striker felt", "--striker felt is for --strike or --scrape"),
+        ("--scrape end..top --grip 3", "--grip 3.0 is for --hold"),
+        ("--roll end..top --force 50", "--force 50.0 is for --pluck"),
+        ("--walls brick", "--walls brick needs a room: give --room x,y,z, or leave it out"),
+        ("--sounds flac", "--sounds flac is for --strikes"),
+        ("--position 1,1,1", "--position (1.0, 1.0, 1.0) needs a room"),
+        ("--hold end", "1 Hold and nothing that strikes: give at least one Strike"),
+    ],
+)
+def test_options_that_say_nothing_here_are_refused(
+    words: str, told: str, bar: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["render", bar, *words.split(), "-o", "none.wav"]) == 2
+    assert told in capsys.readouterr().err
+    assert not Path("none.wav").exists()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import partial
 from inspect import Parameter, signature
@@ -264,6 +264,14 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Raise OptionError for the first of these options that was given, and say why."""
+    given = getattr(options, "given", {})
+    for name in names:
+        if name in given:
+            raise OptionError(f"--{name} {given[name]} {why}, or leave it out")
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declare the room around bodies and listener."""
     group = parser.add_argument_group("room")
@@ -325,8 +333,7 @@ def room(options: argparse.Namespace) -> Room | None:
         On a reverberation without a room, or a room that cannot be.
     """
     if options.room is None:
-        if options.reverberation is not None:
-            raise OptionError("--reverberation needs a room: give --room x,y,z")
+        refuse(options, ("reverberation", "walls", "position"), "needs a room: give --room x,y,z")
         return None
     x, y, z = options.room
     late = None

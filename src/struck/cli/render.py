@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from struck.cli.options import (
     listener,
     numbers,
     place,
+    refuse,
     room,
 )
 from struck.errors import OptionError
@@ -48,6 +50,19 @@ _PLACE = "PLACE[@SECONDS]"
 _WAY = "FROM..TO[@SECONDS]"
 _SPEED = 0.1
 _Spot = str | tuple[float, ...]
+# Options, and those without which they say nothing.
+_OF: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("impulse", "duration"), ("strike",)),
+    "direction": ("strike", "pluck"),
+    "striker": ("strike", "scrape"),
+    "speed": ("strike", "scrape", "roll"),
+    "load": ("scrape",),
+    "roughness": ("scrape", "roll"),
+    **dict.fromkeys(("radius", "mass"), ("roll",)),
+    "force": ("pluck",),
+    "grip": ("hold",),
+    "sounds": ("strikes",),
+}
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -87,6 +102,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck render`."""
     require_no_sound(options.model)
+    told = {name for names in _OF.values() for name in names if getattr(options, name)}
+    told |= set() if told else {"strike"}
+    for name, others in _OF.items():
+        if not told & {*others}:
+            kinds = " or ".join(f"--{each}" for each in others)
+            refuse(options, [name], f"is for {kinds}, which is not given: give it")
     if options.strikes:
         return _set(options, progress)
     read = filter(None, (options.model, options.walk, options.hrtf))
@@ -183,11 +204,6 @@ def _placed(
 
 def _heard(options: argparse.Namespace) -> dict[str, Any]:
     """Return length, rate and listener of a sound, as `struck.render` takes them."""
-    if options.position is not None and options.room is None:
-        raise OptionError(
-            f"--position {options.position} is a place in a room: give --room x,y,z, or say where "
-            "it is heard by --listener x,y,z from the body"
-        )
     return {
         "seconds": options.seconds,
         "sample_rate": options.rate,
@@ -215,7 +231,7 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
         "--direction", type=numbers(3, form="x,y,z"), help="of a strike or pluck, x,y,z"
     )
     parser.add_argument("--load", type=float, default=1.0, help="on the tip, N (default 1)")
-    parser.add_argument("--roughness", default="sandpaper", help="what is scraped or rolled on")
+    parser.add_argument("--roughness", help="what is scraped (sandpaper) or rolled on (wood)")
     parser.add_argument("--radius", type=length, default=0.01, help="of the ball, m (default 0.01)")
     parser.add_argument("--mass", type=float, default=0.02, help="of the ball, kg (default 0.02)")
     parser.add_argument("--force", type=float, default=1.0, help="of a pluck, N (default 1)")
@@ -234,7 +250,7 @@ def touches(options: argparse.Namespace) -> list[Action]:
     found += [_scrape(text, options) for text in options.scrape or ()]
     found += [_roll(text, options) for text in options.roll or ()]
     found += [_pluck(text, options) for text in options.pluck or ()]
-    if not found:
+    if not (found or options.hold):
         found.append(_strike("", options))
     return found + [_hold(text, options) for text in options.hold or ()]
 
@@ -258,7 +274,7 @@ def _scrape(text: str, options: argparse.Namespace) -> Scrape:
         path=_way("--scrape", way),
         speed=_SPEED if options.speed is None else options.speed,
         load=options.load,
-        roughness=options.roughness,
+        roughness=options.roughness or "sandpaper",
         striker=options.striker or "steel",
         time=time,
     )
@@ -272,6 +288,7 @@ def _roll(text: str, options: argparse.Namespace) -> Roll:
         radius=options.radius,
         mass=options.mass,
         time=time,
+        **({} if options.roughness is None else {"roughness": options.roughness}),
     )
 
 

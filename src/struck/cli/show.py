@@ -10,7 +10,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import length, place
+from struck.cli.options import length, place, refuse
 from struck.errors import OptionError
 from struck.files.atomic import writable
 from struck.model.chart import Chart
@@ -53,7 +53,10 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         endings=PICTURES,
         kind="pictures",
     )
-    if Path(options.model).suffix == ".toml":
+    planned = Path(options.model).suffix == ".toml"
+    others = ("field", "strike", "modes") if planned else ("pitch",)
+    refuse(options, others, f"is for a {'model' if planned else 'plan'}: give one")
+    if planned:
         save(_planned(options.model, options.pitch), output)
         return Result(f"wrote {output}", output=str(output))
     field = int(options.field) if (options.field or "").isdigit() else options.field

@@ -17,7 +17,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_listener, add_room, listener, metres, room
+from struck.cli.options import add_listener, add_room, listener, metres, refuse, room
 from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
@@ -79,6 +79,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck simulate`."""
+    others = ("log", "output", "rate", "ring") if options.play else ("device",)
+    without = "a file: leave out --play" if options.play else "playing: give --play"
+    refuse(options, others, f"is for {without}")
     if options.play:
         return _heard_live(options, progress)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
