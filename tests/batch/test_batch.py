@@ -426,13 +426,22 @@ def test_25_kills_leave_whole_files_alone(tmp_path: Path) -> None:
         ends_as(contents(tmp_path / "out"), run(tmp_path, f"out{number}", **STRUCK), finished)
 
 
-def test_sounds_of_an_earlier_run_that_are_removed_are_counted(tmp_path: Path) -> None:
+def test_sounds_of_an_earlier_run_stay_and_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "in").mkdir()
     bar(tmp_path / "in/bar.vtu", 0.08, 0.01, 0.01)
-    run(tmp_path, strikes=2, seconds=0.1, progress=None)
-    assert len(list((tmp_path / "out").glob("*.wav"))) == 2
-    (row,) = run(tmp_path).rows
-    assert row.warnings == (
-        "2 files of sounds made with other options were removed: give strikes= again",
-    )
-    assert not list((tmp_path / "out").glob("*.wav"))
+    run(tmp_path, strikes=3, seconds=0.1, progress=None)
+    labels = (tmp_path / "out/labels.csv").read_bytes()
+    told = "3 files of sounds are of an earlier run: give strikes= to make them anew"
+    assert run(tmp_path, modes=2).rows[0].warnings == (told,)
+    assert len(struck.load(tmp_path / "out/bar.struck").frequencies) == 2
+    assert len(list((tmp_path / "out").glob("*.wav"))) == 3
+    assert (tmp_path / "out/labels.csv").read_bytes() == labels
+    given = ["analyze-many", str(tmp_path / "in"), "-o", str(tmp_path / "out")]
+    assert main([*given, "--material", "steel", "--accuracy", "preview"]) == 0
+    assert "bar.vtu: 3 files of sounds are of an earlier run" in capsys.readouterr().out
+    assert main([*given, "--material", "steel", "--seconds", "2"]) == 2
+    assert "--seconds 2.0 is for sounds, which are made by --strikes" in capsys.readouterr().err
+    run(tmp_path, strikes=1, seconds=0.1, progress=None)
+    assert len(list((tmp_path / "out").glob("*.wav"))) == 1

@@ -59,7 +59,7 @@ def test_what_makes_no_listener_is_refused(words: tuple[str, ...], message: str)
 
 
 def test_a_reverberation_without_a_room_is_refused() -> None:
-    with pytest.raises(OptionError, match="--reverberation 1.0 needs a room"):
+    with pytest.raises(OptionError, match=r"--reverberation 1\.0 needs a room"):
         room(parsed("--reverberation", "1"))
 
 

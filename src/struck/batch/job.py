@@ -39,6 +39,7 @@ from struck.files import guard, meshes, model_file
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
+from struck.perception.audibility import within_budget
 
 Facts = dict[str, Any]  # what a job tells, as JSON values
 GIB = 2**30
@@ -144,7 +145,8 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
             if facts["parts"]:
                 return _keep(job, folder, facts)
             how = {**job.options, "cache": job.cache, "progress": progress}
-            model = analyze(job.file, job.material, **how)
+            given = {"body": job.file, "material": job.material}
+            model = within_budget(how.pop("modes", None), analyze, **given, **how)
         if content_of(job.file) != job.content:
             raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
         return _written(job, folder, facts | _described(model), model)
@@ -194,15 +196,16 @@ def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Fac
     before, own = _facts(job, folder), Path(job.output).name
     job.path(folder, FACTS).unlink(missing_ok=True)
     mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
-    for name in mine:  # made with other options
+    stay = [name for name in mine if job.strikes is None and not name.endswith(MODEL)]
+    for name in {*mine} - {*stay}:  # made with other options
         (folder / name).unlink(missing_ok=True)
-    gone = sum(not name.endswith(MODEL) for name in mine)
-    if gone and job.strikes is None:
-        told = f"{gone} files of sounds made with other options were removed: give strikes= again"
-        facts["warnings"] = [*facts.get("warnings", []), told]
     labels = [] if job.strikes is None else job.strikes.written(model, job.output, folder)
     data = model_file.to_bytes(model)
     sounds = dict.fromkeys(label["sound"] for label in labels)
+    if old := [name for name in stay if (folder / name).is_file()]:
+        told = f"{len(old)} files of sounds are of an earlier run: give strikes= to make them anew"
+        facts["warnings"] = [*facts.get("warnings", []), told]
+        sounds |= dict.fromkeys(old)
     sizes = {name: (folder / name).stat().st_size for name in sounds}
     facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
     _keep(job, folder, facts)

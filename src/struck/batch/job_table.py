@@ -39,7 +39,7 @@ _OPTIONS = {  # of `analyze`, with what they are unless given
     name: each.default
     for name, each in inspect.signature(analyze).parameters.items()
     if name not in {"body", "material", "cache", "progress"}
-}
+} | {"modes": None}
 _COLUMNS = {"file", "output", "material", *_OPTIONS}
 Files = str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None
 Table = str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None
@@ -272,6 +272,7 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 # How the cells of a CSV table are read, by the name of their column.
 _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
+    "modes": int,
     **dict.fromkeys(("repair", "recoil"), _flag),
     "band": lambda value: require_band(_cells(value)),
     "fixed": _box,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
-from struck.cli.options import material_named
+from struck.cli.options import add_budget, material_named, refuse
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
@@ -23,6 +24,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, help="folder of the models")
     parser.add_argument("--table", help="CSV or TOML of files with options of their own")
     add_how(parser)
+    add_budget(parser)
     work = parser.add_argument_group("work")
     work.add_argument("--anew", action="store_true", help="do again what is there, failures too")
     work.add_argument("--processes", type=int, help="at once; as many as cores unless given")
@@ -39,14 +41,18 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck analyze-many`."""
-    named, number = options.material, options.strikes
+    named, number = options.material, options.strikes or ""
+    if not number:
+        others = ("seed", "seconds", "rate", "sounds", "labels")
+        refuse(options, others, "is for sounds, which are made by --strikes: give it")
     same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
     report = analyze_many(
         options.files,
         None if named is None else material_named(named, options.damping),
         out=options.output,
-        strikes=int(number) if (number or "").isdecimal() else number,
+        strikes=int(number) if number.isdecimal() else number or None,
         sample_rate=options.rate,
+        modes=options.modes,
         resume=not options.anew,
         progress=progress,
         **{name: getattr(options, name) for name in same},
@@ -55,6 +61,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     failed = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
     if len(report.failed) > len(failed):
         failed.append(f"and {len(report.failed) - len(failed)} more")
+    told = [f"{Path(row.file).name}: {each}" for row in report.rows for each in row.warnings]
+    failed += told[:20] + ([f"and {len(told) - 20} warnings more"] if len(told) > 20 else [])
     page = report.folder / "report.html"
     result = Result(
         "\n".join((*failed, str(report), f"open {page} in a browser to see and hear them")),

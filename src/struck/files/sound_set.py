@@ -135,10 +135,11 @@ def _require_levels(
         off = 10 * np.log10(max(after, 1e-300) / before) if before else 0.0
         if abs(off) > _KEPT:
             below = 20 * np.log10(level / sound.peak)
+            change = f"change its level by {off:+.2g} dB, more than {_KEPT:g}"
             raise OptionError(
                 f"{file} peaks {below:.1f} dB below full scale ({level:.3g} Pa), and {encoding} "
-                f"would change its level by {off:+.2g} dB, more than {_KEPT:g}: save the set "
-                "as WAV in float32 or int24, or in parts with a level of their own"
+                f"would {change if after else 'leave silence of it'}: save the set as WAV in "
+                "float32, which holds any level, or its soft and its loud sounds as two sets"
             )
 
 

@@ -265,16 +265,25 @@ def _alternatives(annotation: str) -> Iterator[str]:
 def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
     name, _, rest = annotation.partition("[")
     inner = rest.removesuffix("]")
-    if name in {"tuple", "Sequence"} and set(inner.split(", ")) <= _OF_NUMBERS:
-        return _NUMBERS
     if name == "Sequence":
-        return _list_of(_sorts(inner, module))
+        return _NUMBERS if {inner} <= _OF_NUMBERS else _list_of(_sorts(inner, module))
+    if name == "tuple":
+        return _tuple_of(inner)
     if name in _SORTS:
         return _SORTS[name]
     if name in module:
         return _of_kind(module[name], name)
     # Not loaded yet, as is everything that the verbs name for type checkers alone.
     return (lambda value: _is_named(value, name), f"a {name}") if name in _NAMED else None
+
+
+def _tuple_of(inner: str) -> Sort:
+    """Return the test that an argument passes as a list, of numbers where the tuple holds them."""
+    listed, kinds = _list_of(())[0], set(inner.split(", "))
+    if not kinds <= _OF_NUMBERS:
+        return listed, "a list"
+    count = "" if "..." in kinds else f"{inner.count(',') + 1} "
+    return (lambda value: listed(value) and _is_numbers(value)), f"{count}numbers"
 
 
 def _list_of(inner: tuple[Sort, ...]) -> Sort:
