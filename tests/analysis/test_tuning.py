@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 import struck
 from struck.analysis import tune
+from struck.analysis.tuning import _Mode
 from struck.errors import OptionError
 from struck.model import Material
 from struck.shapes import Bar, String
@@ -128,3 +130,48 @@ def test_a_block_is_tuned_by_its_edges() -> None:
         OptionError, match=r"no numbers .*partial\(bowl, .* scale its model by ModalModel"
     ):
         tune(bowl(radius=0.06, height=0.05, wall=0.002), "bronze", vary="wall", lowest=440.0)
+
+
+def test_rounding_in_the_elements_refuses_no_tuning() -> None:
+    """Frequencies of a long tube differ by 1e-5 where its lengths hardly do."""
+    tube = Tube(length=3.9, radius=0.0125, wall=0.001, elements=(8, 12, 1))
+    for hertz in (10.0, 2.0):
+        found = tune(tube, STEEL, vary="length", lowest=hertz)
+        assert found.after[1] == pytest.approx(hertz, rel=5e-4)
+        assert found.body.length == found.after[0]
+
+
+def test_what_is_not_reached_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    tube = Tube(length=0.5, radius=0.0125, wall=0.001, elements=(8, 12, 1))
+    with pytest.raises(OptionError) as refused:
+        tune(tube, STEEL, vary="wall", frequency="D6", mode=5)
+    told = re.fullmatch(
+        r"wall cannot bring mode 5 to 1174.659 Hz: between wall = 0.001 and (0.01\d+) it rings at "
+        r"(\d+\.?\d*) to (\d+\.?\d*) Hz, nearest at (\S+) Hz with wall = (0.01\d+); vary another "
+        r"dimension, or tune another mode",
+        str(refused.value),
+    )
+    assert told is not None
+    thickest, low, high, nearest, wall = map(float, told.groups())
+    assert 0.012 < thickest <= 0.0125
+    assert wall == pytest.approx(thickest, rel=1e-4)
+    assert 1174.659 < nearest == low < high
+
+    def jumps(_mode: _Mode, body: Bar, *_: object) -> float:
+        return (30.0 if body.length > 0.3 else 30.3) / body.length
+
+    monkeypatch.setattr(_Mode, "natural", jumps)
+    with pytest.raises(OptionError, match=r"to 100\.5 Hz: .* nearest at (101|9\d\.\d+) Hz "):
+        tune(SLENDER, STEEL, vary="length", lowest=100.5)
+
+
+def test_a_step_beyond_what_a_body_allows_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frequency that falls late, as the wall fills the tube, and a step that goes past that."""
+
+    def falls(_mode: _Mode, tube: Tube, *_: object) -> float:
+        return 100.0 * math.sqrt(1 - (tube.wall / tube.radius) ** 4 / 2)
+
+    monkeypatch.setattr(_Mode, "natural", falls)
+    thin = Tube(length=0.5, radius=0.0125, wall=0.005)
+    found = tune(thin, STEEL, vary="wall", lowest=100 * math.sqrt(1 - 0.98**4 / 2))
+    assert found.body.wall == pytest.approx(0.98 * 0.0125, rel=1e-6)

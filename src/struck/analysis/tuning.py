@@ -6,7 +6,7 @@ The chimes of O'Brien et al. 2002 (Table 2, "adjusted") were tuned so by their l
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -17,7 +17,7 @@ import numpy as np
 from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
 from struck.core.machine import in_few_threads
-from struck.errors import NoModeError, OptionError, nearest
+from struck.errors import MeshError, NoModeError, OptionError, nearest
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
     Body = Solid | Shape
 
+Point = tuple[float, float]  # a value, and the frequency that it gives, Hz
 FAMILIES = ("bending", "torsion", "stretching")
 _IN_TUNE = 1e-7
+_NEAR = 5e-4  # under a cent: enough where rounding in the elements lets no step come nearer
 _EDGES = ("length", "width", "height")  # of a block, along x, y and z
 _STEPS = 40
 _FARTHEST = 64.0  # times the wanted frequency up to which a mode is looked for
@@ -231,30 +233,47 @@ def tune(
     if isinstance(material, str):
         material = Material.named(material)
 
-    def measured(value: float) -> tuple[float, float]:
-        varied = _with(given, vary, value)
-        natural = chosen.natural(_made(varied), material, accuracy or "standard", wanted)
+    def measured(value: float) -> Point:
+        try:
+            varied = _made(_with(given, vary, value))
+        except (OptionError, MeshError):  # beyond what the body allows
+            return value, np.nan
+        natural = chosen.natural(varied, material, accuracy or "standard", wanted)
         return value, float(ringing(natural, material.damping.decays(natural)))
 
-    points = [measured(_dimension(given, vary))]
+    points, best = _approached(measured, _dimension(given, vary), wanted, progress)
+    if abs(best[1] / wanted - 1) > _NEAR:
+        (low, high), (deep, bright) = ((min(each), max(each)) for each in zip(*points, strict=True))
+        raise OptionError(
+            f"{vary} cannot bring {chosen} to {wanted:.7g} Hz: between {vary} = {low:.5g} and "
+            f"{high:.5g} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at {best[1]:.7g} Hz "
+            f"with {vary} = {best[0]:.7g}; vary another dimension, or tune another mode"
+        )
+    made = _made(_with(given, vary, best[0]))
+    found = Tuning(body=made, vary=vary, mode=f"{chosen}", before=points[0], after=best)
+    progress(f"tuned: {found}", 1.0)
+    return found
+
+
+def _approached(
+    measured: Callable[[float], Point], start: float, wanted: float, progress: Progress
+) -> tuple[list[Point], Point]:
+    """Return values tried and their frequencies, Hz, until none comes nearer, and the nearest."""
+    points = [best := measured(start)]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
-    guess = points[0][0] * (points[0][1] / wanted) ** 0.5
-    for step in range(_STEPS):
+    guess, step = start * (best[1] / wanted) ** 0.5, 0
+    while step < _STEPS and np.isfinite(guess):
         progress("tuning", step / _STEPS)
-        points.append(measured(guess))
-        if abs(points[-1][1] / wanted - 1) < _IN_TUNE:
-            made, ends = (
-                _made(_with(given, vary, guess)),
-                {"before": points[0], "after": points[-1]},
-            )
-            found = Tuning(body=made, vary=vary, mode=f"{chosen}", **ends)
-            progress(f"tuned: {found}", 1.0)
-            return found
-        guess = _next(points[-2:], wanted, f"{chosen}")
-    raise OptionError(
-        f"{vary} cannot bring {chosen} to {wanted:g} Hz: after {_STEPS} steps it rings at "
-        f"{points[-1][1]:.5g} Hz with {vary} = {points[-1][0]:.5g}; vary another dimension"
-    )
+        step, last, point = step + 1, points[-1][0], measured(guess)
+        if np.isnan(point[1]):
+            guess = (guess * last) ** 0.5 if abs(guess / last - 1) > 1e-3 else np.nan
+            continue
+        points.append(point)
+        off, best = min((abs(each[1] / wanted - 1), each) for each in points)
+        if off < _IN_TUNE or (off < _NEAR and best not in points[-2:]):
+            break
+        guess = _next(points[-2:], wanted)
+    return points, best
 
 
 def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mode) -> float:
@@ -310,10 +329,10 @@ def _with(body: Any, vary: str, value: float) -> Any:  # noqa: ANN401 - a body, 
     return replace(body, **change)
 
 
-def _next(points: list[tuple[float, float]], wanted: float, mode: str) -> float:
-    """Return the secant's next value, on logarithms, in steps of a factor of 2 at most."""
+def _next(points: list[Point], wanted: float) -> float:
+    """Return the secant's next value, by a factor of 2 at most; NaN where it leads nowhere."""
     (x0, x1), (y0, y1) = np.log(np.array(points)).T
     slope = (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
     if not np.isfinite(slope) or abs(slope) < 1e-3:
-        raise OptionError(f"{mode} does not follow this dimension: vary another")
+        return np.nan
     return float(np.exp(x1 + np.clip((np.log(wanted) - y1) / slope, -np.log(2), np.log(2))))
