@@ -18,11 +18,13 @@ import struck
 from struck import Room, Strike
 from struck.analysis import tune
 from struck.cli import COMMANDS, Parser, declare, in_shell_words, main
+from struck.cli.options import body_named, material_named
 from struck.cli.render import touches
 from struck.cli.simulate import _measures
 from struck.ears import Reverberation
+from struck.errors import MaterialError, OptionError
 from struck.scene import Simulation
-from struck.shapes import Bar
+from struck.shapes import Bar, String
 
 BAR = Bar(length=0.3, width=0.03, thickness=0.005)
 
@@ -326,3 +328,35 @@ def test_options_that_say_nothing_here_are_refused(
     assert main(["render", bar, *words.split(), "-o", "none.wav"]) == 2
     assert told in capsys.readouterr().err
     assert not Path("none.wav").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"), [("True true yes 1", True), ("False false no 0", False)]
+)
+def test_yes_and_no_are_taken_in_all_spellings(words: str, *, meant: bool) -> None:
+    for word in words.split():
+        string = body_named(f"string:length=0.6,radius=2e-4,tension=1,stiff={word}")
+        assert string == String(length=0.6, radius=2e-4, tension=1.0, stiff=meant)
+    with pytest.raises(OptionError, match=r"stiff is 2.0: String takes True or False"):
+        body_named("string:length=0.6,radius=2e-4,tension=1,stiff=2")
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ("poisson_ratio=0.3,rayleigh_stiffness=1e-7", "rayleigh_mass= missing: give"),
+        ("poisson_ratio=0.3,rayleigh_mass=1", "rayleigh_stiffness= missing: give"),
+        ("loss_tangent=1e-3", "poisson_ratio= missing: give"),
+        (
+            "poisson_ratio=0.3,loss_tangnet=1e-3",
+            "it has no loss_tangnet=: did you mean loss_tangent=",
+        ),
+        (
+            "poisson_ratio=0.3,loss_tangent=1e-3,rayleigh_mass=1,rayleigh_stiffness=1e-7",
+            "loss_tangent= and rayleigh_mass= and rayleigh_stiffness= are two laws of damping: ",
+        ),
+    ],
+)
+def test_what_a_material_lacks_is_named(more: str, why: str) -> None:
+    with pytest.raises(MaterialError, match=f"is no material: {why}.* one of loss_tangent=... or"):
+        material_named(f"density=7850,youngs_modulus=2e11,{more}")

@@ -1,4 +1,4 @@
-"""Options of the shell for listeners: their position, their heads and the room."""
+"""Options of the shell that commands share: bodies, materials, listeners and the room."""
 
 from __future__ import annotations
 
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from struck.shapes.shape import Shape
 
     Body = Solid | Shape
-
-# Texts of the shell turned into bodies, strikes and places to write.
 
 BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
 _NOT_IN_SHELL = {"elements", "section"}
@@ -175,6 +173,9 @@ def maker_named(text: str) -> str | partial[Body]:
         raise OptionError(
             f"{text!r} does not say what a {kind} needs: {offer}give {kind}:{wanted}{besides}"
         )
+    for name, value in given.items():
+        if isinstance(signature(maker).parameters[name].default, bool) and value in (0, 1):
+            given[name] = bool(value)
     try:
         maker(**given)
     except ArgumentError as error:
@@ -198,7 +199,7 @@ def _value(text: str) -> object:
     with suppress(ValueError):
         values = tuple(map(metres, text.split("x")))
         return values[0] if len(values) == 1 else values
-    return {"yes": True, "no": False}.get(text, text)
+    return {"yes": True, "true": True, "no": False, "false": False}.get(text.lower(), text)
 
 
 def material_named(text: str, damping: str = "own") -> Material:
@@ -209,28 +210,33 @@ def material_named(text: str, damping: str = "own") -> Material:
     Raises
     ------
     MaterialError
-        When the name is unknown, a constant is missing or no number, or no solid has them.
+        When a name is unknown, a constant is missing or no number, or no solid has them.
     """
     if "=" not in text:
         return Material.named(text, damping)
     given = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
     wanted = ("density", "youngs_modulus", "poisson_ratio")
     law = ("rayleigh_mass", "rayleigh_stiffness")
-    if set(given) - {*wanted, "loss_tangent"} not in (set(), set(law)) or set(wanted) - set(given):
+    laws, known = set(law) & set(given), (*wanted, "loss_tangent", *law)
+    unknown = next((name for name in given if name not in known), "")
+    missing = [name for name in (*wanted, *(law if laws else ())) if name not in given]
+    if unknown or missing or (laws and "loss_tangent" in given):
+        why = f"it has no {unknown}=: {nearest(unknown, known, '{}=')}"
+        if not unknown:
+            two = f"loss_tangent= and {'= and '.join(law)}= are two laws of damping"
+            why = f"{'= and '.join(missing)}= missing: " if missing else f"{two}: "
         raise MaterialError(
-            f"{text!r} is no material: give {'=...,'.join(wanted)}=... and, if known, loss_tangent="
+            f"{text!r} is no material: {why}give {'=...,'.join(wanted)}=... and, if known, one of "
+            f"loss_tangent=... or {'=...,'.join(law)}=..."
         )
     try:
         values = {name: float(value) for name, value in given.items()}
     except ValueError:
         raise MaterialError(f"{text!r} holds no numbers: give SI units, as 7.2e10") from None
     rayleigh = Rayleigh(mass=values[law[0]], stiffness=values[law[1]]) if law[0] in values else None
-    return Material(
-        density=values["density"],
-        youngs_modulus=values["youngs_modulus"],
-        poisson_ratio=values["poisson_ratio"],
-        damping=rayleigh or InternalFriction(loss_tangent=values.get("loss_tangent", 0.0)),
-    )
+    constants: dict[str, Any] = {name: values[name] for name in wanted}
+    damping_law = rayleigh or InternalFriction(loss_tangent=values.get("loss_tangent", 0.0))
+    return Material(**constants, damping=damping_law)
 
 
 def add_listener(parser: argparse.ArgumentParser) -> None:

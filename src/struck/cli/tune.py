@@ -41,16 +41,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             f"{body} is a mesh file, which has no dimensions to vary: give a body as "
             "bowl:radius=8cm (struck analyze --list), or analyze it at another --size"
         )
-    found = tune(
-        body,
-        material_named(options.material),
-        vary=options.vary,
-        lowest=options.lowest,
-        frequency=options.frequency,
-        mode=options.mode,
-        accuracy=options.accuracy,
-        progress=progress,
-    )
+    names = ("vary", "lowest", "frequency", "mode", "accuracy")
+    given = {name: getattr(options, name) for name in names}
+    found = tune(body, material_named(options.material), **given, progress=progress)
     (before, rang), (value, rings) = found.before, found.after
     return Result(
         f"{options.vary} = {value:.7g}\n{found}",
