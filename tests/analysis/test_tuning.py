@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,9 +14,9 @@ from struck.analysis import tune
 from struck.analysis.tuning import _Mode
 from struck.errors import OptionError
 from struck.model import Material
-from struck.shapes import Bar, String
-from struck.solids import Block, Tube
-from struck.solids.revolution import bowl
+from struck.shapes import Bar, CircularPlate, String
+from struck.solids import Block, Revolution, Tube
+from struck.solids.revolution import bowl, wine_glass
 
 STEEL = Material(density=7850.0, youngs_modulus=200e9, poisson_ratio=0.29)
 SLENDER = Bar(length=0.3, width=0.03, thickness=0.005, theory="euler-bernoulli")
@@ -175,3 +176,40 @@ def test_a_step_beyond_what_a_body_allows_is_shortened(monkeypatch: pytest.Monke
     thin = Tube(length=0.5, radius=0.0125, wall=0.005)
     found = tune(thin, STEEL, vary="wall", lowest=100 * math.sqrt(1 - 0.98**4 / 2))
     assert found.body.wall == pytest.approx(0.98 * 0.0125, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "vary"),
+    [
+        (partial(bowl, height=0.05), "radius"),
+        (wine_glass, "height"),
+        (CircularPlate(radius=0.1, thickness=0.002), "radius"),
+        (String(length=0.65, radius=0.0003, tension=60.0), "tension"),
+        (Tube(length=0.005, radius=0.05, wall=0.05), "radius"),
+    ],
+)
+def test_bodies_without_families_are_tuned_by_number(body: object, vary: str) -> None:
+    for family in ("bending", "torsion 2"):
+        with pytest.raises(
+            OptionError, match=rf"mode is '{family}', but .* this is a \w+: .* as mode=2"
+        ):
+            tune(
+                partial(body) if callable(body) else body,
+                STEEL,
+                vary=vary,
+                frequency=900,
+                mode=family,
+            )
+
+
+def test_turned_rods_have_families_and_hinged_bars_bend() -> None:
+    def rod(length: float = 0.3) -> Revolution:
+        return Revolution(profile=[(0.01, 0), (0.01, length)], smooth=False, elements=(8, 12, 1))
+
+    speed = math.sqrt(STEEL.shear_modulus / STEEL.density)
+    found = tune(partial(rod), STEEL, vary="length", frequency=4000.0, mode="torsion")
+    assert found.after[0] == pytest.approx(speed / (2 * 4000.0), rel=1e-3)
+    hinged = Bar(length=0.3, width=0.03, thickness=0.005, ends="hinged")
+    assert tune(hinged, STEEL, vary="length", frequency=900, mode="bending").mode == "bending 1"
+    with pytest.raises(OptionError, match=r"'hinged': .* or let go \('free'\); tune its bending$"):
+        tune(hinged, STEEL, vary="length", frequency=900, mode="torsion")

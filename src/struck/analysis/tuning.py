@@ -102,7 +102,11 @@ class _Mode:
         if is_shape(body):
             if self.family in {"", "bending"}:
                 return self._first(body.vibration(material, f).frequencies for f in _up(about))
-            return self._of_solid(body.solid(), material, accuracy, about)
+            try:
+                return self._of_solid(body.solid(), material, accuracy, about)
+            except OptionError as error:
+                told = str(error).replace("take method='formula'", "tune its bending")
+                raise OptionError(told) from None
         if self.family:
             return self._of_solid(body, material, accuracy, about)
         return lowest_frequency(body.volume_mesh(accuracy), material, number=self.number)
@@ -139,6 +143,15 @@ class _Mode:
 def _up(about: float) -> Iterator[float]:
     """Yield ends of bands, Hz, each twice the last."""
     return iter(about * 2.0 ** np.arange(1, np.log2(_FARTHEST) + 1))
+
+
+def _is_long(body: Any) -> bool:  # noqa: ANN401 - any body
+    """Return whether a body may have families: a bar, block, tube or rod, no disc and no shell."""
+    if is_shape(body):
+        return hasattr(body, "ends")
+    if hasattr(body, "profile"):  # turned; with a wall a bowl, bell or glass
+        return body.wall is None
+    return getattr(body, "length", np.inf) > 2 * getattr(body, "radius", 0.0)
 
 
 def families_of(modes: Modes) -> list[str]:
@@ -225,13 +238,17 @@ def tune(
         )
     progress, chosen = reported(progress), _Mode.of(mode)
     wanted = _wanted(lowest, frequency, chosen)
+    if chosen.family and not _is_long(body):
+        raise OptionError(
+            f"mode is {mode!r}, but {', '.join(FAMILIES)} are families of bars, blocks and long "
+            f"tubes alone, and this is a {type(body).__name__}: give a mode's number, as mode=2"
+        )
     if accuracy is not None and is_shape(body) and chosen.family in {"", "bending"}:
         raise OptionError(
             f"accuracy={accuracy!r} does not apply to {type(body).__name__}, which is computed by "
             "a formula: leave it out"
         )
-    if isinstance(material, str):
-        material = Material.named(material)
+    material = Material.named(material) if isinstance(material, str) else material
 
     def measured(value: float) -> Point:
         try:

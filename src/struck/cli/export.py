@@ -7,7 +7,7 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
-from struck.cli.options import place
+from struck.cli.options import place, same
 from struck.errors import OptionError
 from struck.files.atomic import writable
 from struck.files.model_file import SHAPES
@@ -79,14 +79,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     lost = export(
         model,
         output,
-        contacts=options.contacts,
         listeners=listeners,
         convention=convention,
-        seconds=options.seconds,
         sample_rate=rate,
-        title=options.title,
-        author=options.author,
-        licence=options.licence,
+        **same(options, "contacts seconds title author licence"),
     )
     beyond = [f"{lost} modes at or above {rate / 2:g} Hz are left out"] * (lost > 0)
     return Result(

@@ -87,6 +87,11 @@ PITCH = numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres)
 BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
 
 
+def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
+    """Return options, by their names with spaces between, as arguments of the same names."""
+    return {name: getattr(options, name) for name in names.split()}
+
+
 def place(text: str) -> str | tuple[float, ...]:
     """Return a place's coordinates from text such as "0.1,0,2cm"; other text is a place's name."""
     try:

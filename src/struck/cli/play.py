@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_budget, add_listener, listener
+from struck.cli.options import add_budget, add_listener, listener, same
 from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -74,10 +74,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         listener=listener(options),
         device=device(options.device),
         sample_rate=options.rate,
-        block=options.block,
-        ahead=options.ahead,
-        voices=options.voices,
-        volume=options.volume,
+        **same(options, "block ahead voices volume"),
     )
     progress.close()
     with player:

@@ -25,6 +25,7 @@ from struck.cli.options import (
     place,
     refuse,
     room,
+    same,
 )
 from struck.errors import OptionError
 from struck.excitation.excitation import Hold
@@ -257,15 +258,8 @@ def touches(options: argparse.Namespace) -> list[Action]:
 
 def _strike(text: str, options: argparse.Namespace) -> Strike:
     where, time = _timed("--strike", text)
-    return Strike(
-        at=_place(where),
-        time=time,
-        impulse=options.impulse,
-        striker=options.striker,
-        speed=options.speed,
-        duration=options.duration,
-        direction=options.direction,
-    )
+    blow = same(options, "impulse striker speed duration direction")
+    return Strike(at=_place(where), time=time, **blow)
 
 
 def _scrape(text: str, options: argparse.Namespace) -> Scrape:
@@ -285,8 +279,7 @@ def _roll(text: str, options: argparse.Namespace) -> Roll:
     return Roll(
         path=_way("--roll", way),
         speed=_SPEED if options.speed is None else options.speed,
-        radius=options.radius,
-        mass=options.mass,
+        **same(options, "radius mass"),
         time=time,
         **({} if options.roughness is None else {"roughness": options.roughness}),
     )

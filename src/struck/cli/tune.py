@@ -6,7 +6,7 @@ import argparse
 
 from struck.analysis import tune
 from struck.cli import Result
-from struck.cli.options import BODY, MATERIAL, maker_named, material_named, pitch
+from struck.cli.options import BODY, MATERIAL, maker_named, material_named, pitch, same
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -41,8 +41,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             f"{body} is a mesh file, which has no dimensions to vary: give a body as "
             "bowl:radius=8cm (struck analyze --list), or analyze it at another --size"
         )
-    names = ("vary", "lowest", "frequency", "mode", "accuracy")
-    given = {name: getattr(options, name) for name in names}
+    given = same(options, "vary lowest frequency mode accuracy")
     found = tune(body, material_named(options.material), **given, progress=progress)
     (before, rang), (value, rings) = found.before, found.after
     return Result(
