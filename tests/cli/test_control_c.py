@@ -19,9 +19,10 @@ import struck
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for others")
 BEGUN = b"."
-# What the command `struck` does, which tells first that it begins.
+# What the command `struck` does, which tells that it begins once it looks out for Ctrl-C.
 SHELL = (
-    f"import os, sys; from struck.__main__ import main; os.write(1, {BEGUN!r}); sys.exit(main())"
+    "import os, sys; import struck.__main__ as it; first = it._choose_kernels; "
+    f"it._choose_kernels = lambda: (os.write(1, {BEGUN!r}), first()); sys.exit(it.main())"
 )
 STRING = "string:length=0.65,radius=2e-4,tension=60 --material steel"
 CHIME = "tube:length=0.5,radius=0.0125,wall=0.001 --material aluminium"
