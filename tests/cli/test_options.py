@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import os
 import re
 from collections.abc import Iterator
 from contextlib import suppress
@@ -360,3 +361,34 @@ def test_yes_and_no_are_taken_in_all_spellings(words: str, *, meant: bool) -> No
 def test_what_a_material_lacks_is_named(more: str, why: str) -> None:
     with pytest.raises(MaterialError, match=f"is no material: {why}.* one of loss_tangent=... or"):
         material_named(f"density=7850,youngs_modulus=2e11,{more}")
+
+
+def test_one_list_of_methods_is_in_help_and_refusal(capsys: pytest.CaptureFixture[str]) -> None:
+    wanted = "formula (of shapes), fem (of all others), obrien2002 or obrien2002-consistent"
+    how = next(
+        each for command, each in options() if each.dest == "method" and command == "analyze"
+    )
+    assert how.help == wanted
+    for body in ("block:size=10cmx2cmx1cm", "bar:length=30cm,width=3cm,thickness=5mm"):
+        assert main(["analyze", body, "--material", "steel", "--method", "magic"]) == 2
+        assert f"method is 'magic': give {wanted}" in capsys.readouterr().err
+    block = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    fem, plain = (
+        struck.analyze(block, "steel", method=method, accuracy="preview").frequencies
+        for method in ("fem", "quadratic")
+    )
+    assert fem.tolist() == plain.tolist() != []
+
+
+@pytest.mark.parametrize("command", ["render", "info", "play"])
+def test_a_body_is_no_model(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "bowl:radius=8cm"]) == 2
+    wanted = "bowl:radius=8cm is a body, not a model: analyze it first (struck analyze)"
+    assert wanted in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no file there has a colon in its name")
+def test_a_file_may_be_called_as_a_body_is(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("bowl:radius=8cm").write_bytes(Path(bar).read_bytes())
+    assert main(["info", "bowl:radius=8cm"]) == 0
+    assert "steel" in capsys.readouterr().out

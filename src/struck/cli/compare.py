@@ -53,11 +53,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
     read = [options.model, options.other]
     _require_order(*read)
-    output = (
-        None
-        if options.output is None
-        else writable(options.output, unlike=read, endings=PAGES, kind="pages")
-    )
+    output = None
+    if options.output is not None:
+        output = writable(options.output, unlike=read, endings=PAGES, kind="pages")
     blow = {name: getattr(options, name) for name in ("striker", "speed", "impulse")}
     found = compare(
         struck.load(options.model),

@@ -226,10 +226,9 @@ def material_named(text: str, damping: str = "own") -> Material:
     unknown = next((name for name in given if name not in known), "")
     missing = [name for name in (*wanted, *(law if laws else ())) if name not in given]
     if unknown or missing or (laws and "loss_tangent" in given):
-        why = f"it has no {unknown}=: {nearest(unknown, known, '{}=')}"
-        if not unknown:
-            two = f"loss_tangent= and {'= and '.join(law)}= are two laws of damping"
-            why = f"{'= and '.join(missing)}= missing: " if missing else f"{two}: "
+        two = f"loss_tangent= and {'= and '.join(law)}= are two laws of damping: "
+        why = f"{'= and '.join(missing)}= missing: " if missing else two
+        why = f"it has no {unknown}=: {nearest(unknown, known, '{}=')}" if unknown else why
         raise MaterialError(
             f"{text!r} is no material: {why}give {'=...,'.join(wanted)}=... and, if known, one of "
             f"loss_tangent=... or {'=...,'.join(law)}=..."

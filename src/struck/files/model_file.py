@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, OptionError, StruckError
-from struck.files.atomic import read_bytes, writable, write_bytes
+from struck.files.atomic import is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
     FARTHEST,
     Arrays,
@@ -330,6 +331,8 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
     FileFormatError
         When the file is missing, damaged, truncated, no model, or of a newer version.
     """
+    if re.fullmatch(r"[a-z-]{2,}:(\w+=.*)?", f"{path}") and not is_file(path):
+        raise FileFormatError(f"{path} is a body, not a model: analyze it first (struck analyze)")
     data = read_bytes(path)
     try:
         return from_bytes(data)
