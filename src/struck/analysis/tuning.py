@@ -228,7 +228,7 @@ def tune(
     Raises
     ------
     OptionError
-        When the body has no such dimension, or it does not reach the frequency.
+        When the body has no such dimension or family, or it does not reach the frequency.
     """
     given, body = body, _made(body)
     if not (isinstance(body, Solid) or is_shape(body)):
