@@ -116,17 +116,20 @@ import signal, time
 from struck.__main__ import Interruption
 
 class ExtensionFileLoader:
+    loaded = "in part"
+
     def exec_module(self):
         signal.raise_signal(signal.SIGINT)
         time.sleep(0.05)
-        return "whole"
+        self.loaded = "whole"
 
 Interruption()
-print(ExtensionFileLoader().exec_module())
+loader = ExtensionFileLoader()
 try:
+    loader.exec_module()
     time.sleep(20)
 except KeyboardInterrupt:
-    print("interrupted")
+    print(loader.loaded, "interrupted", sep="\\n")
 """
 
 
