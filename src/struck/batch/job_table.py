@@ -120,7 +120,7 @@ def jobs_of(
     named = {os.path.abspath(path): path for path in found}  # noqa: PTH100 - links stay apart
     for row, root in _rows(table):
         path = os.path.normpath(root / row["file"])
-        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100
+        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - as above
         found.setdefault(path, root)
         rows.setdefault(path, []).append(row)
     if not found:
@@ -260,7 +260,7 @@ def _numbers(value: Any) -> Any:  # noqa: ANN401
     return tuple(np.asarray(_cells(value), np.float64).ravel().tolist())
 
 
-def _cells(value: Any) -> Any:  # noqa: ANN401
+def _cells(value: Any) -> Any:  # noqa: ANN401 - a cell of a table
     return value.replace(",", " ").split() if isinstance(value, str) else value
 
 

@@ -51,7 +51,7 @@ _PLACE = "PLACE[@SECONDS]"
 _WAY = "FROM..TO[@SECONDS]"
 _SPEED = 0.1
 _Spot = str | tuple[float, ...]
-# Options, and those without which they say nothing.
+# Options that describe an excitation, and the kinds of excitation that use each.
 _OF: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("impulse", "duration"), ("strike",)),
     "direction": ("strike", "pluck"),

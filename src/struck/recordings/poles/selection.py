@@ -12,10 +12,7 @@ from scipy.stats import gamma
 from struck.model.arrays import Array, Index, Mask
 from struck.model.exponentials import Exponentials, correlations
 from struck.perception.auditory_scale import erb_number
-from struck.recordings.poles.candidates import (
-    Candidates,
-    loudest_per_band,
-)
+from struck.recordings.poles.candidates import Candidates, loudest_per_band
 from struck.recordings.poles.normal_equations import SLOWEST, add_unique, damped
 from struck.recordings.poles.refinement import (
     Attempt,
@@ -287,8 +284,8 @@ def _without(
 
 
 # A room, a coder or a swaying gain answers each mode with a crowd of others that no model of few
-# modes explains. In a crowd every mode of a fit has neighbours as strong; one of the object stands
-# out of what is left in its own band while it lasts.
+# modes explains. In a crowd every mode of a fit has neighbours as strong; a mode of the object is
+# louder than the residual in its own band while it lasts.
 
 _SEPARATE = 4.0  # widths between modes that are tried at once: a crowd is not fitted as a whole
 _TRIALS = 6
