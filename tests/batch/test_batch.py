@@ -22,6 +22,7 @@ import pytest
 
 import struck
 from struck.batch import BatchReport, analyze_many
+from struck.batch.job_table import jobs_of
 from struck.cli import main
 from struck.errors import FileFormatError, OptionError
 from tests.batch.bodies import PAPER, QUICK, TABLE, bar, box, eight, many
@@ -143,18 +144,15 @@ def test_a_second_run_computes_nothing(
     assert main(["analyze-many", str(folder / "in/bar.vtu"), "-o", str(folder / "none")]) == 2
 
 
-def test_the_shell_makes_the_same_folder(
-    done: tuple[Path, BatchReport, float], monkeypatch: pytest.MonkeyPatch
+def test_a_pattern_and_a_table_may_name_a_file_from_here_or_from_the_root(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By paths from here or from the root, also of a file of two bodies."""
-    folder, report, _ = done
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("STRUCK_CACHE", str(folder / "cache"))
-    given = words("in", "shell")
-    given[given.index("--table") + 1] = str(folder / "in" / TABLE)
-    assert main(given) == 3
-    ends_as(contents(folder / "out"), run(folder, "shell", **STRUCK), {})
-    assert {row.part for row in report.rows} == {"", "0", "1"}
+    bar(tmp_path / "a.vtu", 0.08, 0.01, 0.01)
+    (tmp_path / TABLE).write_text("file,size\na.vtu,0.1\n")
+    monkeypatch.chdir(tmp_path)
+    for files, table in (("a.vtu", tmp_path / TABLE), (tmp_path / "a.vtu", TABLE)):
+        (job,) = jobs_of(files, "steel", table, {})
+        assert (job.file, job.options["size"]) == (str(files), 0.1)
 
 
 def test_each_label_is_that_of_its_sound(done: tuple[Path, BatchReport, float]) -> None:
@@ -171,7 +169,7 @@ def test_each_label_is_that_of_its_sound(done: tuple[Path, BatchReport, float]) 
 
 
 def test_control_c_ends_within_a_second_and_kills_leave_whole_files_alone(
-    done: tuple[Path, BatchReport, float],
+    done: tuple[Path, BatchReport, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, _, _ = done
     process = shell(folder, "cut", *ONE)
@@ -191,7 +189,9 @@ def test_control_c_ends_within_a_second_and_kills_leave_whole_files_alone(
     for path in (folder / "cut").rglob("*.struck"):
         struck.load(path)
     finished = killed(folder, "cut", 1.0, *ONE) | killed(folder, "cut", 1.6, *ONE)
-    ends_as(contents(folder / "out"), run(folder, "cut", processes=1, **STRUCK), finished)
+    monkeypatch.setenv("STRUCK_CACHE", str(folder / "cache"))
+    assert main([*words("in", "cut", folder), *ONE]) == 3  # as Python makes it, two bodies of one
+    ends_as(contents(folder / "out"), folder / "cut", finished)
 
 
 NUMBERS = ("first", "second", "fourth")
@@ -373,11 +373,11 @@ def killed(folder: Path, out: str, moment: float, *more: str) -> dict[Path, int]
     return {path: path.stat().st_mtime_ns for path in (folder / out).rglob("*.struck")}
 
 
-def ends_as(expected: dict[str, bytes], report: BatchReport, finished: dict[Path, int]) -> None:
+def ends_as(expected: dict[str, bytes], folder: Path, finished: dict[Path, int]) -> None:
     """Check that a folder is as one left alone, and what was finished there not done again."""
-    assert contents(report.folder) == expected
+    assert contents(folder) == expected
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
-    assert not list(report.folder.rglob(".*"))
+    assert not list(folder.rglob(".*"))
 
 
 def parents(process: int) -> set[int]:
@@ -423,7 +423,8 @@ def test_25_kills_leave_whole_files_alone(tmp_path: Path) -> None:
     run(tmp_path, **STRUCK)
     for number, moment in enumerate(np.random.default_rng(25).uniform(0.2, 3.0, 25)):
         finished = killed(tmp_path, f"out{number}", moment)
-        ends_as(contents(tmp_path / "out"), run(tmp_path, f"out{number}", **STRUCK), finished)
+        report = run(tmp_path, f"out{number}", **STRUCK)
+        ends_as(contents(tmp_path / "out"), report.folder, finished)
 
 
 def test_sounds_of_an_earlier_run_stay_and_are_counted(
@@ -433,15 +434,14 @@ def test_sounds_of_an_earlier_run_stay_and_are_counted(
     bar(tmp_path / "in/bar.vtu", 0.08, 0.01, 0.01)
     run(tmp_path, strikes=3, seconds=0.1, progress=None)
     labels = (tmp_path / "out/labels.csv").read_bytes()
-    told = "3 files of sounds are of an earlier run: give strikes= to make them anew"
-    assert run(tmp_path, modes=2).rows[0].warnings == (told,)
+    given = ["analyze-many", str(tmp_path / "in"), "-o", str(tmp_path / "out")]
+    assert main([*given, "--material", "steel", "--seconds", "2"]) == 2
+    assert "--seconds 2.0 is for sounds, which are made by --strikes" in capsys.readouterr().err
+    assert main([*given, "--material", "steel", "--accuracy", "preview", "--modes", "2"]) == 0
+    told = "3 files of sounds are of an earlier run: give --strikes to make them anew"
+    assert f"bar.vtu: {told}" in capsys.readouterr().out
     assert len(struck.load(tmp_path / "out/bar.struck").frequencies) == 2
     assert len(list((tmp_path / "out").glob("*.wav"))) == 3
     assert (tmp_path / "out/labels.csv").read_bytes() == labels
-    given = ["analyze-many", str(tmp_path / "in"), "-o", str(tmp_path / "out")]
-    assert main([*given, "--material", "steel", "--accuracy", "preview"]) == 0
-    assert "bar.vtu: 3 files of sounds are of an earlier run" in capsys.readouterr().out
-    assert main([*given, "--material", "steel", "--seconds", "2"]) == 2
-    assert "--seconds 2.0 is for sounds, which are made by --strikes" in capsys.readouterr().err
     run(tmp_path, strikes=1, seconds=0.1, progress=None)
     assert len(list((tmp_path / "out").glob("*.wav"))) == 1
