@@ -43,7 +43,7 @@ def processor() -> float:
 
 def alone(file: Path, **options: object) -> bytes:
     """Return the model file that `analyze` gives."""
-    model = struck.analyze(str(file), "steel", cache=False, **QUICK, **options)
+    model = struck.analyze(str(file), "steel", cache=False, **options)
     path = file.parent.parent / "alone.struck"
     struck.save(model, path)
     return path.read_bytes()
@@ -122,7 +122,7 @@ def test_each_body_has_a_line_and_the_model_of_analyze_alone_or_one_clear_error(
     for name in ("bar", "copy"):
         made = alone(folder / f"in/{name}.vtu")
         assert (folder / f"out/{name}.struck").read_bytes() == made
-    part = alone(folder / "in/pair.off", part="1", **PAPER)
+    part = alone(folder / "in/pair.off", part="1", **QUICK, **PAPER)
     assert (folder / "out/pair-1.struck").read_bytes() == part
 
 

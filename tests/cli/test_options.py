@@ -14,12 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
+import trimesh
 
 import struck
 from struck import Room, Strike
 from struck.analysis import tune
 from struck.cli import COMMANDS, Parser, declare, in_shell_words, main
-from struck.cli.options import body_named, material_named
+from struck.cli.options import body_named, material_of
 from struck.cli.render import touches
 from struck.cli.simulate import _measures
 from struck.ears import Reverberation
@@ -319,7 +321,7 @@ def test_tables_have_commas_or_semicolons_or_tabs(bar: str, between: str) -> Non
         ("--roll end..top --force 50", "--force 50.0 is for --pluck"),
         ("--walls brick", "--walls brick needs a room: give --room x,y,z, or leave it out"),
         ("--sounds flac", "--sounds flac is for --strikes"),
-        ("--position 1,1,1", "--position (1.0, 1.0, 1.0) needs a room"),
+        ("--position 1,1,1", "--position 1.0,1.0,1.0 needs a room"),
         ("--hold end", "1 Hold and nothing that strikes: give at least one Strike"),
     ],
 )
@@ -329,6 +331,55 @@ def test_options_that_say_nothing_here_are_refused(
     assert main(["render", bar, *words.split(), "-o", "none.wav"]) == 2
     assert told in capsys.readouterr().err
     assert not Path("none.wav").exists()
+
+
+IDLE = {
+    "render BAR --strikes hits.csv --speed 2 -o n": "--speed 2.0 is for one sound: --strikes hits",
+    "render BAR --strikes hits.csv --roll a..b -o n": "--roll a..b is for one sound, and --strikes",
+    "render BAR --strikes hits.csv --listener 0,1,0 -o n": "is for rows without a listener",
+    "analyze --list --up z": "--up z is not for --list, which lists and ends",
+    "analyze box.stl --list": "BODY box.stl is not for --list",
+    "play BAR --list-devices": "is not for --list-devices",
+    "record plan.toml --list-devices": "PLAN plan.toml is not for --list-devices",
+    "play BAR --soak 1 --strikes-per-second 2": "--strikes-per-second 2.0 is what --soak chooses",
+    "info BAR --units mm": "--units mm is for a mesh file, and",
+    "info box.stl --all": "--all is for a model, and box.stl is none",
+    "info box.stl --modes 6": "--modes 6 is for a model",
+    "export BAR --rate 44100 --contacts end --listeners 0,1,0": "give --convention GeneralFIR-E",
+    "export BAR --title x -o n.vtu": "--title x is of SOFA files",
+    "simulate scene.xml --play --stems": "--stems is for a file: leave out --play",
+    "analyze block:size=1cmx1cmx1cm --material ice --no-repair": "--no-repair applies to surfaces",
+    "analyze block:size=1cmx1cmx1cm --material ice --holes fill": "--holes applies to surfaces",
+    "analyze box.stl --damping herd --material density=1,youngs_modulus=1e9,poisson_ratio=0.3": (
+        "damping is 'herd': give 'own', 'heard' or 'heard_bowl'"
+    ),
+    "analyze box.stl --damping heard --material density=1,youngs_modulus=1e9,poisson_ratio=0.3": (
+        "looked up for materials by name"
+    ),
+}
+
+
+@pytest.mark.parametrize("words", IDLE)
+def test_options_of_another_use_of_a_command_are_refused(
+    words: str, bar: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh.creation.box((0.1, 0.05, 0.03)).export("box.stl")
+    Path("hits.csv").write_text('name,at,listener\nsoft,end,"0,1,0"\n')
+    before = {*Path().iterdir()}
+    assert main(words.replace("BAR", bar).split()) == 2
+    assert IDLE[words] in capsys.readouterr().err
+    assert {*Path().iterdir()} == before
+
+
+def test_a_listener_of_a_row_has_the_ears_of_the_options(bar: str) -> None:
+    rows = ("name,at,listener", 'own,end,"0,2,0"', "other,end,")
+    Path("hits.csv").write_text("\n".join(rows))
+    heard = ("--head", "exact", "--listener", "0,1,0", "--seconds", "0.05")
+    assert main(["render", bar, "--strikes", "hits.csv", *heard, "-o", "hits"]) == 0
+    own, other = (soundfile.read(f"hits/{name}.wav")[0] for name in ("own", "other"))
+    assert own.shape == other.shape
+    assert own.shape[1] == 2
+    assert 1.8 < np.abs(other).max() / np.abs(own).max() < 2.2
 
 
 @pytest.mark.parametrize(
@@ -360,7 +411,7 @@ def test_yes_and_no_are_taken_in_all_spellings(words: str, *, meant: bool) -> No
 )
 def test_what_a_material_lacks_is_named(more: str, why: str) -> None:
     with pytest.raises(MaterialError, match=f"is no material: {why}.* one of loss_tangent=... or"):
-        material_named(f"density=7850,youngs_modulus=2e11,{more}")
+        material_of(f"density=7850,youngs_modulus=2e11,{more}")
 
 
 def test_one_list_of_methods_is_in_help_and_refusal(capsys: pytest.CaptureFixture[str]) -> None:

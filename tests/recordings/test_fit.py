@@ -356,8 +356,9 @@ def test_modes_that_are_all_too_weak_to_measure_are_refused() -> None:
     ("options", "message"),
     [
         ({"way": "cloud"}, "way is 'cloud'"),
-        ({"way": "table"}, "way says how gains differ from place to place"),
-        ({"symmetry": "axial"}, "symmetry says how"),
+        ({"way": "table"}, "way is about the places where it was struck"),
+        ({"centre": (0, 0, 1)}, "centre is about the places"),
+        ({"symmetry": "axial"}, "symmetry is about the places"),
         ({"method": "magic"}, "method is 'magic'"),
         ({"radius": -1.0}, "radius is -1"),
         ({"modes": 0}, "modes is 0"),

@@ -89,6 +89,15 @@ def test_a_hand_lets_go() -> None:
     assert np.abs(short[-4800:]).max() > 3 * np.abs(long[-4800:]).max()
 
 
+def test_a_hand_after_the_end_changes_nothing_and_is_told() -> None:
+    strike = Strike(at=TOP, impulse=0.01)
+    alone = render(BLOCK, strike, seconds=0.1)
+    both = render(BLOCK, [strike, Hold(at=TOP, time=0.1)], seconds=0.1)
+    np.testing.assert_array_equal(both.samples, alone.samples)
+    told = "1 of 2 excitations (Hold) begin after the end at 0.1 s and are not heard"
+    assert any(note.startswith(told) for note in both.notes)
+
+
 def test_what_happens_together_adds_up() -> None:
     strike = Strike(at=ELSEWHERE, impulse=0.01, time=0.1)
     track = ForceTrack(at=TOP, force=np.sin(np.arange(4800) / 7), sample_rate=48000)

@@ -111,11 +111,11 @@ def analyze(
     progress: Progress = silent,
 ) -> ModalModel:
     """Compute the modal model of a body: `struck.analyze`."""
-    chosen = Material.named(material, damping) if isinstance(material, str) else material
+    chosen = Material.of(material, damping)
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     lowest, highest = require_band(BAND if band is None else band)  # before any file is read
-    resolution.level(level := "standard" if accuracy is None else accuracy)
+    resolution.level(accuracy or "standard")
     require_holes(holes, wall)
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
@@ -135,8 +135,8 @@ def analyze(
     solver = _solver(method, backend or "auto")
     recoil = recoil and method == "quadratic" and fixed is None
     progress("cutting the body into elements", 0.0)
-    mend = repair is not False
-    source = discretise(body, file, stages, wall=wall, accuracy=level, repair=mend, holes=holes)
+    given = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    source = discretise(body, file, stages, **given)
     work = _Work(
         stages=stages,
         material=chosen,

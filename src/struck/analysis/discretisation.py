@@ -318,15 +318,15 @@ def discretise(
     stages: Stages,
     *,
     wall: float | None,
-    accuracy: str,
-    repair: bool,
+    accuracy: str | None,
+    repair: bool | None,
     holes: str | None = None,
 ) -> Discretisation:
     """Return a body ready to be cut into elements, once its options fit it."""
     require_holes(holes, wall)
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
-    source = _load(body, file, stages, wall=wall, repair=repair, holes=holes)
+    source = _load(body, file, stages, wall=wall, repair=repair is not False, holes=holes)
     if isinstance(source, Repair):
         _warn_of(body, source)
         from struck.files.meshes import units_of, up_of
@@ -335,17 +335,25 @@ def discretise(
         if not isinstance(body, Mesh):
             units = units_of(body, file.units, file.size)
             up = up_of(up, file.up, of_file=of_file)
-        return FilledSurface(repair=source, wall=wall, accuracy=accuracy, units=units, up=up)
-    if wall is not None:
+        level = accuracy or "standard"
+        return FilledSurface(repair=source, wall=wall, accuracy=level, units=units, up=up)
+    for name, value in {"wall": wall, "holes": holes, "repair": repair}.items():
+        if value is not None:
+            raise OptionError(
+                f"{name}= applies to surfaces, and a {type(source).__name__} has its own "
+                "dimensions: leave it out, or for a hollow body give its surface, as a Mesh or a "
+                "file"
+            )
+    if accuracy is not None and getattr(source, "elements", None) is not None:
         raise OptionError(
-            f"wall= applies to surfaces, and a {type(source).__name__} has its own dimensions: "
-            "leave it out, or for a hollow body give its surface, as a Mesh or a file"
+            f"accuracy={accuracy!r} chooses elements, and this {type(source).__name__} brings its "
+            "own: leave one of them out"
         )
     if isinstance(source, VolumeMesh):
         mine = isinstance(body, VolumeMesh)
         units = file.units or ("m" if mine else "m, as none were given")
         return GivenElements(mesh=source, units=units)
-    return StructuredSolid(solid=source, accuracy=accuracy)
+    return StructuredSolid(solid=source, accuracy=accuracy or "standard")
 
 
 def _load(

@@ -248,7 +248,7 @@ def tune(
             f"accuracy={accuracy!r} does not apply to {type(body).__name__}, which is computed by "
             "a formula: leave it out"
         )
-    material = Material.named(material) if isinstance(material, str) else material
+    material = Material.of(material)
 
     def measured(value: float) -> Point:
         try:

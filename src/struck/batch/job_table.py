@@ -61,9 +61,7 @@ class BodyJob:
     def keyed(self) -> BodyJob:
         """Return the job with its key, once its file has been read; OSError where it cannot be."""
         damping, content = self.options.get("damping", "own"), self.content or content_of(self.file)
-        material = self.material
-        if isinstance(material, str):
-            material = Material.named(material, damping)
+        material = Material.of(self.material, damping)
         strikes = None if self.strikes is None else (self.strikes.plain, self.output)
         options = {
             name: inspect.getsource(value) if inspect.isfunction(value) else value
@@ -130,8 +128,11 @@ def jobs_of(
         )
     jobs, taken = [], {}
     for path, root in found.items():
+        given = {"material": material, **options}
+        if Path(path).suffix.lower() in READERS:  # elements, which no accuracy chooses
+            given.pop("accuracy", None)
         for row in rows.get(path, [{}]):
-            job = _job(path, root, {"material": material, **options, **row}, make)
+            job = _job(path, root, {**given, **row}, make)
             other = taken.setdefault(job.output.casefold(), job)
             if other is not job:
                 raise OptionError(

@@ -125,7 +125,7 @@ class Once(argparse.Action):
         option_string: str | None = None,
     ) -> None:
         """Keep the value; ArgumentError if there is one."""
-        given = namespace.__dict__.setdefault("given", {})
+        given = namespace.given
         if option_string is not None and self.dest in given:
             told = f"it is {given[self.dest]!r}, and {values!r} too: give it once"
             raise argparse.ArgumentError(self, told)
@@ -138,6 +138,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *given: Any, **named: Any) -> None:  # noqa: ANN401 - as its base
         super().__init__(*given, **named)
+        self.set_defaults(parser=self, given={})  # for `refuse`
         vars(self)["_negative_number_matcher"] = re.compile(r"-\.?\d")  # as of Python 3.14
         self.register("action", None, Once)
         for kind in (int, float):

@@ -20,9 +20,10 @@ from struck.cli.options import (
     body_named,
     length,
     makers,
-    material_named,
+    material_of,
     metres,
     numbers,
+    require_alone,
 )
 from struck.errors import OptionError
 from struck.files.model_file import model_path
@@ -80,6 +81,7 @@ def add_how(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck analyze`."""
     if options.list:
+        require_alone(options, "list")
         return _listed()
     if options.body is None or options.material is None:
         raise OptionError(
@@ -88,8 +90,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         )
     body, name = body_named(options.body), Path(options.body.partition(":")[0]).stem
     output = model_path(options.output or f"{name}.struck", unlike=[options.body])
-    material = material_named(options.material, options.damping)
-    model = struck.analyze(body, material, modes=options.modes, progress=progress, **how(options))
+    material, more = material_of(options.material), how(options)
+    model = struck.analyze(body, material, modes=options.modes, progress=progress, **more)
     struck.save(model, output)
     return described(model, f"wrote {output}", output=str(output))
 
@@ -108,5 +110,7 @@ def _listed() -> Result:
 def how(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_how` as arguments of `struck.analyze`, without the material."""
     same = ("units", "size", "wall", "holes", "repair", "part", "up", "accuracy", "cache", "band")
-    given = {name: getattr(options, name) for name in (*same, "radiation", "recoil", "method")}
+    given = {
+        name: getattr(options, name) for name in (*same, "radiation", "recoil", "method", "damping")
+    }
     return given | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}

@@ -8,7 +8,7 @@ from pathlib import Path
 from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
-from struck.cli.options import add_budget, material_named, refuse
+from struck.cli.options import add_budget, material_of, refuse
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
     report = analyze_many(
         options.files,
-        None if named is None else material_named(named, options.damping),
+        None if named is None else material_of(named),
         out=options.output,
         strikes=int(number) if number.isdecimal() else number or None,
         sample_rate=options.rate,

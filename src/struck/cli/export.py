@@ -7,7 +7,7 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
-from struck.cli.options import place, same
+from struck.cli.options import place, refuse, same
 from struck.errors import OptionError
 from struck.files.atomic import writable
 from struck.files.model_file import SHAPES
@@ -74,6 +74,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             raise OptionError(f"--listeners {each!r}: give x,y,z of each, m, as 1,0,0 0,1,0")
     model = struck.load(options.model)
     convention = options.convention or CONVENTIONS[0]
+    if convention == CONVENTIONS[0]:
+        others, other = ("seconds", "rate"), CONVENTIONS[1]
+        refuse(options, others, f"is of impulse responses: give --convention {other}")
     rate = 48_000 if options.rate is None else options.rate
     progress("writing gains", 0.0)
     lost = export(
@@ -97,10 +100,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 def _shapes(options: argparse.Namespace, output: Path) -> Result:
     """Write surface and mode shapes; options of SOFA files are refused."""
     of_sofa = ("contacts", "listeners", "convention", "seconds", "rate")
-    given = [f"--{name}" for name in of_sofa if getattr(options, name) is not None]
-    given += [f"--{name}" for name in ("title", "author", "licence") if getattr(options, name)]
-    if given:
-        raise OptionError(f"{given[0]} is of SOFA files, and {output} is none: leave it out")
+    others = (*of_sofa, "title", "author", "licence")
+    refuse(options, others, f"is of SOFA files, and {output} is none: take another ending")
     model = struck.load(options.model)
     struck.save(model, output)
     count = len(model.frequencies)

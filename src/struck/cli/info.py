@@ -12,7 +12,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import budget
+from struck.cli.options import budget, refuse
 from struck.files.archives import PACKINGS
 from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
@@ -43,7 +43,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck info`."""
     ending = Path(options.file).suffix[1:].lower()
-    if ending in FORMATS or ending in PACKINGS:
+    mesh = ending in FORMATS or ending in PACKINGS
+    others, kind = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
+    refuse(options, others, f"is for a {kind}, and {options.file} is none: give one")
+    if mesh:
         return _parts(options.file, options.units)
     model = struck.load(options.file)
     places = [_Place.of(model, name) for name in (LOUDEST, *sorted(model.places))]

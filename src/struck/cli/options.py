@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from inspect import Parameter, signature
@@ -207,18 +207,18 @@ def _value(text: str) -> object:
     return {"yes": True, "true": True, "no": False, "false": False}.get(text.lower(), text)
 
 
-def material_named(text: str, damping: str = "own") -> Material:
-    """Return a material by name, or by "density=...,youngs_modulus=...,poisson_ratio=...".
+def material_of(text: str) -> Material | str:
+    """Return a material of "density=...,youngs_modulus=...,poisson_ratio=..."; a name as it is.
 
     A `loss_tangent` may stand with them, or `rayleigh_mass` (1/s) and `rayleigh_stiffness` (s).
 
     Raises
     ------
     MaterialError
-        When a name is unknown, a constant is missing or no number, or no solid has them.
+        When a constant is missing or no number, or no solid has them.
     """
     if "=" not in text:
-        return Material.named(text, damping)
+        return text
     given = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
     wanted = ("density", "youngs_modulus", "poisson_ratio")
     law = ("rayleigh_mass", "rayleigh_stiffness")
@@ -274,12 +274,32 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
+def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> None:
     """Raise OptionError for the first of these options that was given, and say why."""
-    given = getattr(options, "given", {})
-    for name in names:
-        if name in given:
-            raise OptionError(f"--{name} {given[name]} {why}, or leave it out")
+    for action in options.parser._actions:  # noqa: SLF001 - argparse has no public list
+        if action.dest in names and (told := _as_given(options, action)):
+            raise OptionError(f"{told} {why}, or leave it out")
+
+
+def require_alone(options: argparse.Namespace, name: str) -> None:
+    """Refuse the other options of a command that only lists."""
+    others = {action.dest for action in options.parser._actions} - {name, "json", "quiet"}  # noqa: SLF001 - as above
+    refuse(
+        options,
+        others,
+        f"is not for --{name.replace('_', '-')}, which lists and ends: give it without that",
+    )
+
+
+def _as_given(options: argparse.Namespace, action: argparse.Action) -> str:
+    """Return an option as it was given, or "" where it was not."""
+    value = getattr(options, action.dest, action.default)
+    if value in (None, []) or (action.dest not in options.given and value == action.default):
+        return ""
+    name = action.option_strings[-1] if action.option_strings else action.dest.upper()
+    values = value if isinstance(value, list) else [value]
+    texts = [",".join(map(str, each)) if isinstance(each, tuple) else str(each) for each in values]
+    return name if action.nargs == 0 else " ".join([name, *texts])
 
 
 def add_room(parser: argparse.ArgumentParser) -> None:
@@ -292,8 +312,10 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")
 
 
-def listener(options: argparse.Namespace) -> Listener | ArrayLike | None:
-    """Return the listener that the options ask for.
+def listener(
+    options: argparse.Namespace, place: Sequence[float] | None = None
+) -> Listener | ArrayLike | None:
+    """Return the listener that the options ask for, or with the same ears at another place.
 
     Raises
     ------
@@ -310,15 +332,16 @@ def listener(options: argparse.Namespace) -> Listener | ArrayLike | None:
         raise OptionError(
             f"--hrtf {options.hrtf} and --head {options.head} are two heads: give one"
         )
-    course = options.listener if options.walk is None else _walk(options.walk)
-    place = {"position": course, "facing": options.facing}
+    walk = options.walk if place is None else None
+    course = _walk(walk) if walk else place or options.listener
+    standing = {"position": course, "facing": options.facing}
     if options.hrtf:
-        return Binaural(**place, hrtf=options.hrtf)
+        return Binaural(**standing, hrtf=options.hrtf)
     if options.head:
-        return Stereo(**place, head=options.head)
+        return Stereo(**standing, head=options.head)
     if options.facing:
         raise OptionError("--facing needs two ears: give --hrtf kemar, or --head exact")
-    return course if options.walk is None else Mono(position=course)
+    return Mono(position=course) if walk else course
 
 
 def _walk(path: str) -> tuple[Array, Array]:

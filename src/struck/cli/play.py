@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_budget, add_listener, listener, same
+from struck.cli.options import add_budget, add_listener, listener, refuse, require_alone, same
 from struck.errors import DeviceError, OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -60,7 +60,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
     _require_counts(options)
     if options.list_devices:
+        require_alone(options, "list_devices")
         return _devices()
+    if options.soak is not None:
+        others = ("seconds", "strikes", "scrapes")
+        refuse(options, others, "is what --soak chooses itself: leave out --soak")
     models, notes = with_fewer_modes(list(map(struck.load, options.models)), options.modes)
     if options.soak is not None:
         models = repeated(models or [_usual_model()], _SOAK_MODES)

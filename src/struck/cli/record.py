@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from struck.cli import Result
+from struck.cli.options import require_alone
 from struck.cli.play import device as device_of
 from struck.errors import DeviceError, OptionError, RecordingError
 from struck.files.atomic import is_file
@@ -45,6 +46,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.recordings.capture_plan import read_plan
 
     if options.list_devices:
+        require_alone(options, "list_devices")
         return _devices()
     if options.plan is None:
         raise OptionError("there is nothing to record: give a plan, as `struck record plan.toml`")

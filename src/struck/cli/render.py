@@ -62,8 +62,9 @@ _OF: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("radius", "mass"), ("roll",)),
     "force": ("pluck",),
     "grip": ("hold",),
-    "sounds": ("strikes",),
 }
+_COLUMNS = ("strike", "impulse", "duration", "direction", "striker", "speed")  # of tables too
+_KINDS = {kind for kinds in _OF.values() for kind in kinds}
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -103,14 +104,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck render`."""
     require_no_sound(options.model)
-    told = {name for names in _OF.values() for name in names if getattr(options, name)}
-    told |= set() if told else {"strike"}
+    if options.strikes:
+        return _set(options, progress)
+    refuse(options, ["sounds"], "is for --strikes, which is not given: give it")
+    told = {kind for kind in _KINDS if getattr(options, kind)} or {"strike"}
     for name, others in _OF.items():
         if not told & {*others}:
             kinds = " or ".join(f"--{each}" for each in others)
             refuse(options, [name], f"is for {kinds}, which is not given: give it")
-    if options.strikes:
-        return _set(options, progress)
     read = filter(None, (options.model, options.walk, options.hrtf))
     output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
     chosen(output, options.encoding)
@@ -147,26 +148,27 @@ def level(text: str) -> str | float:
     return text
 
 
-_ONE = ("strike", "scrape", "roll", "pluck", "hold", "striker", "speed", "impulse", "duration")
-
-
 def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Write a sound for each strike of a table, and their table, with one level for all."""
     from struck.batch.job_table import table_rows
     from struck.batch.strike_set import named_strikes, row_of
 
-    given = [name for name in _ONE if getattr(options, name) is not None]
-    if given or options.output is None:
-        told = f"--{given[0]} is given: leave it out" if given else "no folder: give -o FOLDER"
-        raise OptionError(f"--strikes {options.strikes} tells of all strikes, and {told}")
+    table = f"--strikes {options.strikes}"
+    refuse(options, _COLUMNS, f"is for one sound: {table} has columns for it, a strike a row")
+    refuse(options, {*_OF} | _KINDS, f"is for one sound, and {table} is a table of strikes alone")
+    if options.output is None:
+        raise OptionError(f"{table} makes many sounds: give -o FOLDER")
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
     heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
+    if all(where is not None for _, _, where in named):
+        why = f"is for rows without a listener, and each row of {table} has one"
+        refuse(options, ("listener", "walk"), why)
     (model, lost), sounds = _model(options), []
-    for number, (name, strike, ears) in enumerate(named):
+    for number, (name, strike, where) in enumerate(named):
         progress("computing the sound", number / len(named))
-        own: dict[str, Any] = heard | ({} if ears is None else {"listener": ears})
         with row_of(options.strikes, number + 1):
+            own = heard if where is None else heard | {"listener": listener(options, where)}
             sounds.append((name, struck.render(*_placed(model, strike, options), **own)))
     rows = save_set(
         sounds,

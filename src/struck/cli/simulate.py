@@ -79,7 +79,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck simulate`."""
-    others = ("log", "output", "rate", "ring") if options.play else ("device",)
+    others = ("log", "output", "rate", "ring", "stems") if options.play else ("device",)
     without = "a file: leave out --play" if options.play else "playing: give --play"
     refuse(options, others, f"is for {without}")
     if options.play:

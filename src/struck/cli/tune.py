@@ -6,7 +6,7 @@ import argparse
 
 from struck.analysis import tune
 from struck.cli import Result
-from struck.cli.options import BODY, MATERIAL, maker_named, material_named, pitch, same
+from struck.cli.options import BODY, MATERIAL, maker_named, material_of, pitch, same
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             "bowl:radius=8cm (struck analyze --list), or analyze it at another --size"
         )
     given = same(options, "vary lowest frequency mode accuracy")
-    found = tune(body, material_named(options.material), **given, progress=progress)
+    found = tune(body, material_of(options.material), **given, progress=progress)
     (before, rang), (value, rings) = found.before, found.after
     return Result(
         f"{options.vary} = {value:.7g}\n{found}",

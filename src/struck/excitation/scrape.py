@@ -210,8 +210,7 @@ class Roll:
             object.__setattr__(self, "load", frozen("load", self.load))
         for name in ("roughness", "roller_roughness"):
             object.__setattr__(self, name, Roughness.of(getattr(self, name)))
-        if isinstance(self.material, str):
-            object.__setattr__(self, "material", Material.named(self.material))
+        object.__setattr__(self, "material", Material.of(self.material))
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Rubbing:
         """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
@@ -230,9 +229,7 @@ class Roll:
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Envelope:
         """Return the reader of surface and roller together; see `struck.Scrape.reader`."""
         surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
-        material = self.material
-        if isinstance(material, str):
-            material = Material.named(material)
+        material = Material.of(self.material)
         solids = (material,) if model.material is None else (material, model.material)
         rubbed = Rubbed(
             roughness=surface, modulus=contact_modulus(*solids), radius=self.radius, share=ROLLER

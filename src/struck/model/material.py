@@ -123,6 +123,25 @@ class Material:
             raise MaterialError(_unknown(name))
         return _from_entry(_canonical(name), entry, damping)
 
+    @classmethod
+    def of(cls, material: Material | str, damping: str = "own") -> Material:
+        """Return a material, or the one of that name with the `damping` asked for.
+
+        Raises
+        ------
+        MaterialError
+            As `named`; or when damping is asked for of a material that has its own law.
+        """
+        if isinstance(material, str):
+            return cls.named(material, damping)
+        require_damping(damping)
+        if damping != "own":
+            raise MaterialError(
+                f"damping is {damping!r}, which is looked up for materials by name: leave it out, "
+                "or give the material that law, as material.damped(...)"
+            )
+        return material
+
     @property
     def shear_modulus(self) -> float:
         """Lame's second constant mu, Pa."""
@@ -202,9 +221,14 @@ def _unknown(name: str) -> str:
     return f"no material is called {name!r}: {offer}'struck materials' lists all {len(materials())}"
 
 
-def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
+def require_damping(damping: str) -> None:
+    """Raise MaterialError on the name of a damping that no material has."""
     if damping not in {"own", "heard", "heard_bowl"}:
         raise MaterialError(f"damping is {damping!r}: give 'own', 'heard' or 'heard_bowl'")
+
+
+def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
+    require_damping(damping)
     if damping not in {"own", *entry}:
         kind = damping.replace("heard", "as heard").replace("_", " of a ")
         raise MaterialError(

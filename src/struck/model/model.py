@@ -334,7 +334,7 @@ class ModalModel:
         MaterialError
             When the material is unknown, or the model has none to start from.
         """
-        wanted = Material.named(material) if isinstance(material, str) else material
+        wanted = Material.of(material)
         if self.material is None:
             raise MaterialError("this model's own material is unknown: compute or fit it anew")
         after = changed(self._stiffness(), self.material, wanted)

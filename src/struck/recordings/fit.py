@@ -232,10 +232,11 @@ def _require_use(recorded: Recorded, way: str, radius: float) -> None:
     if recorded.contacts is not None or recorded.listeners is not None:
         return
     idle = {"way": way != "field", "radius": radius > 0, "symmetry": recorded.symmetry != "none"}
+    idle |= {"centre": recorded.centre.any()}
     given = [name for name, asked in idle.items() if asked]
     if given:
         raise OptionError(
-            f"{given[0]} says how gains differ from place to place, and no places are given: "
+            f"{given[0]} is about the places where it was struck and heard, and none are given: "
             "give contacts, listeners or a manifest"
         )
 

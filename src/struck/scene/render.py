@@ -83,6 +83,7 @@ def render(
             raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
         bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
         told = _doubts([action for body in bodies for action in body.actions], seconds)
+        bodies = [_without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
@@ -136,7 +137,7 @@ def _bodies(
 
 
 def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
-    """Warn of strikers faster than is plausible; return a note of strikes after the end."""
+    """Warn of strikers faster than is plausible; return a note of actions after the end."""
     fastest = max((each.speed or 0.0 for each in actions if isinstance(each, Strike)), default=0.0)
     if fastest > _PLAUSIBLE_SPEED:
         warnings.warn(
@@ -145,13 +146,23 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
             ScaleWarning,
             stacklevel=4,
         )
-    times = [each.time for each in actions if isinstance(each, Strike)]
-    late = [time for time in times if seconds is not None and time >= seconds]
+    late = [each for each in actions if _is_late(each, seconds)]
+    kinds = " and ".join(sorted({type(each).__name__ for each in late}))
     note = (
-        f"{len(late)} of {len(times)} strikes begin after the end at {seconds} s and are not "
-        "heard: give more seconds"
+        f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
+        "and are not heard: give more seconds"
     )
     return (note,) if late else ()
+
+
+def _is_late(action: Action, seconds: float | None) -> bool:
+    return seconds is not None and getattr(action, "time", 0.0) >= seconds
+
+
+def _without_late_holds(body: Body, seconds: float | None) -> Body:
+    """Return the body without hands that come after the end, for which decays would be stepped."""
+    kept = [e for e in body.actions if not (isinstance(e, Hold) and _is_late(e, seconds))]
+    return body if len(kept) == len(body.actions) else replace(body, excitations=kept)
 
 
 def _listener_of(listener: Listener | ArrayLike | None) -> Listener:

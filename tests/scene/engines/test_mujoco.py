@@ -8,9 +8,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+import struck
 from struck.errors import FileFormatError, OptionError, SimulationError
 from struck.model.mesh import Surface
 from struck.scene import Contacts, MujocoRecorder, Scene, Simulation
+from struck.solids import Block
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -234,6 +236,22 @@ def test_bodies_weigh_what_their_elements_do_unless_the_file_says(tmp_path: Path
     assert said.mass[0] == 3.0
     assert any("'own' weighs" in note for note in simulation.notes)
     assert any("'floor' is silent: a plane has no end" in note for note in simulation.notes)
+
+
+def test_options_that_change_nothing_are_told_or_refused(tmp_path: Path) -> None:
+    body = '<body name="b" pos="0 0 .05"><freejoint/><geom type="box" size=".02 .01 .01"/></body>'
+    path = written(tmp_path, FLOOR.format(3) + body)
+    made = {"materials": {"b": "lead"}, "accuracy": "preview", "damping": "heard"}
+    notes = Simulation(path, **made).notes
+    assert "lead has no set 'heard': it rings by its own damping" in notes
+    made = {"models": {"b": struck.analyze(Block(size=(0.04, 0.02, 0.02)), "glass")}}
+    notes = Simulation(path, **made, accuracy="preview", damping="heard").notes
+    for told in ("accuracy='preview'", "damping='heard'"):
+        assert f"{told} changes nothing: no body is analyzed" in notes
+    assert not any("changes nothing" in note for note in Simulation(path, **made).notes)
+    for pairs in ({("b", "ceiling"): 0.5}, {"b": 0.5}, {("b", "b"): 0.5}):
+        with pytest.raises(OptionError, match=r"restitution names .* fits no two of 'floor', 'b'"):
+            Simulation(path, **made, restitution=pairs)
 
 
 STIFF = 'solref="-1e8 -10" solimp=".99 .99 .001"'

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +30,7 @@ from struck.scene.engines.links import Link, touches
 
 if TYPE_CHECKING:
     import mujoco
+    from typing_extensions import TypeIs
 
 # Of a pair of bodies by patterns of their names, of all pairs, or "materials".
 PairValues = float | str | Mapping[tuple[str, str], float]
@@ -149,6 +150,11 @@ def friction_between(first: Material, second: Material) -> float:
 _RULES = {"restitution": restitution_between, "friction": friction_between}
 
 
+def _is_pair(given: object) -> TypeIs[tuple[str, str]]:
+    """Return whether a key is two texts."""
+    return isinstance(given, tuple) and [type(each) for each in given] == [str, str]
+
+
 def _both(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
     return all(fnmatchcase(name, each) for name, each in zip(names, patterns, strict=True))
 
@@ -176,6 +182,20 @@ class ContactLaws:
     materials: Mapping[str, Material | None]  # of each body
     restitution: PairValues | None = None
     friction: PairValues | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse patterns that fit no pair of bodies."""
+        for name in _RULES:
+            values = getattr(self, name)
+            for pair in values if isinstance(values, Mapping) else ():
+                if not _is_pair(pair) or not any(
+                    _both(each, pair) for each in permutations(self.materials, 2)
+                ):
+                    raise OptionError(
+                        f"{name} names {pair!r}, which fits no two of "
+                        f"{', '.join(map(repr, self.materials))}: give two names or patterns, as "
+                        "('ball*', 'floor')"
+                    )
 
     @property
     def any_given(self) -> bool:

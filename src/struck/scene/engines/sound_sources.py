@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -18,18 +19,23 @@ from struck.errors import MaterialError, OptionError, StruckError
 from struck.files.model_file import load_model
 from struck.model.arrays import Array, checked
 from struck.model.damping import Band
-from struck.model.material import Material
+from struck.model.material import Material, require_damping
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
 from struck.scene.body import Body, RigidBody
 from struck.scene.engines.links import Link, MassProperties
+from struck.solids.resolution import level
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 # By patterns of the bodies' names, as in {"mug*": "ceramic"}; of several that fit the first counts.
 Materials = str | Material | Mapping[str, str | Material]
 Shaped = Solid | Mesh | str | os.PathLike[str]
 Sounding = ModalModel | Shaped
 T = TypeVar("T")
+_ANALYZED = {"materials", "walls", "fixed"}  # options of bodies whose modes are computed
 
 
 @checked
@@ -50,7 +56,8 @@ class SoundOptions:
     progress: Progress = silent
 
     def require_known(self, names: Sequence[str]) -> None:
-        """Refuse patterns that fit no body."""
+        """Refuse patterns that fit no body, or only bodies whose finished models need no more."""
+        finished = [name for name in names if _is_finished(_chosen(self.models, name))]
         tables = {
             "materials": self.materials if isinstance(self.materials, Mapping) else {},
             "models": self.models,
@@ -61,10 +68,16 @@ class SoundOptions:
         }
         for option, table in tables.items():
             for pattern in table or ():
-                if not any(fnmatchcase(name, pattern) for name in names):
+                fitting = [name for name in names if fnmatchcase(name, pattern)]
+                if not fitting:
                     raise OptionError(
                         f"{option} names {pattern!r}, and there are {', '.join(map(repr, names))}: "
                         "give one of them, or a pattern as 'mug*'"
+                    )
+                if option in _ANALYZED and set(fitting) <= set(finished):
+                    raise OptionError(
+                        f"{option} names {pattern!r}, whose modes a finished model gives: leave it "
+                        "out, or give a mesh in models="
                     )
 
 
@@ -82,6 +95,8 @@ class SoundSources:
         """Return a body for each link; `notes` gives the reason for each silent one."""
         options = self._options
         options.require_known([link.name for link in links])
+        level(options.accuracy)
+        require_damping(options.damping)
         bodies = {}
         for number, (link, mass) in enumerate(zip(links, masses, strict=True)):
             options.progress(f"computing the modes of {link.name}", number / len(links))
@@ -94,6 +109,11 @@ class SoundSources:
                 fixed=link.fixed,
                 roughness=_chosen(options.roughness, link.name),
             )
+        if not self._made:
+            usual = {each.name: each.default for each in fields(SoundOptions)}
+            for name in ("accuracy", "damping", "band"):
+                if (value := getattr(options, name)) != usual[name]:
+                    self.notes.append(f"{name}={value!r} changes nothing: no body is analyzed")
         return bodies
 
     def material(self, name: str) -> Material | None:
@@ -102,26 +122,33 @@ class SoundSources:
         chosen = _chosen(said, name) if isinstance(said, Mapping) else said
         if chosen is None or isinstance(chosen, Material):
             return chosen
-        return Material.named(chosen, _damping(chosen, self._options.damping))
+        return self._named(chosen)
 
     def _material(self, link: Link) -> Material | None:
         said = self.material(link.name)
         if said is not None or not link.material:
             return said
         try:
-            return Material.named(link.material, _damping(link.material, self._options.damping))
+            return self._named(link.material)
         except MaterialError:
             return None
+
+    def _named(self, name: str) -> Material:
+        """Return a material with the damping asked for, or its own where it has no such set."""
+        own, damping = Material.named(name), self._options.damping
+        with suppress(MaterialError):
+            return Material.named(name, damping)
+        note = f"{own.name} has no set {damping!r}: it rings by its own damping"
+        self.notes += [note] * (note not in self.notes)
+        return own
 
     def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
         """Return the model of a link's sound, or why there is none."""
         if any(fnmatchcase(link.name, pattern) for pattern in self._options.mute):
             return None, "mute= says so"
         given = _chosen(self._options.models, link.name)
-        if isinstance(given, ModalModel):
-            return given, ""
-        if isinstance(given, str | os.PathLike) and Path(given).suffix == ".struck":
-            return load_model(given), ""
+        if _is_finished(given):
+            return (given if isinstance(given, ModalModel) else load_model(given)), ""
         shape = given or link.shape
         if shape is None:
             return None, f"{link.why_silent}; name a shape with models="
@@ -153,13 +180,11 @@ class SoundSources:
         return self._made[key]
 
 
-def _damping(name: str, wanted: str) -> str:
-    """Return the damping that a material has: its own where it was never tuned by ear."""
-    try:
-        Material.named(name, wanted)
-    except MaterialError:
-        return "own"
-    return wanted
+def _is_finished(given: Sounding | None) -> TypeIs[ModalModel | str | os.PathLike[str]]:
+    """Return whether the entry of `models` for a body is a model, or a model's file."""
+    if isinstance(given, str | os.PathLike):
+        return Path(given).suffix == ".struck"
+    return isinstance(given, ModalModel)
 
 
 def _content(value: object) -> object:
