@@ -192,6 +192,7 @@ _BELOW, _FAR_BELOW, _SWELLS = 5.0, 30.0, 10.0
 _BROAD = 0.03  # least share of the band that noise of such a level fills; of tones it is less
 _FLAT, _TOPS = 4, 3  # samples of a flat top, and how many tops show clipping
 _FULL_SCALE = 0.98
+_BEGUN = 0.02  # of its peak: a take that begins louder was cut after its hit
 _QUIET = -50.0  # peak, dB of full scale
 _AUDIBLE = 20.0  # end over lead-in, dB
 _CHANGED = 6.0  # dB
@@ -245,8 +246,15 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     if peak < _QUIET:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"
     if not lead_in(take, hits).shape[1]:
+        begun = float((np.abs(take.samples[:, 0]) / np.abs(take.samples).max()).max())
+        lacks = "has no lead-in"
+        if begun > _BEGUN:
+            lacks = (
+                f"begins within its sound, at {100 * begun:.0f} % of its peak, so that the blow "
+            )
+            lacks += "and all that had died away are missing, and has no lead-in"
         yield (
-            f"{take.name} has no lead-in: its noise is guessed from its quietest moment; leave "
+            f"{take.name} {lacks}: its noise is guessed from its quietest moment; leave "
             f"{LEAD_IN} s or more of silence before the hit"
         )
         return

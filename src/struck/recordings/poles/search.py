@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from struck.core.machine import in_few_threads
 from struck.errors import OptionError
@@ -173,6 +174,7 @@ def fitted_of(
         count = f"{endless} mode{'s ring' if endless > 1 else ' rings'}"
         notes = [*notes, f"{count} for longer than the takes can tell: record longer"]
     own = heard.of(kept)
+    notes = [*notes, *_strangers(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
     return Fitted(
@@ -216,10 +218,12 @@ def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> A
 
 
 _SAME_PEAK = 1e-3  # of the peak
+_SHARED = 0.08  # of their energy that takes of one object have in common at least
+_SLOWEST = 0.02  # 1/s
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 
-def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[str]:
+def notes_on(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
     """Yield findings on takes; of alike ones the first, and how many more takes share it.
 
     Files are named without their folders, which are nobody's business.
@@ -229,18 +233,23 @@ def notes_on(takes: Sequence[Take], hits: Iterable[Sequence[Hit]]) -> Iterator[s
         for note in findings(take, own):
             kind = _NUMBER.sub("#", note.replace(take.name, ""))
             alike.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
-    yield from _normalised(takes)
+    yield from _normalised(takes, hits)
     for notes in alike.values():
         more = len(notes) - 1
         yield f"{notes[0]}; so {more} more take{'s' if more > 1 else ''}" if more else notes[0]
 
 
-def _normalised(takes: Sequence[Take]) -> Iterator[str]:
-    """Yield that takes have one and the same peak, as no person strikes."""
-    peaks = np.array([np.abs(take.samples).max() for take in takes])
-    if len(takes) > 2 and np.ptp(peaks) < _SAME_PEAK * peaks.max():
+def _normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
+    """Yield that hits have one and the same peak, as no person strikes."""
+    parts = [
+        part
+        for take, own in zip(takes, hits, strict=True)
+        for part in np.split(take.samples, [hit.onset for hit in own[1:]], axis=1)
+    ]
+    peaks = np.array([np.abs(part).max(initial=0.0) for part in parts])
+    if len(peaks) > 2 and np.ptp(peaks) < _SAME_PEAK * peaks.max():
         yield (
-            f"all {len(takes)} takes have the peak {20 * np.log10(peaks.max()):.1f} dB: they were "
+            f"all {len(peaks)} hits have the peak {20 * np.log10(peaks.max()):.1f} dB: they were "
             "normalised one by one, and how loud each contact is cannot be told; use them as they "
             "were recorded"
         )
@@ -254,6 +263,24 @@ def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
                 f"{Path(take.name).name} is explained to {ratio:.1f} dB only: is it of another "
                 "object, or was it held otherwise? Leave it out, or fit it alone"
             )
+
+
+def _strangers(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
+    """Yield the takes that share hardly any of their energy's modes with the first ones."""
+    takes = np.array([row.take for row in rows])
+    energies = np.abs(heard.gains) ** 2 / np.maximum(heard.decays, _SLOWEST)
+    own = np.array([energies[takes == take].sum(axis=0) for take in np.unique(takes)])
+    own /= np.maximum(own.sum(axis=1, keepdims=True), 1e-300)
+    shared = np.array([np.minimum(one, own).sum(axis=1) for one in own])
+    _, group = connected_components(shared > _SHARED)
+    others = np.flatnonzero(group != group[0])
+    if others.size:
+        numbers = ", ".join(str(each + 1) for each in np.unique(takes)[others][:_NAMED])
+        most = 100 * shared[np.ix_(group == group[0], others)].max()
+        yield (
+            f"at most {most:.1f} % of the sound is common to take 1 and take {numbers}: they may "
+            "be of two objects; fit each by itself"
+        )
 
 
 Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
