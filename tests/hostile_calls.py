@@ -288,6 +288,9 @@ def _shapes() -> dict[str, Call]:
             given={"profile": [(0.0, 0.0), (0.05, 0.0), (0.06, 0.1)], "wall": 0.003},
             use=cut,
         ),
+        "solids.bell": Call(made=solids.bell, given={"height": 0.2, "radius": 0.12}),
+        "solids.bowl": Call(made=solids.bowl, given={"radius": 0.1, "height": 0.05}),
+        "solids.wine_glass": Call(made=solids.wine_glass, given={"height": 0.2, "wall": 0.001}),
         "solids.Stem": Call(
             made=solids.Stem,
             given={

@@ -26,10 +26,12 @@ from struck.analysis.cached_steps import Stages
 from struck.analysis.discretisation import FileOptions, discretise
 from struck.cli import main
 from struck.core.machine import thread_count
+from struck.errors import article, counted
 from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
+from struck.model.residual import Residual
 from struck.shapes import Bar
-from struck.solids import Block, Tube
+from struck.solids import Block, Tube, bell
 from tests.folders import closed_to_writing
 from tests.test_words import public
 
@@ -206,7 +208,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "units in the shell": (
         shell("analyze", "nut.ply", "--material", "steel", "--no-cache"),
-        ("46 m", "modes below 20000 Hz", "\\(--units mm\\)", "--band 20,"),
+        ("46 m", "modes below 20000 Hz", "\\(--units mm of a file", "--band 20,"),
     ),
     "a field in the shell": (
         shell("show", "b.struck", "--field", "brightness"),
@@ -256,6 +258,54 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         shell("render", "b.struck", "--position", "1,2,1"),
         ("--position 1.0,2.0,1.0", "needs a room", "give --room x,y,z"),
     ),
+    "--verison": (
+        shell("--verison"),
+        ("no option '--verison'", "did you mean --version", "give a command: see 'struck --help'"),
+    ),
+    "--radiation feld": (
+        shell("analyze", TUBE, "--material", "steel", "--radiation", "feld"),
+        ("'feld'", "did you mean 'field'", "give 'power' or .* or 'field'"),
+    ),
+    "a block by its edges alone": (
+        shell("analyze", "block:10x5x3", "--material", "steel"),
+        ("'block:10x5x3' does not say", "give block:size=0.1,0.05,0.03"),
+    ),
+    "a block of 10 m": (
+        shell("analyze", "block:size=10x5x3", "--material", "steel"),
+        ("10 m", "--units mm of a file, and those of a solid are given in m"),
+    ),
+    "--impulse 0,0,-1": (
+        shell("render", "b.struck", "--impulse", "0,0,-1"),
+        ("--impulse", "'0,0,-1'", "give a number, and which way by --direction x,y,z"),
+    ),
+    "times of another number": (
+        lambda: Measured(frequencies=(100, 200), t60=(3,)),
+        ("2 frequencies and 1 of t60=", "give as many of both"),
+    ),
+    "strikes instead of rows": (
+        lambda: struck.analyze_many("nut.ply", "steel", out="o", strikes=[struck.Strike()]),
+        ("rows of type Strike", "'impulse': 0.01", "function \\(model, generator\\)"),
+    ),
+    "strikes= of a Body": (
+        lambda: struck.Body(model=model(), strikes=[struck.Strike()]),
+        ("no strikes=", "did you mean excitations="),
+    ),
+    "bodies that are no files": (
+        lambda: struck.analyze_many([trimesh.creation.box()], "steel", out="o"),
+        ("files hold a Trimesh", "give mesh files", "struck.analyze, one by one"),
+    ),
+    "a function to tune": (
+        lambda: struck.tune(bell, "bronze", vary="height", lowest="A5"),
+        ("bell has no dimensions", "functools.partial\\(bowl, radius=0.1\\)"),
+    ),
+    "a body that was made to tune": (
+        lambda: struck.tune(bell(), "bronze", vary="height", lowest="A5"),
+        ("vary is 'height'", "give .*what makes one, as functools.partial"),
+    ),
+    "bare frequencies": (
+        lambda: struck.recordings.calibrated((440.0, 880.0), model()),
+        ("fitted is \\(440.0, 880.0\\)", "of struck.fit, or any object with frequencies, decays"),
+    ),
     "a strike after the end": (
         lambda: sys.stderr.write(
             struck.render(model(), struck.Strike(time=3), seconds=1).notes[0] + "\n"
@@ -289,6 +339,73 @@ def test_a_wrong_use_is_told_its_value_its_bound_and_a_way_out(
     for word in words:
         assert re.search(word, text), (word, text)
     assert "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("analyze", (BLOCK, "steel")),
+        ("fit", ("w.wav",)),
+        ("compare", ("b.struck", "w.wav")),
+        ("sound_map", ("b.struck",)),
+        ("simulate", ("scene.xml",)),
+        ("tune", (BAR, "steel")),
+        ("analyze_many", ("nut.ply", "steel")),
+    ],
+)
+def test_progress_is_a_function_or_none(name: str, given: tuple[object, ...], folder: Path) -> None:
+    made = tuple(struck.load(folder / each) if each == "b.struck" else each for each in given)
+    more = {"tune": {"vary": "length", "lowest": 900}, "analyze_many": {"out": folder / "o"}}
+    told = r"progress is 'no': .* takes a function of a stage and the fraction done or None"
+    with pytest.raises(struck.errors.OptionError, match=told):
+        getattr(struck, name)(*made, **more.get(name, {}), progress="no")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("Tube", "it is struck.solids.Tube"),
+        ("bowl", "it is struck.solids.bowl"),
+        ("radiate", "it is ModalModel.radiating"),
+        ("sonic_distanz", r"did you mean struck\.sonic_distance"),
+        ("zzz", "see dir"),
+    ],
+)
+def test_a_missing_name_of_struck_is_told_where_it_is(name: str, told: str) -> None:
+    with pytest.raises(AttributeError, match=f"struck has no '{name}': {told}"):
+        getattr(struck, name)
+
+
+def test_nouns_are_counted_and_have_their_articles(folder: Path) -> None:
+    words = [counted(count, noun) for count in (0, 1, 2) for noun in ("sound", "inner vertex")]
+    assert words[:2] == ["0 sounds", "0 inner vertices"]
+    assert words[2:] == ["1 sound", "1 inner vertex", "2 sounds", "2 inner vertices"]
+    kinds = [article(each) for each in ("WAV", "OGG", "MP3", "AIFF", "Trimesh", "ndarray", "int")]
+    assert kinds == ["a WAV", "an OGG", "an MP3", "an AIFF", "a Trimesh", "a ndarray", "an int"]
+    for ending in ("ogg", "mp3", "aiff"):
+        with pytest.raises(struck.errors.FileFormatError, match=f"is an {ending.upper()} file"):
+            struck.load(folder / f"x.{ending}")
+
+
+def test_what_a_model_keeps_of_a_recording_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = struck.load(folder / "b.struck")
+    bands = {"edges": np.array([100.0, 1000.0]), "levels": np.ones(1), "decays": np.ones(1)}
+    rest = Residual(attack=np.ones(2400, np.float32), sample_rate=48000, lead=0.0, **bands)
+    struck.save(dataclasses.replace(made, residual=rest), folder / "rest.struck")
+    assert main(["info", str(folder / "rest.struck")]) == 0
+    told = capsys.readouterr().out
+    assert f"residual  attack of 0.05 s, and noise after it: {rest.size / 1000:.0f} kB" in told
+
+
+def test_few_pairs_of_two_designs_are_told_to_say_little(folder: Path) -> None:
+    made = struck.load(folder / "b.struck")
+    stiff = struck.analyze(Bar(length=0.1, width=0.03, thickness=0.005), "steel")
+    told = struck.compare(made, stiff, progress=None).summary()
+    few = [each for each in told if "by frequency alone" in each]
+    assert re.match(rf"caution: {told[0].split(' of ')[0]} by .* struck.sonic_distance\(\)", few[0])
+    assert not any("alone" in each for each in struck.compare(made, made).summary())
 
 
 @pytest.mark.parametrize(

@@ -15,18 +15,32 @@
 
 import lazy_loader
 
+from struck.errors import nearest
+
 _found, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
     """Return a public name, or `__version__`, when it is first asked for."""
-    if name != "__version__":
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
+    if name in _names or name.startswith("_"):
         return _found(name)
-    from importlib.metadata import version
+    rooms = [room for room in _ROOMS & {*_names} if name in getattr(_found(room), "__all__", ())]
+    where = f"struck.{min(rooms)}.{name}" if rooms else _ELSEWHERE.get(name)
+    offer = f"it is {where}" if where else nearest(name, _names, "struck.{}") or "see dir(struck)"
+    raise AttributeError(f"struck has no {name!r}: {offer.strip()}")
 
-    return version(__name__)
 
-
+# What the shell's commands are called in Python, where that is another name.
+_ELSEWHERE = {
+    "calibrate": "struck.recordings.calibrated",
+    "export": "struck.save, to a file that ends in .sofa or .vtu",
+    "info": "repr(model)",
+    "radiate": "ModalModel.radiating",
+}
 # Rooms that are reached as attributes without an import of their own, and not by a `*`.
 _ROOMS = {
     "analysis",

@@ -659,6 +659,7 @@ def sound_map(
     *,
     listener: ArrayLike | None = None,
     level: float | None = None,
+    progress: Progress | None = shown,
 ) -> SoundMap:
     """Choose how few contacts are enough, and which sounds where.
 
@@ -667,11 +668,10 @@ def sound_map(
     model : ModalModel
         With a surface.
     threshold_db : float
-        How far, by `sonic_distance`, what is stored may be from what sounds at any contact, pushed
-        straight into the surface.
-    listener, level : array-like (3,), float, optional
+        Largest `sonic_distance` of what is stored from a push straight into the surface anywhere.
+    listener, level, progress : array-like (3,), float, callable, optional
         m; beside the model unless given. And the level of the loudest contact, dB re 20
-        micropascal; 85 unless given. Softer needs fewer.
+        micropascal; 85 unless given. Softer needs fewer. And as for `analyze`.
 
     Returns
     -------
@@ -683,9 +683,9 @@ def sound_map(
     OptionError, ContactError
         With the value, the bound and the way out.
     """
-    from struck.perception.sound_map import sound_map as map_sounds
+    from struck.perception.sound_map import sound_map as chosen
 
-    return map_sounds(model, threshold_db, listener=listener, level=level)
+    return chosen(model, threshold_db, listener=listener, level=level, progress=reported(progress))
 
 
 def materials() -> Mapping[str, Mapping[str, Any]]:

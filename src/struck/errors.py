@@ -18,6 +18,7 @@ Each message holds the value, the bound and the way out, and the nearest name wh
 
 import difflib
 from collections.abc import Iterable
+from typing import SupportsIndex
 
 
 class StruckError(Exception):
@@ -99,6 +100,7 @@ _CALLED = {
     **dict.fromkeys(("position", "place", "point", "where"), ("at", "strike", "listener")),
     **dict.fromkeys(("force", "strength"), ("impulse", "load")),
     **dict.fromkeys(("duration", "length", "time", "secs"), ("seconds",)),
+    **dict.fromkeys(("strikes", "hits", "actions"), ("excitations",)),
     **dict.fromkeys(("sr", "fs", "rate", "samplerate"), ("sample_rate", "rate")),
     **dict.fromkeys(("pan", "microphone", "mic", "observer"), ("listener",)),
     **dict.fromkeys(("frequency", "pitch", "f0", "note"), ("lowest",)),
@@ -118,3 +120,15 @@ def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
     found = [each for each in _CALLED.get(plain, ()) if each in names][:1]
     found = found or difflib.get_close_matches(plain, names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(map(form.format, found))}? " if found else ""
+
+
+def counted(count: SupportsIndex, noun: str) -> str:
+    """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
+    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
+    before, space, last = noun.rpartition(" ")
+    return f"{count} {before}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
+
+
+def article(noun: str) -> str:
+    """Return a noun with its article: "a WAV", "an OGG", "an MP3"."""
+    return f"a{'n' if noun[:1] in {*'AEIOaeio'} or noun[:2] == 'MP' else ''} {noun}"

@@ -249,7 +249,7 @@ WRONG = {
     "strikes is 0": {"strikes": 0},
     "sounds is 'mp3'": {"strikes": 1, "sounds": "mp3"},
     "nothing of a strike": {"strikes": [{"where": "top"}]},
-    "strikes tell nothing": {"strikes": [1]},
+    "strikes has rows of type int": {"strikes": [1]},
     "other processes": {"fixed": lambda points: points[:, 0] < 0},
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import sys
@@ -111,6 +112,21 @@ def test_24_hits_keep_their_level_differences(
     table = list(csv.DictReader(io.StringIO((tmp_path / "set" / "set.csv").read_text())))
     assert [row["name"] for row in table] == list(hits)
     assert float(table[0]["full_scale"]) == rows[0]["full_scale"]
+
+
+@pytest.mark.parametrize("ending", ["ogg", "mp3"])
+def test_coders_keep_levels_within_a_decibel(
+    tmp_path: Path, hits: dict[str, struck.Sound], ending: str
+) -> None:
+    loud = max(hits.values(), key=lambda sound: sound.peak)
+    fading = {f"{n}": dataclasses.replace(loud, samples=loud.samples * 10**-n) for n in range(4)}
+    rows = save_set(fading, tmp_path / "set", ending=ending)
+    files = [tmp_path / "set" / row["file"] for row in rows]
+    read = np.array([decibels(soundfile.read(file)[0] * rows[0]["full_scale"]) for file in files])
+    off = np.abs(read - [decibels(sound.samples) for sound in fading.values()])
+    assert 0.1 < off.max() < 1
+    with pytest.raises(OptionError, match=r"more than 1: save|leave silence of it"):
+        save_set({"soft": tone(pressure=1e-7)}, tmp_path / "soft", level=1.0, ending=ending)
 
 
 def test_16_bits_are_refused_with_the_figure(tmp_path: Path, hits: dict[str, struck.Sound]) -> None:

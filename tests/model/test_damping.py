@@ -127,7 +127,7 @@ def test_negative_and_endless_coefficients_are_refused(value: float) -> None:
 @pytest.mark.parametrize(
     ("frequencies", "rates", "reason"),
     [
-        ((100.0, 200.0), (1.0,), "2 frequencies and 1 decay rates"),
+        ((100.0, 200.0), (1.0,), "2 frequencies and 1 of rates="),
         ((), (), "at least one"),
         ((200.0, 100.0), (1.0, 1.0), "must ascend"),
         ((0.0, 100.0), (1.0, 1.0), "above 0 Hz"),

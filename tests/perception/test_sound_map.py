@@ -67,7 +67,11 @@ def test_a_stored_contact_sounds_as_it_does(bar: ModalModel, bar_map: SoundMap) 
 def test_a_finer_threshold_stores_more_and_a_softer_level_fewer(
     bar: ModalModel, bar_map: SoundMap
 ) -> None:
-    coarse, soft = sound_map(bar, 8.0, level=70), sound_map(bar, 4.0, level=40)
+    told: list[float] = []
+    coarse = sound_map(bar, 8.0, level=70, progress=lambda _, done: told.append(done))
+    assert told == sorted(told)
+    assert 0 <= told[0] < told[-1] < 1
+    soft = sound_map(bar, 4.0, level=40)
     assert len(coarse.contacts) < len(bar_map.contacts)
     assert len(soft.contacts) < len(bar_map.contacts)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
 from struck.errors import RecordingError
-from struck.recordings.disturbances import lossy
+from struck.recordings.disturbances import lossy, processed
 from struck.recordings.onsets import find_hits, findings
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
@@ -49,6 +49,14 @@ def coded(samples: Array, kilobits: int) -> Array:
     assert 8e-3 * len(file.getvalue()) * RATE / len(samples) == pytest.approx(kilobits, rel=0.1)
     file.seek(0)
     return np.asarray(soundfile.read(file)[0], np.float64)
+
+
+@pytest.mark.parametrize(("name", "told"), [("tap.OGG", 1), ("tap.opus", 1), ("tap.flac", 0)])
+def test_files_of_a_coder_are_noted_by_their_ending(name: str, told: int) -> None:
+    notes = list(processed(Take(samples=struck_body(0)[None], sample_rate=RATE, name=name)))
+    assert len(notes) == told
+    assert all(f"{name} was coded with loss" in note for note in notes)
+    assert all("as its ending says" in note for note in notes)
 
 
 @SEEDS

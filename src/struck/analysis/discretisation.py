@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from struck.analysis.cached_steps import Stage, Stages, holding
-from struck.errors import MeshError, OptionError, RepairWarning
+from struck.errors import MeshError, OptionError, RepairWarning, article
 from struck.model.arrays import Array
 from struck.model.mesh import Arrays, Mesh
 from struck.model.provenance import Provenance
@@ -340,7 +340,7 @@ def discretise(
     for name, value in {"wall": wall, "holes": holes, "repair": repair}.items():
         if value is not None:
             raise OptionError(
-                f"{name}= applies to surfaces, and a {type(source).__name__} has its own "
+                f"{name}= applies to surfaces, and {article(type(source).__name__)} has its own "
                 "dimensions: leave it out, or for a hollow body give its surface, as a Mesh or a "
                 "file"
             )

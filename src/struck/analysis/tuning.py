@@ -17,7 +17,7 @@ import numpy as np
 from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
 from struck.core.machine import in_few_threads
-from struck.errors import MeshError, NoModeError, OptionError, nearest
+from struck.errors import MeshError, NoModeError, OptionError, article, nearest
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
@@ -38,6 +38,10 @@ _EDGES = ("length", "width", "height")  # of a block, along x, y and z
 _STEPS = 40
 _FARTHEST = 64.0  # times the wanted frequency up to which a mode is looked for
 _ALIKE = 1e-4  # modes of a family whose frequencies differ by less, relative, are one pair
+_WAY = (
+    "give a body of struck.solids or struck.shapes, or what makes one, as "
+    "functools.partial(bowl, radius=0.1), or scale its model by ModalModel.tuned(lowest=)"
+)
 _SLICES = 24  # across the longest axis, which are told apart by how they move
 
 
@@ -232,16 +236,14 @@ def tune(
     """
     given, body = body, _made(body)
     if not (isinstance(body, Solid) or is_shape(body)):
-        raise OptionError(
-            f"{type(body).__name__} has no dimensions to vary: give a body of struck.solids or "
-            "struck.shapes, or scale its model by ModalModel.tuned(lowest=)"
-        )
+        name = getattr(body, "__name__", type(body).__name__)
+        raise OptionError(f"{name} has no dimensions to vary: {_WAY}")
     progress, chosen = reported(progress), _Mode.of(mode)
     wanted = _wanted(lowest, frequency, chosen)
     if chosen.family and not _is_long(body):
         raise OptionError(
             f"mode is {mode!r}, but {', '.join(FAMILIES)} are families of bars, blocks and long "
-            f"tubes alone, and this is a {type(body).__name__}: give a mode's number, as mode=2"
+            f"tubes alone, and this is {article(type(body).__name__)}: give a number, as mode=2"
         )
     if accuracy is not None and is_shape(body) and chosen.family in {"", "bending"}:
         raise OptionError(
@@ -326,11 +328,9 @@ def _dimension(body: Any, vary: str) -> float:  # noqa: ANN401 - a body, or what
     numbers |= dict(zip(_EDGES, values.get("size", ()), strict=False))
     if vary not in numbers:
         offer = nearest(vary, list(numbers))
-        way = ": give what makes it, as functools.partial(bowl, radius=0.1), or scale its model by "
-        way += "ModalModel.tuned(lowest=)"
         raise OptionError(
             f"vary is {vary!r}: {offer}this body has {', '.join(numbers) or 'no numbers'} to vary"
-            f"{'' if numbers else way}"
+            f"{'' if numbers else f': {_WAY}'}"
         )
     return float(numbers[vary])
 

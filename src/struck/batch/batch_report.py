@@ -18,7 +18,7 @@ import numpy as np
 
 from struck.batch.job_table import MODEL, BodyJob
 from struck.batch.strike_set import struck_as
-from struck.errors import MissingDependencyError, OptionError, StruckError
+from struck.errors import MissingDependencyError, OptionError, StruckError, counted
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
@@ -186,9 +186,8 @@ class BatchReport:
             for label in labels:
                 if label is None:
                     sound = render(model, Strike(), seconds=_HEARD)
-                    how = f"{row.modes} modes" + (
-                        f" from {row.lowest:.0f} Hz" if row.lowest else ""
-                    )
+                    how = counted(row.modes, "mode")
+                    how += f" from {row.lowest:.0f} Hz" if row.lowest else ""
                 else:
                     sound = struck_as(model, label)
                     impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")

@@ -26,7 +26,7 @@ import numpy as np
 from struck.analysis.analysis import analyze
 from struck.analysis.cached_steps import fingerprint, method
 from struck.batch.strike_set import StrikeSet
-from struck.errors import FileFormatError, OptionError
+from struck.errors import ArgumentError, FileFormatError, OptionError, article
 from struck.files.atomic import is_file, is_folder, open_ordinary, read_bytes
 from struck.files.messages import FORMATS, READERS, ReadingLimits
 from struck.model.damping import require_band
@@ -113,6 +113,12 @@ def jobs_of(
     """Return the jobs of patterns and a table; OptionError on none, or two of one name."""
     _require_known(options, "analyze", _OPTIONS)
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files or ())
+    others = [type(each).__name__ for each in patterns if not isinstance(each, str | os.PathLike)]
+    if others:
+        raise ArgumentError(
+            f"files hold {article(others[0])}: give mesh files, folders or patterns; what is no "
+            "file goes to struck.analyze, one by one"
+        )
     found = {path: root for each in patterns for path, root in _matches(os.fspath(each))}
     rows: dict[str, list[Mapping[str, Any]]] = {}
     named = {os.path.abspath(path): path for path in found}  # noqa: PTH100 - links stay apart

@@ -58,8 +58,14 @@ class StrikeSet:
             wanted = "give how many of each model, their table, or a function that chooses them"
             require_number("strikes", self.strikes, 1, _MOST, whole=True, wanted=wanted)
         elif not callable(self.strikes):
-            if not all(isinstance(row, Mapping) for row in self.strikes) or not len(self.strikes):
-                raise OptionError("strikes tell nothing: give a number, or a table of some rows")
+            rows = self.strikes if isinstance(self.strikes, Sequence) else [self.strikes]
+            wrong = [type(row).__name__ for row in rows if not isinstance(row, Mapping)]
+            if wrong or not rows:
+                raise OptionError(
+                    f"strikes has {f'rows of type {wrong[0]}' if wrong else 'no row'}: give a "
+                    "number, rows as [{'at': 'top', 'impulse': 0.01}], or a function (model, "
+                    "generator) that returns Strikes"
+                )
             named_strikes(self.strikes)
         require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
         if self.sounds not in SOUNDS:
@@ -185,8 +191,7 @@ def row_of(table: str | os.PathLike[str], number: int) -> Iterator[None]:
 
 
 def named_strikes(
-    rows: Sequence[Mapping[str, Any]],
-    table: str | os.PathLike[str] = "the strikes",
+    rows: Sequence[Mapping[str, Any]], table: str | os.PathLike[str] = "the strikes"
 ) -> list[tuple[str, Strike, Sequence[float] | None]]:
     """Return name, strike and listener of each row of a table; names are made where it has none."""
     found = []

@@ -145,7 +145,10 @@ class Parser(argparse.ArgumentParser):
             self.register("type", kind, partial(_number, kind))
 
     def error(self, message: str) -> NoReturn:
-        """Raise an OptionError."""
+        """Raise an OptionError, with the option for a vector that is given for a number."""
+        vector = re.match("argument --(impulse|speed|force): .*,.*,", message)
+        if vector and "--direction" in self._option_string_actions:
+            message += ", and which way by --direction x,y,z"
         raise OptionError(f"{message}: see '{self.prog} --help'")
 
 
@@ -166,6 +169,9 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
             f"struck has no command {chosen!r}: {nearest(chosen, COMMANDS)}there are "
             f"{', '.join(COMMANDS)}"
         )
+    if words and chosen is None and not {"-h", "--help"} & {*words}:
+        offer = nearest(words[0].lstrip("-"), ("help", "version"), "--{}")
+        parser.error(f"struck has no option {words[0]!r}: {offer}give a command")
     one = _declared(parser, chosen)
     if not words:
         return parser.format_help()

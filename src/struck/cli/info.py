@@ -81,11 +81,8 @@ class _Place:
     def row(self) -> tuple[str, str, str]:
         """Return a row's cells as texts for a table."""
         level = "silent" if self.level is None else f"{self.level:.1f}"
-        return (
-            self.name,
-            ", ".join(f"{round(each, 9) + 0.0:.4g}" for each in self.point) or "-",
-            level,
-        )
+        point = ", ".join(f"{round(each, 9) + 0.0:.4g}" for each in self.point)
+        return self.name, point or "-", level
 
 
 def _parts(file: str, units: str | None) -> Result:
@@ -98,11 +95,8 @@ def _parts(file: str, units: str | None) -> Result:
     for part in parts[:PARTS]:
         size = " x ".join(f"{edge:.4g}" for edge in part.size)
         volume = "open" if part.volume is None else f"{part.volume:.4g}"
-        taken = (
-            "taken unless --part names another"
-            if len(parts) > 1 and part.volume == largest > 0
-            else ""
-        )
+        usual = len(parts) > 1 and part.volume == largest > 0
+        taken = "taken unless --part names another" if usual else ""
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
     unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     Body = Solid | Shape
 
 BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
+_FORMS = {"size": "0.1,0.05,0.03"}  # of arguments of several numbers
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
@@ -173,7 +174,7 @@ def maker_named(text: str) -> str | partial[Body]:
         unknown = next((name for name in given if name not in {*needed, *more}), "")
         offer = nearest(unknown, [*needed, *more], "{}=")
         offer = f"it has no {unknown}=: {offer}" if unknown else ""
-        wanted = ",".join(f"{name}=..." for name in needed or more)
+        wanted = ",".join(f"{name}={_FORMS.get(name, '...')}" for name in needed or more)
         besides = f" and, if wanted, {', '.join(more)}" if needed and more else ""
         raise OptionError(
             f"{text!r} does not say what a {kind} needs: {offer}give {kind}:{wanted}{besides}"
@@ -324,14 +325,10 @@ def listener(
     FileFormatError
         On a walk that cannot be read.
     """
-    if options.walk and options.listener:
-        raise OptionError(
-            f"--listener {options.listener} and --walk {options.walk} are two places: give one"
-        )
-    if options.hrtf and options.head:
-        raise OptionError(
-            f"--hrtf {options.hrtf} and --head {options.head} are two heads: give one"
-        )
+    for one, other, what in (("listener", "walk", "places"), ("hrtf", "head", "heads")):
+        first, second = getattr(options, one), getattr(options, other)
+        if first and second:
+            raise OptionError(f"--{one} {first} and --{other} {second} are two {what}: give one")
     walk = options.walk if place is None else None
     course = _walk(walk) if walk else place or options.listener
     standing = {"position": course, "facing": options.facing}

@@ -7,6 +7,7 @@ import argparse
 import struck
 from struck.cli import Result
 from struck.cli.options import BAND, add_cache
+from struck.errors import counted
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 
@@ -41,6 +42,5 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     struck.save(found, output)
     left = [text for text in found.provenance.dropped if "timbre field" in text]
     modes = len(found.frequencies)
-    return Result(
-        "\n".join([f"wrote {output}: {modes} modes", *left]), model=str(output), modes=modes
-    )
+    last = f"wrote {output}: {counted(modes, 'mode')}"
+    return Result("\n".join([last, *left]), model=str(output), modes=modes)

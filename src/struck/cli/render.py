@@ -27,7 +27,7 @@ from struck.cli.options import (
     room,
     same,
 )
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
@@ -182,7 +182,8 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
     notes = list(dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)]))
-    last = f"wrote {len(rows)} sounds and {TABLE} to {options.output}: full scale is {scale}{span}"
+    last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: full scale is "
+    last += f"{scale}{span}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 
 

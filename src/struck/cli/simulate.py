@@ -21,7 +21,7 @@ from struck.cli.options import add_listener, add_room, listener, metres, refuse,
 from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.files.atomic import writable, write_bytes
 from struck.files.sound import Sound
 from struck.files.sound_formats import chosen
@@ -102,8 +102,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         files += save_stems(excited, output, factor=factor, **heard)
     notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
-    count = f"{len(contacts)} rows of contacts, {len(events.impacts)} points of blows, "
-    count += f"{len(events.sustained)} lasting contacts"
+    rows, blows = counted(len(contacts), "row"), counted(len(events.impacts), "point")
+    count = f"{rows} of contacts, {blows} of blows, "
+    count += counted(len(events.sustained), "lasting contact")
     text = "\n".join((*notes, count, *(f"wrote {each}" for each in files[1:]), last))
     return Result(
         text,

@@ -43,10 +43,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.parameters:
         parameters = writable(options.parameters, unlike=[path, output])
     model = struck.load(path)
-    progress("choosing contacts", 0.0)
-    found = struck.sound_map(
-        model, options.threshold, listener=options.listener, level=options.level
-    )
+    heard = {"listener": options.listener, "level": options.level}
+    found = struck.sound_map(model, options.threshold, **heard, progress=progress)
     save_picture(sound_map_picture(found), output)
     written = {"output": str(output)}
     if parameters is not None:

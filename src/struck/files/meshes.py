@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, MeshError, OptionError
+from struck.errors import FileFormatError, MeshError, OptionError, counted
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
 from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
-from struck.solids.surface.closedness import counted, crossings, is_closed, require_closed
+from struck.solids.surface.closedness import crossings, is_closed, require_closed
 from struck.solids.surface.repair import DEBRIS, Repair, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh

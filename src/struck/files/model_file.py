@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, OptionError, StruckError
+from struck.errors import FileFormatError, OptionError, StruckError, article
 from struck.files.atomic import is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
     FARTHEST,
@@ -386,8 +386,8 @@ def require_no_sound(path: str | os.PathLike[str]) -> None:
     ending = Path(path).suffix.lower()
     if ending in _SOUNDS:
         raise FileFormatError(
-            f"{path} is a {ending[1:].upper()} file, a sound and no model: struck fit makes one "
-            "of recordings, and models end in .struck"
+            f"{path} is {article(ending[1:].upper())} file, a sound and no model: struck fit makes "
+            "one of recordings, and models end in .struck"
         )
 
 

@@ -104,10 +104,7 @@ class Sound:
 
     @checked
     def save(
-        self,
-        path: str | os.PathLike[str],
-        level: str | float = "peak",
-        encoding: str | None = None,
+        self, path: str | os.PathLike[str], level: str | float = "peak", encoding: str | None = None
     ) -> float:
         """Write a sound file of the kind that its ending says, whole or not at all.
 

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, FileFormatError, OptionError
+from struck.errors import ArgumentError, FileFormatError, OptionError, article
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
 from struck.files.sound_formats import chosen, decoded
 from struck.model.arrays import checked, require_number
 
 TABLE = "set.csv"
-_KEPT = 0.1  # dB, within which a file keeps the level of its sound
+# dB, within which a file keeps the level of its sound; coders leave out what is not heard.
+_KEPT, _CODED = 0.1, 1.0
 _OF_A_STRIKE = ("at", "striker", "speed", "impulse", "direction")
 _NAME = re.compile(r"[^\\/:*?\"<>|\x00-\x1f]{1,120}")
 
@@ -61,7 +62,7 @@ def save_set(
     ------
     OptionError
         On no sounds, two of one name, units that differ, or a file that would not keep its level
-        within 0.1 dB.
+        within 0.1 dB, or in OGG and MP3, which leave out what is not heard, 1 dB.
     FileFormatError
         When the folder cannot be made or written.
     """
@@ -105,7 +106,7 @@ def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping o
     for each in pairs:
         named = isinstance(each, tuple | list) and len(each) == 2
         if not (named and isinstance(each[0], str) and isinstance(each[1], Sound)):
-            raise ArgumentError(f"sounds hold a {type(each).__name__}: give {{name: Sound}}")
+            raise ArgumentError(f"sounds hold {article(type(each).__name__)}: give {{name: Sound}}")
     return pairs
 
 
@@ -133,9 +134,10 @@ def _require_levels(
             float(np.sum(np.square(each, dtype=np.float64))) for each in (sound.samples, kept)
         )
         off = 10 * np.log10(max(after, 1e-300) / before) if before else 0.0
-        if abs(off) > _KEPT:
+        most = _CODED if Path(file).suffix in {".ogg", ".mp3"} else _KEPT
+        if abs(off) > most:
             below = 20 * np.log10(level / sound.peak)
-            change = f"change its level by {off:+.2g} dB, more than {_KEPT:g}"
+            change = f"change its level by {off:+.2g} dB, more than {most:g}"
             raise OptionError(
                 f"{file} peaks {below:.1f} dB below full scale ({level:.3g} Pa), and {encoding} "
                 f"would {change if after else 'leave silence of it'}: save the set as WAV in "

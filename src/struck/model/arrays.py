@@ -23,7 +23,7 @@ from typing import Any, TypeVar, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import ArgumentError, OptionError, StruckError, nearest
+from struck.errors import ArgumentError, OptionError, StruckError, article, nearest
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -57,7 +57,7 @@ def _shown(value: object) -> str:
     text = "a number of more than 300 digits" if _is_huge(value) else repr(value)
     if len(text) < _LONGEST_SHOWN:
         return text
-    return f"a {type(value).__name__} that begins {text[:20]}"
+    return f"{article(type(value).__name__)} that begins {text[:20]}"
 
 
 _LONGEST_SHOWN = 60  # characters of a value in a message
@@ -80,7 +80,9 @@ def require_numbers(
     """
     array = values if isinstance(values, np.ndarray) or shape else np.asarray(values)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iufc":
-        raise ArgumentError(f"{name}: a {type(values).__name__} where an array of numbers belongs")
+        raise ArgumentError(
+            f"{name}: {article(type(values).__name__)} where an array of numbers belongs"
+        )
     if array.shape != shape:
         raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
     if least is not None and np.any(array < least):
@@ -148,6 +150,8 @@ Sort = tuple[Callable[[Any], bool], str]
 _LAWS = ", as struck.InternalFriction(loss_tangent=0.01), struck.Rayleigh or struck.Measured"
 _HINTS = {
     ("damping", "a Damping"): _LAWS,
+    ("fitted", "a FittedModes"): ", as of struck.fit, or any object with frequencies, decays and "
+    "gains, each (M,), as types.SimpleNamespace(frequencies=...)",
     ("youngs_modulus", "a number"): " in Pa",
     ("density", "a number"): " in kg/m^3",
 }
@@ -222,7 +226,7 @@ def _refuse_names(
         told = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
         raise ArgumentError(
             f"{whose} was given {_shown(given[first])} without a name: give "
-            f"{whose}({'..., ' * (names[0] != 'self')}{told})"
+            f"{whose}({'..., ' * (first > (names[0] == 'self'))}{told})"
         )
     unknown = next(name for name in named if name not in names)
     free = [name for name in names if name != "self"]
@@ -274,7 +278,7 @@ def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
     if name in module:
         return _of_kind(module[name], name)
     # Not loaded yet, as is everything that the verbs name for type checkers alone.
-    return (lambda value: _is_named(value, name), f"a {name}") if name in _NAMED else None
+    return (lambda value: _is_named(value, name), article(name)) if name in _NAMED else None
 
 
 def _tuple_of(inner: str) -> Sort:
@@ -308,7 +312,7 @@ def _of_kind(kind: Any, name: str) -> Sort | None:  # noqa: ANN401 - any object
         return None
     if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
         return None
-    return _SORTS.get(name) or ((lambda value: isinstance(value, kind)), f"a {name}")
+    return _SORTS.get(name) or ((lambda value: isinstance(value, kind)), article(name))
 
 
 def _is_named(value: object, name: str) -> bool:
@@ -356,6 +360,7 @@ _SORTS: dict[str, Sort] = {
     "Path": (lambda value: isinstance(value, Path), "a path"),
     "os.PathLike": (lambda value: isinstance(value, os.PathLike), "a path"),
     "Callable": (callable, "a function"),
+    "Progress": (callable, "a function of a stage and the fraction done"),
     "Mapping": (lambda value: isinstance(value, Mapping), "a mapping"),
     "Place": (
         lambda value: value is None or isinstance(value, str) or _is_numbers(value),

@@ -128,9 +128,10 @@ class Measured:
             given = numbers(name, getattr(self, name), error=MaterialError)
             object.__setattr__(self, name, tuple(np.atleast_1d(given).ravel().tolist()))
         if len(self.frequencies) != len(self.rates) or not self.rates:
+            name = "rates" if t60 is None else "t60"
             raise MaterialError(
-                f"{len(self.frequencies)} frequencies and {len(self.rates)} decay rates: give one "
-                "rate for each frequency, at least one"
+                f"there are {len(self.frequencies)} frequencies and {len(self.rates)} of {name}=: "
+                "give as many of both, at least one"
             )
         finite = np.isfinite((*self.frequencies, *self.rates)).all()
         if not finite or np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError, OptionError
+from struck.errors import MaterialError, OptionError, counted
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
@@ -455,7 +455,7 @@ class ModalModel:
     def __repr__(self) -> str:
         """Return the number of modes, their range, the material and the mass in a line."""
         own = self.frequencies[self.of_object]
-        about = [f"{len(own)} modes"]
+        about = [counted(len(own), "mode")]
         about[0] += f" from {own.min():.5g} to {own.max():.5g} Hz" if len(own) else ""
         about += [] if self.material is None else [self.material.name]
         about += [] if self.mass is None else [f"{self.mass:.3g} kg"]

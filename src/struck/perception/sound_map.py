@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, counted
 from struck.files.atomic import read_bytes, write_bytes
 from struck.files.container import from_bytes, to_bytes
 from struck.model.arrays import Array, Complex, Index, checked, require_number
 from struck.model.contact import Contact
 from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
+from struck.model.provenance import Progress, silent
 from struck.perception.auditory_scale import integrated, threshold_in_quiet
 from struck.perception.sonic_distance import HeardModel, erb_distance, filter_centres, surface_of
 
@@ -118,10 +119,9 @@ class SoundMap:
             raise OptionError(f"triangles take sounds beyond the {stored} stored: make it again")
 
     def __repr__(self) -> str:
-        return (
-            f"SoundMap({len(self.contacts)} contacts of {len(self.frequencies)} modes, no other "
-            f"farther than {self.bound:.2f} dB)"
-        )
+        contacts, modes = counted(len(self.contacts), "contact"), len(self.frequencies)
+        told = f"{contacts} of {counted(modes, 'mode')}, no other farther than {self.bound:.2f} dB"
+        return f"SoundMap({told})"
 
     @cached_property
     def locator(self) -> Surface:
@@ -206,6 +206,7 @@ def sound_map(
     *,
     listener: ArrayLike | None = None,
     level: float | None = None,
+    progress: Progress = silent,
 ) -> SoundMap:
     """Choose the fewest contacts that cover a body, and their sounds (see `struck.sound_map`)."""
     wanted = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
@@ -214,7 +215,7 @@ def sound_map(
     heard = HeardModel.at(model, listener, level)
     if len(heard.listeners) > 1:
         raise OptionError(f"{len(heard.listeners)} listeners are given: make a map for each")
-    cover = covered(Ear.of(heard), surface, threshold_db)
+    cover = covered(Ear.of(heard), surface, threshold_db, progress)
     loud = np.linalg.norm(heard.amplitudes(cover.points, cover.directions), axis=1)
     points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
     return SoundMap(
@@ -255,7 +256,7 @@ def _contact(facets: Facets, which: int) -> _Contact:
     return facets.corners[which].mean(axis=0), facets.directions[which], facets.timbres[which]
 
 
-def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
+def covered(ear: Ear, surface: Mesh, threshold: float, progress: Progress = silent) -> Cover:
     """Choose contacts so that no place is farther than `threshold` dB from the one it takes."""
     # The loudest triangle gives the first contact. Triangles within the threshold of a chosen one
     # are done. Each other triangle in which the sound varies little proposes its own timbre, and
@@ -264,8 +265,9 @@ def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
     left = Facets.of(ear, surface.points[surface.faces], -surface.face_normals)
     chosen = [_contact(left, int(left.amplitudes.mean(axis=1).argmax()))]
     done: list[list[NDArray[Any]]] = []
-    count = 0
+    count, whole = 0, _area(left.corners)
     while len(left):
+        progress("choosing contacts", 1 - _area(left.corners) / whole)
         if count + len(left) > MOST_TRIANGLES:
             raise OptionError(
                 f"threshold_db is {threshold:g}: the surface would be cut into "
@@ -284,6 +286,12 @@ def covered(ear: Ear, surface: Mesh, threshold: float) -> Cover:
         left = left.halved(ear) if len(left) else left
     points, directions, _ = (np.stack(each) for each in zip(*chosen, strict=True))
     return Cover(points, directions, *map(np.concatenate, zip(*done, strict=True)))
+
+
+def _area(corners: Array) -> float:
+    """Return twice the area of triangles (F, 3, 3) together, m^2."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(np.linalg.norm(normals, axis=1).sum())
 
 
 def _choose(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, article
 from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
@@ -133,5 +133,5 @@ def _rendered(render: Render, contact: Array, direction: Array) -> Sound:
     """Return the result of `render` for a contact, checked to be a Sound."""
     made = render(contact, direction)
     if not isinstance(made, Sound):
-        raise OptionError(f"render returned a {type(made).__name__}: return a Sound")
+        raise OptionError(f"render returned {article(type(made).__name__)}: return a Sound")
     return made

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, nearest
 from struck.model.arrays import Array, Index, checked
 from struck.model.gains import Keep, Radiation, ShapeGains, quarter_turns
 from struck.model.material import AIR, Air
@@ -241,6 +241,7 @@ def by_name(name: str) -> Radiation:
         estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
     }
     if name not in estimates:
-        offer = " or ".join(repr(known) for known in estimates)
-        raise OptionError(f"no radiation is called {name!r}: give {offer}")
+        offer = nearest(name, (*estimates, "field"), "{!r}")
+        known = " or ".join(map(repr, estimates))
+        raise OptionError(f"no radiation is called {name!r}: {offer}give {known}, or 'field'")
     return estimates[name]

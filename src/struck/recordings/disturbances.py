@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import PurePath
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -149,6 +150,8 @@ _MOST_HELD = 40.0  # s that are looked at: the loudest
 # Of coded takes at 128 kbit/s 0.17 to 0.6 % of all places are holes, in 9 frames and 10 bands or
 # more; a beat makes its holes in one band, other takes none.
 _SHARE, _FRAMES, _BANDS, _ENOUGH = 1.2e-3, 6, 6, 40
+_HOLES = "bands fall silent and come back"
+_LOSSY = {".ogg", ".oga", ".opus"}
 _OFFSET = 2e-3  # smallest mean over peak that is reported
 
 
@@ -158,10 +161,12 @@ def processed(take: Take) -> Iterator[str]:
     if not heard.size:
         return
     loudest = heard[int(np.square(heard).sum(axis=1).argmax())]
-    if lossy(loudest, take.sample_rate):
+    ending = PurePath(take.name).suffix.lower()
+    why = "as its ending says" if ending in _LOSSY else ""
+    if why or lossy(loudest, take.sample_rate):
         yield (
-            f"{take.name} was coded with loss (MP3, AAC): bands fall silent and come back; weak "
-            "modes may be false or missing, so record without compression"
+            f"{take.name} was coded with loss (MP3, AAC, OGG): {why or _HOLES}; weak modes may be "
+            "false or missing, so record without compression"
         )
     offset = float(np.abs(heard.mean(axis=1)).max() / max(np.abs(heard).max(), 1e-300))
     if offset > _OFFSET:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import counted
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
@@ -175,11 +176,6 @@ def decibels(power: Array) -> Array:
 def plain(text: str) -> str:
     """Return a text from outside for a picture, where two $ would begin a formula."""
     return text.replace("$", r"\$")
-
-
-def counted(count: int, thing: str) -> str:
-    """Return a number of things in words, such as "3 modes"."""
-    return f"{count} {thing}{'s' * (count != 1)}"
 
 
 def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str) -> Figure:

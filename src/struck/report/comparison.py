@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.ears.listeners import position_of
-from struck.errors import ContactError, OptionError, RecordingError
+from struck.errors import ContactError, OptionError, RecordingError, counted
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import require_ending, write_bytes
@@ -63,6 +63,7 @@ _COLOURS = (BLUE, ORANGE)  # of the first side and of the second
 _DOUBT = 0.1  # audibility of a mode at least: nobody strikes a node so well, or tells where
 _BEFORE = 0.02  # of a recording before its hit, s
 _EARS = 2
+_FEW = 0.5  # share of two models' modes in pairs below which these say little
 _SILENT = 1e-6
 _SHARED = 1e-3  # relative distance of modes that ring as one
 _QUIETEST = -60.0  # modes that far below the loudest one's energy, dB, are as often heard as not
@@ -128,10 +129,10 @@ class Comparison:
 
     def summary(self) -> list[str]:
         """Return the differences of both sides, a line each."""
-        mine, theirs = len(self.model.partials.frequencies), len(self.other.partials.frequencies)
-        name = self.other.name
+        mine, theirs = (len(each.partials.frequencies) for each in (self.model, self.other))
+        name, pairs = self.other.name, counted(len(self.cents), "pair")
         lines = [
-            f"{len(self.cents)} pairs of {mine} modes of the model and {theirs} of the {name}",
+            f"{pairs} of {counted(mine, 'mode')} of the model and {theirs} of the {name}",
             f"{len(self.missing)} of the model should be in the {name} and are not",
             f"{len(self.extra)} of the {name} should be in the model and are not",
         ]
@@ -143,6 +144,9 @@ class Comparison:
             share = 100 * min(1.0, self.by_chance / max(len(self.cents), 1))
             lines.append("caution: random modes would agree as well; this may be another body")
             lines.append(f"about {share:.0f} % of the pairs would be found by chance")
+        if name == "other model" and len(self.cents) < _FEW * min(mine, theirs):
+            told = "which says little of two designs: struck.sonic_distance() tells how they sound"
+            lines.append(f"caution: {pairs} by frequency alone, {told}")
         lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):
             return lines

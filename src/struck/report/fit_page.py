@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import counted
 from struck.files import wav
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import PEAK
@@ -24,7 +25,6 @@ from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict
 from struck.recordings.residual_sound import loudest, one_strike
 from struck.recordings.takes import Recorded
 from struck.report import fit_pictures
-from struck.report.charts import counted
 from struck.report.fit_pictures import (
     Energies,
     RenderedHit,

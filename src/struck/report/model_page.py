@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import counted
 from struck.files.sound import Sound
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
-from struck.report.charts import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,20 +42,20 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     """Return the contents of a model, a line each; the `whole` with how it was made."""
     material = model.material
     own = model.of_object
-    lines = [f"{np.count_nonzero(own)} modes, {_completeness(model)}"]
+    lines = [f"{counted(np.count_nonzero(own), 'mode')}, {_completeness(model)}"]
     if not own.all():
-        lines.append(
-            f"blow      {counted(int(np.count_nonzero(~own)), 'further mode')} stand for it"
-        )
+        lines.append(f"blow      {counted(np.count_nonzero(~own), 'further mode')} in its place")
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
+    if model.residual is not None:
+        rest = model.residual
+        seconds, size = len(rest.attack) / rest.sample_rate, rest.size / 1000
+        lines.append(f"residual  attack of {seconds:.2g} s, and noise after it: {size:.0f} kB")
     if model.errors is not None and np.isfinite(model.errors[own]).any():
         middle, worst = np.nanmedian(model.errors[own]), np.nanmax(model.errors[own])
-        lines.append(
-            f"errors    half of the frequencies within {100 * middle:.2g} %, "
-            f"all within {100 * worst:.2g} %"
-        )
+        halves = f"half of the frequencies within {100 * middle:.2g} %"
+        lines.append(f"errors    {halves}, all within {100 * worst:.2g} %")
     if material is not None:
         lines.append(
             f"material  {material.name}: {material.density:g} kg/m3, "

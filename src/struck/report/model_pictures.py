@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.excitation.pulses import SPECTRA
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Mask, checked, numbers, require_numbers
@@ -18,7 +18,7 @@ from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.radiation.directivity import RadiatingGains
 from struck.radiation.multipoles import CLOSE
-from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, counted, overview, save
+from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, overview, save
 from struck.report.surface_picture import Painter
 from struck.scene.body import centre_of, radius_of
 from struck.scene.render import render

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import counted
 from struck.model.arrays import Array, Index, checked
 from struck.perception.auditory_scale import integrated
 from struck.perception.sound_map import SoundMap
-from struck.report.charts import FAINT, INK, chart, counted
+from struck.report.charts import FAINT, INK, chart
 from struck.report.surface_picture import facing, frame, shade, view_of
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
-from struck.errors import MeshError, OptionError
+from struck.errors import MeshError, OptionError, article
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.gains import ShapeGains
@@ -210,7 +210,8 @@ class Scene:
     def __post_init__(self) -> None:
         wrong = [name for name, body in self.bodies.items() if not isinstance(body, Body)]
         if wrong or not self.bodies:
-            told = f"{wrong[0]!r} is a {type(self.bodies[wrong[0]]).__name__}" if wrong else "none"
+            kinds = [article(type(self.bodies[name]).__name__) for name in wrong]
+            told = f"{wrong[0]!r} is {kinds[0]}" if wrong else "none"
             raise OptionError(f"bodies: {told}: give each name a Body(model=...)")
         gravity = np.array(self.gravity, np.float64)
         require_numbers("gravity", gravity, (3,))

@@ -3,4 +3,7 @@ from .bodies import Extrusion as Extrusion
 from .bodies import Tube as Tube
 from .revolution import Revolution as Revolution
 from .revolution import Stem as Stem
+from .revolution import bell as bell
+from .revolution import bowl as bowl
+from .revolution import wine_glass as wine_glass
 from .volume_mesh import VolumeMesh as VolumeMesh

@@ -381,7 +381,8 @@ class Forecast:
     def _unit(self, highest: float) -> str:
         """Return the unit that was probably meant."""
         for unit, length in self._smaller(highest):
-            return f"if its lengths are in {unit} it is {length:.3g} m (units={unit!r}); else "
+            told = f"units={unit!r} of a file, and those of a solid are given in m"
+            return f"if its lengths are in {unit} it is {length:.3g} m ({told}); else "
         return ""
 
     def _smaller(self, highest: float) -> Iterator[tuple[str, float]]:

@@ -250,6 +250,7 @@ def _solid(points: Array, *, smooth: bool) -> Spindle | Turned:
     return turned
 
 
+@checked
 def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> Revolution:
     """Return a bowl that opens upward: half an ellipsoid of even thickness.
 
@@ -290,6 +291,7 @@ _BELL = np.array(
 )
 
 
+@checked
 def bell(*, height: float = 0.2, radius: float = 0.125, sound_bow: float = 0.018) -> Revolution:
     """Return a church bell, its mouth at z = 0.
 
@@ -330,6 +332,7 @@ _FOOT = np.array([(0.0, 4.5), (0.5, 3.0), (0.9, 1.8)])  # flat below
 _STEM = (0.24, 0.12, 0.10, 0.12, 0.22)  # radii over the bowl's
 
 
+@checked
 def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.001) -> Revolution:
     """Return a wine glass: a bowl on a solid stem and foot, standing on z = 0.
 

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, article
 from struck.excitation.excitation import Push
 from struck.model.arrays import AnyArray, Array, Complex, numbers, require_number
 from struck.model.recoil import Recoil
@@ -162,7 +162,7 @@ def require_pushes(
     fresh = []
     for push in pushes:
         if not isinstance(push, Push):
-            raise OptionError(f"a push is a {type(push).__name__}: give a Push")
+            raise OptionError(f"a push is {article(type(push).__name__)}: give a Push")
         key = (push.body, push.voice)
         if not 0 <= push.body < len(poles):
             raise OptionError(f"a push names body {push.body}: there are 0 to {len(poles) - 1}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import MeshError
+from struck.errors import MeshError, counted
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import (
@@ -131,15 +131,6 @@ def _require_one_body(depths: Index, volumes: Array) -> None:
 def _loops(ends: Index) -> int:
     vertices, local = np.unique(ends, return_inverse=True)
     return int(components(local.reshape(-1, 2), len(vertices)).max() + 1)
-
-
-def counted(count: int | np.integer, noun: str) -> str:
-    """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
-    if count == 1:
-        return f"1 {noun}"
-    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
-    last = noun.rsplit(maxsplit=1)[-1]
-    return f"{count} {noun.removesuffix(last)}{plural.get(last, last + 's')}"
 
 
 # Boxes of other faces that the box of a face may overlap: of sound surfaces it is a dozen or two,

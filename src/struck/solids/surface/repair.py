@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import MeshError, OptionError
+from struck.errors import MeshError, OptionError, counted
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
@@ -22,7 +22,6 @@ from struck.solids.surface.closedness import (
     THINNEST,
     Shells,
     apart,
-    counted,
     crossings,
     exposed,
     flipped,
@@ -150,7 +149,9 @@ def _result(
         mesh = bare
     elif bare is not None and bare.areas.sum() < (1 - _BURIED) * mesh.areas.sum():
         pairs = crossings(mesh)
-        record.found.append(f"Parts overlap and share edges; {len(pairs)} pairs of faces cross.")
+        record.found.append(
+            f"Parts overlap and share edges; {counted(len(pairs), 'pair')} of faces cross."
+        )
         return _rebuilt(mesh, exposed(mesh, pairs), record), False
     surface = mended(mesh, record)
     solid = surface.solid
