@@ -222,8 +222,8 @@ def test_unknown_papers_and_endless_notes_do_no_harm(tmp_path: Path) -> None:
     assert again.cite() == model.cite()
     kept = again.provenance.dropped
     assert 10 < len(kept) < 100
-    assert kept[-2] == f"... and {102 - len(kept)} notes more"
-    assert kept[-1] == "1 references, unknown to this version: nobody2099"
+    assert kept[-2] == f"... and {102 - len(kept)} more notes"
+    assert kept[-1] == "1 reference, unknown to this version: nobody2099"
     with pytest.raises(OptionError, match="Title has 70,000 bytes"):
         sofa_fields.export(model, path, title="x" * 70_000)
 

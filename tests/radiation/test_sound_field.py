@@ -190,7 +190,7 @@ def test_modes_above_the_bound_are_named_one_by_one(block: struck.ModalModel) ->
     large = of_surface(block, bodies.ball(0.2, 2))  # wave number times radius: 48 and more
     made = large.radiating()
     assert not made.gains.directional
-    assert made.provenance.dropped[-1].startswith("2 modes have no timbre field, but an estimate")
+    assert made.provenance.dropped[-1].startswith("2 modes without a timbre field, by an estimate")
     for mode, frequency in enumerate(block.frequencies):
         assert f"{mode} ({frequency:.0f} Hz)" in made.provenance.dropped[-1]
 

@@ -31,8 +31,8 @@ def test_rows_are_put_in_order_and_repeated_ones_are_counted() -> None:
     contacts = log(time=times, position=np.zeros((3, 3)))
     np.testing.assert_array_equal(contacts.time, [0.1, 0.2])
     assert contacts.notes == (
-        "rows of the log were not in order of time, 1 steps back: put in order",
-        "1 rows of the log repeat the one before them: left out",
+        "the log went 1 step back in time: put in order",
+        "1 row of the log as the one before: left out",
     )
     assert not log().notes
 
@@ -76,7 +76,7 @@ def test_of_several_poses_at_one_time_the_last_counts() -> None:
     np.testing.assert_array_equal(times, [0, 1])
     np.testing.assert_array_equal(positions[:, 0], [1, 2])
     assert log(poses=poses).notes == poses.notes
-    assert "1 poses have the time of another" in poses.notes[0]
+    assert "1 pose at the time of another" in poses.notes[0]
     assert len(poses.of(7)[0]) == 0
 
 

@@ -291,7 +291,7 @@ def test_blows_that_change_no_speed_are_counted_and_silent() -> None:
     scene = Scene(bodies={"a": Body(model=BOARD), "b": Body(model=BLOCK, position=(0, 0, 0.035))})
     events = events_of(scene, one_hit([0, 0, 0.01], [0, 0, 1e-6]))
     assert len(events.impacts) == 0
-    assert events.notes == ("1 blows change no speed by more than 2 mm/s: left out",)
+    assert events.notes == ("1 blow left out: no speed changes by more than 2 mm/s",)
     with pytest.raises(OptionError, match="nothing to render"):
         struck.render(scene, one_hit([0, 0, 0.01], [0, 0, 1e-6]))
 

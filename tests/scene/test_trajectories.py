@@ -176,7 +176,7 @@ def test_leaps_with_nothing_near_are_counted() -> None:
     motion = Contacts.of_motion(["body 0"], poses)
     log = infer_contacts(scene, motion)
     assert len(log) == 0
-    assert "leaps of speed have nothing near: left out" in log.notes[0]
+    assert "leaps of speed with nothing near: left out" in log.notes[0]
     with pytest.raises(OptionError, match="no poses"):
         infer_contacts(scene, replace(motion, poses=None))
     uneven = replace(poses, time=poses.time + 0.02 * (poses.time > 0.15))

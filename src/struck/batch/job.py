@@ -34,6 +34,7 @@ from struck.errors import (
     ScaleWarning,
     SolverError,
     StruckError,
+    counted,
 )
 from struck.files import guard, meshes, model_file
 from struck.files.atomic import read_bytes, write_bytes
@@ -203,7 +204,7 @@ def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Fac
     data = model_file.to_bytes(model)
     sounds = dict.fromkeys(label["sound"] for label in labels)
     if old := [name for name in stay if (folder / name).is_file()]:
-        told = f"{len(old)} files of sounds are of an earlier run: give strikes= to make them anew"
+        told = f"{counted(len(old), 'file')} of sounds of an earlier run: strikes= makes them anew"
         facts["warnings"] = [*facts.get("warnings", []), told]
         sounds |= dict.fromkeys(old)
     sizes = {name: (folder / name).stat().st_size for name in sounds}

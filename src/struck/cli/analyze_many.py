@@ -9,6 +9,7 @@ from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
 from struck.cli.options import add_budget, material_of, refuse
+from struck.errors import counted
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if len(report.failed) > len(failed):
         failed.append(f"and {len(report.failed) - len(failed)} more")
     told = [f"{Path(row.file).name}: {each}" for row in report.rows for each in row.warnings]
-    failed += told[:20] + ([f"and {len(told) - 20} warnings more"] if len(told) > 20 else [])
+    failed += told[:20] + [f"and {counted(len(told) - 20, 'more warning')}"] * (len(told) > 20)
     page = report.folder / "report.html"
     result = Result(
         "\n".join((*failed, str(report), f"open {page} in a browser to see and hear them")),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, LossWarning, OptionError
+from struck.errors import FileFormatError, LossWarning, OptionError, counted
 from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.files.sofa import (
     CONVENTIONS,
@@ -454,7 +454,7 @@ def _lines(sentences: Iterable[str]) -> str:
     lines = [" ".join(sentence.split()) for sentence in sentences]
     lengths = np.cumsum([len(line.encode()) + 1 for line in lines])
     kept = int(np.count_nonzero(lengths < LONGEST - _SPARE))
-    more = [f"... and {len(lines) - kept} notes more"] if kept < len(lines) else []
+    more = [f"... and {counted(len(lines) - kept, 'more note')}"] if kept < len(lines) else []
     return "\n".join([*lines[:kept], *more])
 
 

@@ -158,7 +158,7 @@ class ModalModel:
             coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
                 references=radiation.references,
-                dropped=(f"{below} modes lie below {lowest:g} Hz",) * (below > 0),
+                dropped=(f"{counted(below, 'mode')} below {lowest:g} Hz",) * (below > 0),
                 radiation=radiation.name,
             ),
             **{name: getattr(modes, name) for name in _KEPT},
@@ -281,7 +281,7 @@ class ModalModel:
         every = damping.decays(self.natural_frequencies)
         kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
         lost, residual = len(every) - len(kept), self.residual
-        notes = (f"{lost} modes are overdamped and do not ring",) if lost else ()
+        notes = (f"{counted(lost, 'overdamped mode')} left out",) if lost else ()
         if residual is not None:
             residual = residual.damped(damping)
             notes += ("the noise of its residual decays by the new law, its attack is as recorded",)
@@ -391,7 +391,7 @@ class ModalModel:
         )
         named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
         more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
-        told = f"{len(high)} modes have no timbre field, but an estimate: {named}{more}"
+        told = f"{counted(len(high), 'mode')} without a timbre field, by an estimate: {named}{more}"
         if not len(high):
             told = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
         computed = {"radiation": "field", "field_error": f"{error:.1%}"}

@@ -14,6 +14,8 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
+from struck.errors import counted
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
@@ -46,7 +48,8 @@ class Provenance:
         if unknown:
             kept = tuple(key for key in self.references if key in known)
             object.__setattr__(self, "references", kept)
-            note = f"{len(unknown)} references, unknown to this version: {', '.join(unknown)}"
+            many = counted(len(unknown), "reference")
+            note = f"{many}, unknown to this version: {', '.join(unknown)}"
             object.__setattr__(self, "dropped", (*self.dropped, note))
 
     def extended(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.analysis.cached_steps import Stages, fingerprint, holding
-from struck.errors import OptionError, RecordingError
+from struck.errors import OptionError, RecordingError, counted
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
@@ -381,7 +381,7 @@ def _provenance(
     if isinstance(gains, TimbreField):
         references += ("rasmussen2006",)
     return Provenance(
-        method=f"fit of {hits} hit{'s' if hits > 1 else ''} by {_NAMES[method]}",
+        method=f"fit of {counted(hits, 'hit')} by {_NAMES[method]}",
         references=references,
         dropped=notes,
         details={name: value for name, value in details.items() if value is not None},

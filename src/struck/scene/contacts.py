@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.model.arrays import AnyArray, Array, Index, Mask, checked, numbers
 
 _LONGEST_STEP = 1.0  # s, that one row may last
@@ -65,7 +65,8 @@ class Poses:
         same = (np.diff(body[order]) == 0) & (np.diff(time[order]) == 0)
         order = order[~np.append(same, False)]
         if same.any():
-            text = f"{same.sum()} poses have the time of another of their body: the last counts"
+            poses = counted(same.sum(), "pose")
+            text = f"{poses} at the time of another of their body: the last counts"
             object.__setattr__(self, "notes", (*self.notes, text))
         for name, values in zip(_POSE, (time, body, position, rotation), strict=True):
             _set(self, name, values[order])
@@ -252,14 +253,14 @@ def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
     back = int(np.count_nonzero(np.diff(time) < 0))
     if back:
         order = np.argsort(time, kind="stable")
-        notes.append(f"rows of the log were not in order of time, {back} steps back: put in order")
+        notes.append(f"the log went {counted(back, 'step')} back in time: put in order")
     table = np.column_stack(
         [columns[n][order].reshape(len(time), int(np.prod(columns[n].shape[1:]))) for n in columns]
     )
     same = np.zeros(len(time), np.bool_)
     same[1:] = (table[1:] == table[:-1]).all(axis=1) & columns["impulse"][order][1:].any(axis=1)
     if same.any():
-        notes.append(f"{same.sum()} rows of the log repeat the one before them: left out")
+        notes.append(f"{counted(same.sum(), 'row')} of the log as the one before: left out")
     return order[~same], tuple(notes)
 
 

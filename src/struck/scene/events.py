@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, counted
 from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
 from struck.excitation.pulses import SOFTNESS
 from struck.excitation.strike import Strike
@@ -230,7 +230,8 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
             lasting += loaded(pair, touches, contacts, bodies)
     notes = [*contacts.notes, *_unposed(contacts)]
     if weak:
-        notes.append(f"{weak} blows change no speed by more than {1e3 * SLOWEST:g} mm/s: left out")
+        soft = counted(weak, "blow")
+        notes.append(f"{soft} left out: no speed changes by more than {1e3 * SLOWEST:g} mm/s")
     return Events(
         scene=posed,
         contacts=contacts,
@@ -273,8 +274,8 @@ def _unposed(contacts: Contacts) -> Sequence[str]:
         missed = int(np.count_nonzero(np.maximum(late, early) > gap))
         if missed:
             notes.append(
-                f"{missed} contacts of {name!r} lie in gaps of over {1e3 * gap:.3g} ms between its "
-                "poses, where it is taken to move evenly, or beyond them, where it stands still"
+                f"{counted(missed, 'contact')} of {name!r} in gaps of over {1e3 * gap:.3g} ms "
+                "between its poses, where it moves evenly, or beyond them, where it stands still"
             )
     return notes
 

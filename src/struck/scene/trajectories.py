@@ -27,7 +27,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, counted
 from struck.files.archives import open_source
 from struck.files.gltf import read_animation
 from struck.files.messages import ReadingLimits
@@ -132,7 +132,7 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
     touches, lost = _paired(posed, motion.names, [leap for leaps, _ in parted for leap in leaps])
     for flight, (_, loads) in zip(flights, parted, strict=True):
         touches += _carried(posed, motion.names, flight, loads)
-    notes = (f"{lost} leaps of speed have nothing near: left out",) if lost else ()
+    notes = (f"{counted(lost, 'leap')} of speed with nothing near: left out",) if lost else ()
     return _log(motion, touches, notes)
 
 

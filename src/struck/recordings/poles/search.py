@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from struck.core.machine import in_few_threads
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.model.arrays import AnyComplex, Array, Index, Mask, brief, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
@@ -171,8 +171,8 @@ def fitted_of(
     kept = ~(surrounding | weak | (blow & measured))
     endless = np.count_nonzero((errors.decays > heard.decays) & kept & ~blow)
     if endless:
-        count = f"{endless} mode{'s ring' if endless > 1 else ' rings'}"
-        notes = [*notes, f"{count} for longer than the takes can tell: record longer"]
+        count = counted(endless, "mode")
+        notes = [*notes, f"{count} ringing for longer than the takes can tell: record longer"]
     own = heard.of(kept)
     notes = [*notes, *_strangers(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
@@ -236,7 +236,7 @@ def notes_on(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[s
     yield from _normalised(takes, hits)
     for notes in alike.values():
         more = len(notes) - 1
-        yield f"{notes[0]}; so {more} more take{'s' if more > 1 else ''}" if more else notes[0]
+        yield f"{notes[0]}; so {counted(more, 'more take')}" if more else notes[0]
 
 
 def _normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:

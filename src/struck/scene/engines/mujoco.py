@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, counted
 from struck.model.arrays import Array, Index
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
@@ -139,7 +139,7 @@ class MujocoRecorder:
     def _notes(self) -> tuple[str, ...]:
         notes = []
         if self._flexible:
-            notes.append(f"{self._flexible} contacts of flexible bodies were left out: not rigid")
+            notes.append(f"{counted(self._flexible, 'contact')} of flexible bodies left out")
         if self._model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4:
             notes.append(
                 "contacts are those of the last of RK4's four stages, so that their impulses may "
