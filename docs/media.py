@@ -94,7 +94,7 @@ def bowl() -> None:
     """Draw the bowl of the first page."""
     import struck
     from struck.report.charts import overview, save
-    from struck.solids.revolution import bowl as shape
+    from struck.solids import bowl as shape
 
     model = struck.analyze(shape(), "bronze", accuracy="preview")
     strike = struck.Strike(at="rim", striker="wood", speed=0.5)

@@ -2,7 +2,7 @@
 
 import struck
 from struck import Material, Strike
-from struck.solids.revolution import bowl
+from struck.solids import bowl
 
 steel = struck.analyze(bowl(), "steel", band=(20, 12_000), accuracy="preview")
 strike = Strike(at="rim", striker="wood", speed=0.5)
