@@ -82,21 +82,13 @@ def in_a_room(distance: float, seed: int) -> Scene:
     return in_room(40, 50, np.random.default_rng(seed), seconds=0.35, distance=distance)
 
 
-CROWDED = pytest.mark.xfail(
-    reason="29 to 35 of 40; the Cramer-Rao bound allows 35 to 40 in that tail. Modes tried at once "
-    "lie too far apart for these, and with less distance fewer of 200 modes are found",
-    strict=True,
-)
+ROOMS = [(distance, seed) for distance in (0.3, 1.2) for seed in range(5)]
+SAMPLE = [
+    pytest.param(*each, marks=() if each == (1.2, 1) else pytest.mark.prove) for each in ROOMS
+]
 
 
-def rooms(*crowded: tuple[float, int]) -> pytest.MarkDecorator:
-    every = [(distance, seed) for distance in (0.3, 1.2) for seed in range(5)]
-    marked = [pytest.param(*each, marks=CROWDED if each in crowded else ()) for each in every]
-    return pytest.mark.parametrize(("distance", "seed"), marked)
-
-
-@pytest.mark.prove
-@rooms((1.2, 1), (1.2, 2), (1.2, 4))
+@pytest.mark.parametrize(("distance", "seed"), SAMPLE)
 def test_a_room_makes_few_modes(distance: float, seed: int) -> None:
     heard = in_a_room(distance, seed)
     found = scored(heard, measured(heard))
@@ -106,7 +98,7 @@ def test_a_room_makes_few_modes(distance: float, seed: int) -> None:
 
 
 @pytest.mark.prove
-@rooms((0.3, 4), (1.2, 1), (1.2, 2), (1.2, 4))
+@pytest.mark.parametrize(("distance", "seed"), ROOMS)
 def test_a_room_that_is_told_makes_fewer(distance: float, seed: int) -> None:
     heard = in_a_room(distance, seed)
     made = fit_recordings(take_of(heard), modes=None, room=0.35, cache=False, force=True)

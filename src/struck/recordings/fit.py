@@ -88,7 +88,7 @@ _REFERENCES = {
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
 _FEW = 6  # takes that are also judged one by one
-_TOLD = 8.0  # least energy of a mode over the skirts of louder ones, beside a room that was told
+_TOLD = 3.0  # least energy of a mode over the skirts of louder ones, beside a room that was told
 _WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
 
 

@@ -75,6 +75,11 @@ class Segment:
         gains = ringing.gains[self.rows]
         return samples(ringing.poles, gains, self.samples.shape[1], self.sample_rate)
 
+    def later(self, time: float) -> Segment:
+        """Return the segment from a time on, s."""
+        rest = self.samples[:, round(time * self.sample_rate) :]
+        return Segment.of(rest, self.sample_rate, self.noise, self.rows.start, self.before)
+
     def residual(self, ringing: Exponentials) -> Array:
         """Return the samples without the sound of these modes (C, n)."""
         return self.samples - self.model(ringing) if ringing.count else self.samples

@@ -21,13 +21,16 @@ from struck.recordings.disturbances import of_hum, without_hum
 from struck.recordings.gain_control import UNKNOWN, GainControl, gain_control
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
-from struck.recordings.poles.refinement import refine, with_best_gains
+from struck.recordings.poles.refinement import overlap, refine, with_best_gains
 from struck.recordings.poles.selection import (
+    LASTING,
     LOWEST,
     ambient,
     crowd,
     energies,
+    hidden,
     prune,
+    raised,
     significance,
     split,
     standing_out,
@@ -301,6 +304,9 @@ _SPARE = 1.6  # of the budget until modes are refined
 _STEP = 0.85  # of the modes stay in a round of pruning
 _FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0  # of the amplitude within so many Hz
 _BEATING = 15.0  # 1/s
+_FADED = 2.0  # nepers that a crowd fades by until what it hid is looked for
+_SOON, _SHORT = 0.02, 0.08  # s at least, and share of the takes at most, that this lasts
+_ALIKE = 0.5  # least squared correlation of one mode that is found twice
 
 
 def computed(_name: str, compute: Callable[[], Exponentials]) -> Exponentials:
@@ -346,28 +352,24 @@ def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) 
         segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
     )
     again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
-    left = [
-        sum(float((segment.residual(each) ** 2).sum()) for segment in segments)
-        for each in (ringing, again)
-    ]
-    return again if left[1] < left[0] else ringing
+
+    def left(modes: Exponentials) -> float:
+        return sum(float((each.residual(modes) ** 2).sum()) for each in segments)
+
+    return min(ringing, again, key=left)
 
 
 def _looked(
     segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int | None
 ) -> Exponentials:
     """Search the residual for modes once, and fit them together with the known ones."""
-    spare = round(_SPARE * budget) if budget else None
-    masked = _masked(segments) if budget else segments
-    found = look(masked, [segment.residual(ringing) for segment in segments])
-    if spare is not None:
-        found = strongest_per_band(segments, found, spare)
-    if not found.poles.size:
-        return ringing
-    if spare is None:
-        more = standing_out(segments, ringing, found)
+    left = [segment.residual(ringing) for segment in segments]
+    if not budget:
+        more = standing_out(segments, ringing, look(segments, left))
         return _settled(segments, more, None) if more.count > ringing.count else ringing
-    return _settled(segments, ringing.joined(found.poles), spare)
+    spare = round(_SPARE * budget)
+    found = strongest_per_band(segments, look(_masked(segments), left), spare)
+    return _settled(segments, ringing.joined(found.poles), spare) if found.poles.size else ringing
 
 
 def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
@@ -375,10 +377,8 @@ def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
 
     Where many are a crowd, they go and the others stay as they are: refitted to it they would move.
     """
-    if not budget:
-        false = crowd(segments, ringing)
-        if 3 * np.count_nonzero(false) > ringing.count:
-            return with_best_gains(segments, ringing.of(~false)).by_frequency()
+    if not budget and 3 * np.count_nonzero(false := crowd(segments, ringing)) > ringing.count:
+        return _outlasting(segments, ringing, false)
     noisy = segments if budget else _noisier(segments, ringing)
     proven = weed(noisy, prune(noisy, ringing))
     if proven.count < ringing.count:
@@ -387,6 +387,22 @@ def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
     if not budget and (false := crowd(segments, proven)).any():
         return with_best_gains(segments, proven.of(~false))
     return proven
+
+
+def _outlasting(segments: Sequence[Segment], ringing: Exponentials, false: Mask) -> Exponentials:
+    """Drop a crowd of modes, and search again from when it has faded, where it soon does.
+
+    The poles found there take the place of like ones, and what skirts of louder modes hide goes.
+    """
+    decay = float(np.median(ringing.decays[false]))
+    own = ringing.of(~false & (ringing.frequencies > LOWEST))
+    if not _SOON < (wait := _FADED / decay) < _SHORT * min(each.duration for each in segments):
+        return with_best_gains(segments, own).by_frequency()
+    late = search([each.later(wait) for each in segments])
+    other = overlap(own.poles[:, None], late.poles, np.inf).max(axis=1, initial=0.0) < _ALIKE
+    own = with_best_gains(segments, late.joined(own.poles[other]))
+    answers = hidden(own, own.decays < LASTING * decay, 1.0) & raised(segments, own)
+    return with_best_gains(segments, own.of(~answers)).by_frequency()
 
 
 def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
@@ -620,15 +636,11 @@ def _ended(hits: list[Hit], take: Take) -> list[Hit]:
 def _is_proven(every: Fitted, without: Fitted, take: int, hit: Hit) -> bool:
     """Return whether a doubtful hit of a take explains energy that the sure hits leave."""
     rate = every.segments[0].sample_rate
-    rows = [
-        row
-        for row, each in enumerate(every.rows)
-        if each.take == take and hit.onset <= each.time * rate <= hit.end
-    ]
     left, other = [], []
-    for row in rows:
+    for row, what in enumerate(every.rows):
+        if what.take != take or not hit.onset <= what.time * rate <= hit.end:
+            continue
         sound, model = every.heard_in(row)
-        what = every.rows[row]
         before = [
             number
             for number, each in enumerate(without.rows)

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import gamma
 
 from struck.model.arrays import Array, Index, Mask
@@ -95,18 +94,12 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
 def strongest_per_band(segments: Sequence[Segment], found: Candidates, most: int) -> Candidates:
     """Return the candidates of most energy, a few in each auditory band (ERB) at most."""
     frequencies = np.asarray(found.poles.imag / (2 * np.pi), float)
-    loudness = found.energies * _colour(segments, frequencies)
+    # The noise's density over its mean turns ratios into energies.
+    parts = [each.noise.at(frequencies) / each.noise.energy(1)[:, None] for each in segments]
+    loudness = found.energies * np.concatenate(parts).mean(axis=0)
     kept = loudest_per_band(loudness, frequencies, _PER_BAND)
     kept = kept[np.argsort(-loudness[kept])][:most]
     return Candidates(poles=found.poles[kept], energies=found.energies[kept])
-
-
-def _colour(segments: Sequence[Segment], frequencies: Array) -> Array:
-    """Return the noise's density at frequencies over its mean, which turns ratios into energies."""
-    parts = [
-        segment.noise.at(frequencies) / (segment.noise.energy(1)[:, None]) for segment in segments
-    ]
-    return np.concatenate(parts).mean(axis=0)
 
 
 def prune(
@@ -244,7 +237,8 @@ def weed(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
     for pole in ringing.poles[np.argsort(np.abs(ringing.gains).max(axis=0))]:
         mode = int(np.argmin(np.abs(ringing.poles - pole)))
         close = overlap(pole, ringing.poles, duration)
-        if ringing.poles[mode] == pole and _is_weak(ringing, mode, close):
+        sizes = np.abs(ringing.gains).max(axis=0)
+        if ringing.poles[mode] == pole and (sizes[mode] < _WEAK * sizes[close > _CLOSE]).any():
             ringing = _without(segments, ringing, mode)
     return ringing
 
@@ -260,11 +254,6 @@ def _uncrowded(segments: Sequence[Segment], ringing: Exponentials) -> Exponentia
             return ringing
         mode = int(alike[np.argmin(shares[alike])])
         ringing = _without(segments, ringing, mode, needed=False)
-
-
-def _is_weak(ringing: Exponentials, mode: int, close: NDArray[np.float64]) -> bool:
-    sizes = np.abs(ringing.gains).max(axis=0)
-    return bool((sizes[mode] < _WEAK * sizes[close > _CLOSE]).any())
 
 
 def _without(
@@ -294,7 +283,7 @@ _FAINT = 10**1.9  # energy over what is left at which a mode's decay is known to
 _KNOWN = 10**1.6  # the same to 22 %
 _SURE = 10**5.0  # the same to 0.5 %: none of a crowd
 _MOST, _OFTEN = 0.5, 0.2  # of the modes are faint, and of their bands hold more than noise: a crowd
-_LASTING = 0.6  # of the decay of a crowd: slower modes are none of it
+LASTING = 0.6  # of the decay of a crowd: slower modes are none of it
 _CLEARLY = 1.5  # times what faint modes usually have, over the skirts of louder ones
 _ANSWER = 5.0  # largest energy of what a room makes of a mode, over the mode's own
 _OVER_NOISE = 2.0  # what is left over the noise: more than noise
@@ -334,7 +323,7 @@ def crowd(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     weak = ringing.decays[faint & over]
     if not weak.size or over.mean() < _OFTEN or faint.mean() < _MOST:
         return over & ~known
-    slow = ringing.decays < _LASTING * np.median(weak)
+    slow = ringing.decays < LASTING * np.median(weak)
     free = (known & slow) | (energies > _SURE)
     energy, skirts = _skirts(ringing)
     ratios = (energy / np.maximum(skirts[:, free].sum(axis=1), 1e-300))[faint & ~free]
