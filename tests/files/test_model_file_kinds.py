@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from struck.cli import Result, declare
+from struck.cli import Parser, Result, declare
 from struck.cli.info import described
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
 from struck.files import model_file, sofa_fields
@@ -275,7 +274,7 @@ def test_models_go_to_files_of_models(name: str, tmp_path: Path) -> None:
 
 
 def struck_export(*arguments: object) -> Result:
-    shell = argparse.ArgumentParser(prog="struck")
+    shell = Parser(prog="struck")
     declare(shell.add_subparsers().add_parser("export"), "export")
     options = shell.parse_args(["export", *map(str, arguments)])
     return options.run(options, TerminalProgress())
@@ -352,8 +351,10 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_pa
         struck_export(saved, "-o", tmp_path / "ball.wav")
     with pytest.raises(OptionError, match="convention is 'FIR'"):
         struck_export(saved, "--convention", "FIR")
-    with pytest.raises(OptionError, match="holds modes, not samples"):
+    with pytest.raises(OptionError, match=r"--seconds 1\.0 is of impulse responses"):
         struck_export(saved, "--seconds", 1)
+    with pytest.raises(OptionError, match="holds modes, not samples"):
+        sofa_fields.export(ball(), saved.with_suffix(".sofa"), seconds=1.0)
     with pytest.raises(OptionError, match=r"or end in \.sofa"):
         model_file.save_model(ball(), tmp_path / "other.struck", contacts=["top"])
     assert list(tmp_path.iterdir()) == [saved]
