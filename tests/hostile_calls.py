@@ -800,7 +800,7 @@ def _verbs(folder: Path) -> dict[str, Call]:
             given={
                 "body": solids.Block(size=(0.2, 0.03, 0.01), elements=(4, 1, 1)),
                 "material": "steel",
-                "accuracy": "preview",
+                "accuracy": None,
                 "band": (20.0, 3000.0),
                 "fixed": [[0, 0, 0], [0.01, 1, 1]],
                 "size": None,
@@ -868,7 +868,7 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "material": "steel",
                 "vary": "size",
                 "lowest": 400.0,
-                "accuracy": "preview",
+                "accuracy": None,
             },
             dear=True,
         ),

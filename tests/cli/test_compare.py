@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 import struck
-from struck.cli import Result, declare
+from struck.cli import Parser, Result, declare
 from struck.errors import ContactError, FileFormatError, OptionError
 from struck.model.provenance import TerminalProgress
 from struck.shapes import Bar
@@ -23,7 +22,7 @@ MODES = {"bar": 12, "block": 11}
 
 
 def struck_compare(*arguments: object) -> Result:
-    whole = argparse.ArgumentParser(prog="struck")
+    whole = Parser(prog="struck")
     declare(whole.add_subparsers().add_parser("compare"), "compare")
     options = whole.parse_args(["compare", *map(str, arguments)])
     return options.run(options, TerminalProgress())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck.cli import Result, declare
+from struck.cli import Parser, Result, declare
 from struck.cli.record import Terminal
 from struck.errors import FileFormatError, OptionError, RecordingError
 from struck.live import device as binding
@@ -19,8 +18,8 @@ from struck.recordings.manifest import read_manifest
 from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 
 
-def parser() -> argparse.ArgumentParser:
-    whole = argparse.ArgumentParser(prog="struck")
+def parser() -> Parser:
+    whole = Parser(prog="struck")
     declare(whole.add_subparsers().add_parser("record"), "record")
     return whole
 

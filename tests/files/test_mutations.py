@@ -41,7 +41,6 @@ def models() -> list[ModalModel]:
     block = struck.analyze(
         Block(size=(0.2, 0.03, 0.01), elements=(4, 1, 1)),
         "oak",
-        accuracy="preview",
         band=(20, 5000),
     )
     sound = struck.render(bar, struck.Strike(), seconds=0.2, sample_rate=8000)

@@ -309,7 +309,7 @@ def test_mode_shapes_that_are_not_there_or_options_of_gains_are_refused(
     words = ["export", "x.struck", "-o", str(tmp_path / "x.vtu")]
     for option in (["--rate", "48000"], ["--contacts", "top"], ["--title", "x"]):
         assert main([*words, *option]) == 2
-        assert f"{option[0]} is of SOFA files" in capsys.readouterr().err
+        assert f"{' '.join(option)} is of SOFA files" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

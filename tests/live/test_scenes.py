@@ -96,7 +96,7 @@ def told(player: HandPlayer, contacts: Contacts, seconds: float, length: float) 
 def expected(scene: Scene, contacts: Contacts, listener: object) -> Array:
     """Return the render, through the same band-limited pulses as live."""
     excited = events_of(scene, contacts).on()
-    never = Hold(at="top", grip=1e-9, time=50.0, seconds=1.0)
+    never = Hold(at="top", grip=0.0)
     sounding = [body for body in excited.bodies.values() if not body.silent]
     bodies = [replace(b, excitations=(*b.actions, never)) for b in sounding]
     return struck.render(bodies, seconds=1.2, listener=listener).samples
