@@ -16,14 +16,14 @@ import statistics
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 # Before NumPy is imported: one thread each.
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-# As a package of its own: others have one named tests, too.
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import dense
 import fitters
@@ -31,19 +31,37 @@ import numpy as np
 import peak
 from fitters import GATED, OURS, WRITTEN, Job, Modes
 from numpy.typing import NDArray
-from recordings.scenes import LEAD, RATE, Scene, Score, Truth, body, paired, recorded, scene, score
-from recordings.scenes import pairs as pair_scene
 
+from struck.errors import RecordingError
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.segments import Segment
 from struck.recordings.takes import Take
+from tests.recordings import sounds
+from tests.recordings.scenes import (
+    LEAD,
+    RATE,
+    Scene,
+    Score,
+    Truth,
+    body,
+    hummed,
+    in_room,
+    paired,
+    recorded,
+    scene,
+    score,
+    struck_softly,
+)
+from tests.recordings.scenes import pairs as pair_scene
+from tests.recordings.test_processing import coded
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FASTER, DENSE, REAL, BUDGET = 5.0, 10.0, 2.0, 64
+AT_ONCE, A_SECOND, WORST = 0.15, 0.3, 5.0  # processor s: of a take, of its seconds, of all modes
 SINGLE = ((20, 60), (50, 40), (50, 20), (100, 40), (100, 20), (200, 60), (200, 20))
 SHARED = ((30, 8, 20), (100, 8, 40), (100, 8, 20), (60, 24, 30))
 PAIRS = ((0.5, 0.3), (2.0, 0.3), (2.0, 1.0), (8.0, 0.3), (8.0, 1.0), (8.0, 3.0))
@@ -106,6 +124,66 @@ def ratio(costs: dict[str, list[float]], name: str) -> float:
     return statistics.median(
         theirs / own for theirs, own in zip(costs[name], costs[OURS], strict=True)
     )
+
+
+def takes(seed: int) -> dict[str, Array]:
+    """Return takes (1, n) by name: clean, disturbed and processed ones."""
+    chance = np.random.default_rng(seed)
+    dry = scene(40, 50, chance)
+    rooms = {f"room at {away} m": (0.35, away) for away in (0.3, 1.2)}
+    made = {
+        "dry": dry.samples,
+        "dry, 200 modes": scene(200, 60, chance).samples,
+        "dry, 10 s": scene(40, 50, chance, seconds=10.0).samples,
+        "hum": hummed(dry, -20, chance).samples,
+        "soft mallet": struck_softly(40, 50, chance).samples,
+        **{
+            name: in_room(40, 50, chance, seconds=seconds, distance=away).samples
+            for name, (seconds, away) in rooms.items()
+        },
+    }
+    for kilobits in (128, 64):
+        made[f"MP3, {kilobits} kbit/s"] = coded(0.7 * dry.samples[0], kilobits)[None]
+    return made
+
+
+def refused(seed: int) -> dict[str, Array]:
+    """Return sounds (1, n) by name that no fit takes for an object's."""
+    chance = np.random.default_rng(seed)
+    return {
+        "chord, 8 s": sounds.chord(8.0)[None],
+        "speech, 10 s": sounds.speech(chance, 10.0)[None],
+        "cymbal": sounds.cymbal(chance)[None],
+        "noise that fades": sounds.burst(chance)[None],
+    }
+
+
+def limits(seeds: range) -> None:
+    """Print processor time of single takes: at 64 modes over its limit, and of all modes."""
+    print(f"\n{'single take':24} {'64 modes, s':>12} {'limit, s':>9} {'all modes, s/s':>15}")
+    over, worst = [], []
+    for seed in seeds:
+        for name, samples in (takes(seed) | refused(seed)).items():
+            take = Take(samples=samples, sample_rate=RATE)
+            few, every = (cost_of(take, modes) for modes in (BUDGET, None))
+            limit = AT_ONCE + A_SECOND * take.duration
+            over.append(few / limit)
+            worst.append(every / take.duration)
+            print(f"{name:24} {few:12.2f} {limit:9.2f} {worst[-1]:15.2f}", flush=True)
+    claim = f"single takes within {AT_ONCE} s + {A_SECOND} s/s at {BUDGET} modes, of that the most"
+    verdict(claim, max(over), met=max(over) <= 1)
+    verdict(f"all modes of a take under {WORST:g} s/s", max(worst), met=max(worst) < WORST)
+
+
+def cost_of(take: Take, modes: int | None) -> float:
+    """Return the processor time of a fit or a refusal, s, the least of three."""
+    spent = []
+    for _ in range(3 if modes else 1):
+        begun = time.thread_time()
+        with suppress(RecordingError):
+            fit_poles(take, budget=modes)
+        spent.append(time.thread_time() - begun)
+    return min(spent)
 
 
 def pairs(seeds: range, levels: Sequence[int]) -> None:
@@ -273,6 +351,7 @@ def main() -> None:
     seeds = range(7000, 7001 if quick else 7002)
     peers = [name for name in fitters.PEERS if name not in missing]
     single(seeds, SINGLE[1:5:3] if quick else SINGLE, peers)
+    limits(seeds[:1] if quick else range(5))
     pairs(seeds, (20,) if quick else (60, 40, 20))
     shared(seeds[:1], SHARED[:1] if quick else SHARED)
     positions(3)

@@ -87,7 +87,7 @@ class Segment:
 
 _QUANTUM = 1e-5  # least standard deviation of noise, over the peak
 _LOOKED_AT = 65536  # samples
-_SHORTEST, _LONGEST = 0.05, 30.0  # of a segment, s
+SHORTEST, _LONGEST = 0.05, 30.0  # of a segment, s
 _SPOILT = 0.05  # longest clipped beginning of a hit, s
 _BLOCK = 0.05  # s
 _OVER_NOISE = 2.0
@@ -140,7 +140,7 @@ def cut(
         stretches = list(_stretches(number, take, begun))
         if not stretches:
             raise RecordingError(
-                f"no hit of {take.name} rings freely for {_SHORTEST} s: record single hits that "
+                f"no hit of {take.name} rings freely for {SHORTEST} s: record single hits that "
                 f"are not clipped, and on for a second or more{_ends_soon(take, begun[-1])}"
             )
         found += stretches
@@ -151,7 +151,7 @@ def _ends_soon(take: Take, hit: Hit) -> str:
     """Return after how little of its last hit a take ends, in words."""
     rest = take.samples.shape[1] - hit.start
     lasts = f"; it ends {1000 * rest / take.sample_rate:.0f} ms after its last hit"
-    return lasts if rest < 2 * _SHORTEST * take.sample_rate else ""
+    return lasts if rest < 2 * SHORTEST * take.sample_rate else ""
 
 
 def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
@@ -188,7 +188,7 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
             continue
         whole = _unclipped(hit, flat, take.sample_rate)
         end = _over(take, whole, noise)
-        if end - whole.start >= _SHORTEST * take.sample_rate:
+        if end - whole.start >= SHORTEST * take.sample_rate:
             yield Stretch(
                 take=number,
                 number=place,

@@ -43,13 +43,14 @@ from struck.recordings.poles.verdict import (
     ModalVerdict,
     constant,
     doubtful,
+    hopeless,
     judge,
     of_blow,
     proven,
     unexplained,
     vague,
 )
-from struck.recordings.segments import Row, Segment, cut, joined
+from struck.recordings.segments import SHORTEST, Row, Segment, cut, joined
 from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
 
 _CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
@@ -335,6 +336,8 @@ def search(
         ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
         if number > len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
+        if (not budget or number + 1 == len(_WINDOWS)) and hopeless(segments, ringing, budget):
+            return _proven(segments, _within(segments, ringing, budget), budget)
     progress("refining the modes", 0.0)
     ringing = kept("pairs", lambda: _paired(segments, refine(segments, ringing, sweeps=2), budget))
     progress("refining the modes", 0.4)
@@ -351,7 +354,7 @@ def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) 
     more = _within(
         segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
     )
-    again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
+    again = _proven(segments, refine(segments, more, sweeps=2, steps=4), budget)
 
     def left(modes: Exponentials) -> float:
         return sum(float((each.residual(modes) ** 2).sum()) for each in segments)
@@ -666,12 +669,24 @@ def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
 
 def _hits(takes: Sequence[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
     if onsets is None:
-        return [find_hits(take) for take in takes]
+        return list(map(_found, takes))
     if np.ndim(onsets) == 0 or any(np.ndim(own) == 0 for own in onsets):
         raise OptionError(f"onsets are {onsets!r}: give a sequence of times for each take, s")
     if len(onsets) != len(takes):
         raise OptionError(f"onsets of {len(onsets)} takes, and {len(takes)} takes: give one each")
     return [list(_given(take, sorted(own))) for take, own in zip(takes, onsets, strict=True)]
+
+
+def _found(take: Take) -> list[Hit]:
+    """Return the hits of a take, without a faint one that its end leaves no time to ring.
+
+    The hit before ends where that one began: a coder or a cut may have made it.
+    """
+    hits = find_hits(take)
+    late = [hit for hit in doubtful(take, hits)[-1:] if hit is hits[-1]]
+    if late and hits[-1].end - hits[-1].start < SHORTEST * take.sample_rate:
+        return hits[:-1]
+    return hits
 
 
 def _given(take: Take, times: list[float]) -> Iterator[Hit]:

@@ -16,6 +16,7 @@ from struck.recordings.segments import Row, Segment
 from struck.recordings.takes import Take
 
 MODAL_MARGIN = 8.0  # least signal over the misfit of a modal sound, dB
+_CROWDED = 256  # modes
 _STEADY = 0.5  # share of the energy
 _SLOW = 0.05  # 1/s: it would ring for more than two minutes
 _LATE, _EARLY = 0.1, 0.05  # s
@@ -69,6 +70,22 @@ def judge(
         signal_to_residual=_decibels(signal.sum(), left.sum()),
         signal_to_misfit=misfit,
         takes=misfits,
+    )
+
+
+def hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> bool:
+    """Return whether modes explain so little that no search of further ones is worth its time.
+
+    Where a budget is used up that is half of what a modal sound takes, in decibels; else less than
+    all of that with several hundreds of modes, of which each look of a cymbal finds as many more.
+    """
+    least = MODAL_MARGIN / 2 if budget else MODAL_MARGIN
+    if ringing.count < (budget or _CROWDED):
+        return False
+    signal = sum(float((each.samples**2).sum()) for each in segments)
+    left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
+    return (
+        _decibels(signal, left - sum(float(_heard_noise(each).sum()) for each in segments)) < least
     )
 
 
