@@ -69,6 +69,10 @@ def test_what_is_found_is_said_as_a_material(pot: Path, capsys: pytest.CaptureFi
     words = ["calibrate", str(pot / "pot.struck"), str(pot / "tap0.wav"), "--density", "7850"]
     assert main([*words, "--corrected", str(corrected)]) == 0
     text = capsys.readouterr().out
+    assert "caution" not in text
+    assert main([*words[:-1], "7.85"]) == 0
+    told = capsys.readouterr().out
+    assert "caution: 7.85 kg/m3 is 0.00291 times the model's density, 2700: 1 g/cm3 is" in told
     assert "E/density" in text
     assert "if the density is 7850 kg/m3" in text
     assert f"wrote {corrected}" in text
@@ -119,6 +123,7 @@ def test_what_cannot_be_is_told_before_anything_is_fitted(
     assert {path: path.read_bytes() for path in pot.iterdir()} == before
 
 
+@pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 @pytest.mark.parametrize("name", ["Taps.STRUCK", "taps.sofa"])
 def test_one_fitted_model_is_as_good_as_recordings(
     pot: Path, capsys: pytest.CaptureFixture[str], name: str

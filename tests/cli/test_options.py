@@ -337,6 +337,8 @@ IDLE = {
     "render BAR --strikes hits.csv --speed 2 -o n": "--speed 2.0 is for one sound: --strikes hits",
     "render BAR --strikes hits.csv --roll a..b -o n": "--roll a..b is for one sound, and --strikes",
     "render BAR --strikes hits.csv --listener 0,1,0 -o n": "is for rows without a listener",
+    "render BAR --pitch 0.3 -o n.wav": "--pitch 0.3 is for --scrape or --roll",
+    "analyze-many box.stl --material ice -o n --seed 3": "--seed 3 is for sounds, which are made",
     "analyze --list --up z": "--up z is not for --list, which lists and ends",
     "analyze box.stl --list": "BODY box.stl is not for --list",
     "play BAR --list-devices": "is not for --list-devices",
@@ -369,6 +371,16 @@ def test_options_of_another_use_of_a_command_are_refused(
     assert main(words.replace("BAR", bar).split()) == 2
     assert IDLE[words] in capsys.readouterr().err
     assert {*Path().iterdir()} == before
+
+
+def test_where_two_ears_or_one_in_a_room_stand_is_told(
+    bar: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--seconds", "0.05", "-o", "a.wav")
+    assert main(["render", bar, "--room", "4,3,2.5", *words]) == 0
+    assert "heard at 3, 1.5, 1.25 m, beside the body" in capsys.readouterr().out
+    assert main(["render", bar, "--room", "4,3,2.5", "--listener", "3,1.5,1.25", *words]) == 0
+    assert "beside the body" not in capsys.readouterr().out
 
 
 def test_a_listener_of_a_row_has_the_ears_of_the_options(bar: str) -> None:

@@ -267,6 +267,12 @@ def test_a_modulus_in_another_unit_is_told(modulus: float, density: float, told:
     assert "m/s" in meant.doubt
 
 
+@pytest.mark.parametrize(("modulus", "density"), [(200e9, 7.85), (78e9, 19.3), (70e9, 2.7)])
+def test_a_density_in_another_unit_is_told(modulus: float, density: float) -> None:
+    meant = Material(density=density, youngs_modulus=modulus, poisson_ratio=0.3)
+    assert meant.doubt.endswith(f"in g/cm3, it is {1000 * density:g} kg/m3")
+
+
 def test_no_true_material_is_doubted() -> None:
     rubber = Material(density=1100, youngs_modulus=3e5, poisson_ratio=0.49)
     without_units = Material(density=1.0, youngs_modulus=2.6, poisson_ratio=0.3)

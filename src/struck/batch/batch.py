@@ -115,6 +115,14 @@ def analyze_many(
         cannot be written, a missing package. What is wrong with one file is told in its row.
     """
     wanted = None
+    usual = {"seed": (seed, 0), "seconds": (seconds, 1.0), "sample_rate": (sample_rate, 48_000)}
+    usual |= {"sounds": (sounds, "wav"), "labels": (labels, "labels.csv")}
+    for name, (given, default) in ({} if strikes is not None else usual).items():
+        if given != default:
+            raise OptionError(
+                f"{name}={given!r} is for sounds, which are made by strikes=: give it, or leave "
+                f"{name}= out"
+            )
     if strikes is not None:
         each = table_rows(strikes) if isinstance(strikes, str | os.PathLike) else strikes
         how = {"seconds": seconds, "sample_rate": sample_rate, "sounds": sounds, "seed": seed}

@@ -8,7 +8,7 @@ from pathlib import Path
 from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
-from struck.cli.options import add_budget, material_of, refuse
+from struck.cli.options import add_budget, material_of
 from struck.errors import counted
 from struck.model.provenance import TerminalProgress
 
@@ -43,9 +43,6 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck analyze-many`."""
     named, number = options.material, options.strikes or ""
-    if not number:
-        others = ("seed", "seconds", "rate", "sounds", "labels")
-        refuse(options, others, "is for sounds, which are made by --strikes: give it")
     same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
     report = analyze_many(
         options.files,

@@ -46,6 +46,12 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     fitted = _fitted(options.recordings, progress)
     found = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
     lines = [*found.summary(), f"--material {_as_argument(found)}"]
+    if not 0.1 < (times := density / known.density) < 10:
+        lines.insert(
+            0,
+            f"caution: {density:g} kg/m3 is {times:.3g} times the model's density, "
+            f"{known.density:g}: 1 g/cm3 is 1000 kg/m3",
+        )
     written = {}
     if output is not None:
         struck.save(corrected(model, fitted), output)

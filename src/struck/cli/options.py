@@ -247,7 +247,9 @@ def material_of(text: str) -> Material | str:
 def add_listener(parser: argparse.ArgumentParser) -> None:
     """Declare where someone listens, and with which ears."""
     group = parser.add_argument_group("listener")
-    group.add_argument("--listener", type=POSITION, help="position x,y,z, m")
+    group.add_argument(
+        "--listener", type=POSITION, help="position x,y,z, m; beside the body if absent"
+    )
     group.add_argument(
         "--walk", metavar="FILE", help="where the listener goes: lines of time,x,y,z in s and m"
     )

@@ -516,5 +516,6 @@ def left_out(model: ModalModel) -> tuple[str, ...]:
         "its shape": model.geometry,
         "its chart (where contacts lie, in m)": model.chart,
         "its material": model.material,
+        "its marks of the blow's modes": None if model.of_object.all() else model.of_object,
     }
     return tuple(name for name, part in parts.items() if part is not None)

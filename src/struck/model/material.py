@@ -164,9 +164,15 @@ class Material:
 
     @property
     def doubt(self) -> str:
-        """Warning about a Young's modulus so low that another unit was probably meant, or ""."""
+        """Warning about constants so low that other units were probably meant, or ""."""
         modulus = self.youngs_modulus
         speed = math.sqrt(modulus / self.density)
+        if speed > _FASTEST:
+            return (
+                f"sound goes through {self.name} at {speed:.2g} m/s by its density of "
+                f"{self.density:g} kg/m3, faster than through diamond: if that was meant in g/cm3, "
+                f"it is {1000 * self.density:g} kg/m3"
+            )
         plausible = modulus >= _SOFTEST and speed >= _SLOWEST
         if plausible or self.density < _LIGHTEST:  # then numbers are without units
             return ""
@@ -180,6 +186,7 @@ class Material:
 _LARGEST_POISSON_RATIO = 0.495
 _SOFTEST, _SLOWEST = 1e5, 10.0  # Pa, m/s: less than of rubber
 _LIGHTEST = 10.0  # kg/m^3, of solids
+_FASTEST = 20_000.0  # m/s: more than in diamond
 _LARGEST_IN_GPA = 1300.0  # no solid's exceeds it
 
 
