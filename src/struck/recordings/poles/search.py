@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from struck.core.machine import in_few_threads
 from struck.errors import OptionError, counted
@@ -39,14 +38,17 @@ from struck.recordings.poles.selection import (
 )
 from struck.recordings.poles.uncertainty import standard_errors
 from struck.recordings.poles.verdict import (
+    CROWDED,
     MODAL_MARGIN,
     ModalVerdict,
     constant,
     doubtful,
+    explained,
     hopeless,
     judge,
     of_blow,
     proven,
+    strangers,
     unexplained,
     vague,
 )
@@ -178,7 +180,7 @@ def fitted_of(
         count = counted(endless, "mode")
         notes = [*notes, f"{count} ringing for longer than the takes can tell: record longer"]
     own = heard.of(kept)
-    notes = [*notes, *_strangers(rows, own)]
+    notes = [*notes, *strangers(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
     return Fitted(
@@ -222,8 +224,6 @@ def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> A
 
 
 _SAME_PEAK = 1e-3  # of the peak
-_SHARED = 0.08  # of their energy that takes of one object have in common at least
-_SLOWEST = 0.02  # 1/s
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 
@@ -267,24 +267,6 @@ def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
                 f"{Path(take.name).name} is explained to {ratio:.1f} dB only: is it of another "
                 "object, or was it held otherwise? Leave it out, or fit it alone"
             )
-
-
-def _strangers(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
-    """Yield the takes that share hardly any of their energy's modes with the first ones."""
-    takes = np.array([row.take for row in rows])
-    energies = np.abs(heard.gains) ** 2 / np.maximum(heard.decays, _SLOWEST)
-    own = np.array([energies[takes == take].sum(axis=0) for take in np.unique(takes)])
-    own /= np.maximum(own.sum(axis=1, keepdims=True), 1e-300)
-    shared = np.array([np.minimum(one, own).sum(axis=1) for one in own])
-    _, group = connected_components(shared > _SHARED)
-    others = np.flatnonzero(group != group[0])
-    if others.size:
-        numbers = ", ".join(str(each + 1) for each in np.unique(takes)[others][:_NAMED])
-        most = 100 * shared[np.ix_(group == group[0], others)].max()
-        yield (
-            f"at most {most:.1f} % of the sound is common to take 1 and take {numbers}: they may "
-            "be of two objects; fit each by itself"
-        )
 
 
 Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
@@ -354,7 +336,7 @@ def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) 
     more = _within(
         segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
     )
-    again = _proven(segments, refine(segments, more, sweeps=2, steps=4), budget)
+    again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
 
     def left(modes: Exponentials) -> float:
         return sum(float((each.residual(modes) ** 2).sum()) for each in segments)
@@ -399,7 +381,8 @@ def _outlasting(segments: Sequence[Segment], ringing: Exponentials, false: Mask)
     """
     decay = float(np.median(ringing.decays[false]))
     own = ringing.of(~false & (ringing.frequencies > LOWEST))
-    if not _SOON < (wait := _FADED / decay) < _SHORT * min(each.duration for each in segments):
+    soon = _SOON < (wait := _FADED / decay) < _SHORT * min(each.duration for each in segments)
+    if not soon or ringing.count > CROWDED or explained(segments, ringing) < MODAL_MARGIN:
         return with_best_gains(segments, own).by_frequency()
     late = search([each.later(wait) for each in segments])
     other = overlap(own.poles[:, None], late.poles, np.inf).max(axis=1, initial=0.0) < _ALIKE
@@ -554,7 +537,7 @@ def fit_poles(
         measured = method == "shared" and budget is None
         return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)
 
-    fitted = _by_evidence(fit, microphones, hits, doubts) if any(doubts) else fit(hits)
+    fitted = _by_evidence(fit, hits, doubts) if any(doubts) else fit(hits)
     fitted = _controlled(fitted, controls, takes)
     fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
     return fitted if method == "shared" else _without_errors(fitted)
@@ -607,7 +590,6 @@ def _controlled(
 
 def _by_evidence(
     fit: Callable[[Sequence[Sequence[Hit]], str], Fitted],
-    takes: Sequence[Take],
     hits: list[list[Hit]],
     doubts: list[list[Hit]],
 ) -> Fitted:
@@ -616,8 +598,8 @@ def _by_evidence(
     if not every.verdict.modal:  # with fewer hits it explains no more
         return every
     sure = [
-        _ended([hit for hit in own if hit not in unsure], take)
-        for take, own, unsure in zip(takes, hits, doubts, strict=True)
+        _ended([hit for hit in own if hit not in unsure], own[-1].end)
+        for own, unsure in zip(hits, doubts, strict=True)
     ]
     without = fit(sure, ", sure hits")
     kept = [
@@ -626,13 +608,13 @@ def _by_evidence(
     ]
     if kept == hits:
         return every
-    kept = [_ended(own, take) for own, take in zip(kept, takes, strict=True)]
+    kept = [_ended(own, every[-1].end) for own, every in zip(kept, hits, strict=True)]
     return without if kept == sure else fit(kept, ", proven hits")
 
 
-def _ended(hits: list[Hit], take: Take) -> list[Hit]:
-    """Return hits that last until the next of them."""
-    ends = [*(hit.onset for hit in hits[1:]), take.samples.shape[1]]
+def _ended(hits: list[Hit], end: int) -> list[Hit]:
+    """Return hits that last until the next of them, the last one until sample `end`."""
+    ends = [*(hit.onset for hit in hits[1:]), end]
     return [replace(hit, end=end) for hit, end in zip(hits, ends, strict=True)]
 
 

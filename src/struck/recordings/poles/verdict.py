@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.sparse.csgraph import connected_components
 
 from struck.model.arrays import Array, Mask
 from struck.model.exponentials import Exponentials, best_gains
@@ -16,7 +17,9 @@ from struck.recordings.segments import Row, Segment
 from struck.recordings.takes import Take
 
 MODAL_MARGIN = 8.0  # least signal over the misfit of a modal sound, dB
-_CROWDED = 256  # modes
+CROWDED, _LARGE = 256, 64  # modes
+_SHARED = 0.08  # of their energy that takes of one object have in common at least
+_SLOWEST, _FEW = 0.02, 8  # 1/s; takes that a note names
 _STEADY = 0.5  # share of the energy
 _SLOW = 0.05  # 1/s: it would ring for more than two minutes
 _LATE, _EARLY = 0.1, 0.05  # s
@@ -76,17 +79,19 @@ def judge(
 def hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> bool:
     """Return whether modes explain so little that no search of further ones is worth its time.
 
-    Where a budget is used up that is half of what a modal sound takes, in decibels; else less than
-    all of that with several hundreds of modes, of which each look of a cymbal finds as many more.
+    Where a large budget is used up that is half of what a modal sound takes, in decibels; else less
+    than all of that with several hundreds of modes: each look at a cymbal finds as many more.
     """
     least = MODAL_MARGIN / 2 if budget else MODAL_MARGIN
-    if ringing.count < (budget or _CROWDED):
-        return False
+    many = ringing.count >= (max(budget, _LARGE) if budget else CROWDED)
+    return many and explained(segments, ringing) < least
+
+
+def explained(segments: Sequence[Segment], ringing: Exponentials) -> float:
+    """Return the energy of segments over the misfit of modes, without the noise of lead-ins, dB."""
     signal = sum(float((each.samples**2).sum()) for each in segments)
     left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
-    return (
-        _decibels(signal, left - sum(float(_heard_noise(each).sum()) for each in segments)) < least
-    )
+    return _decibels(signal, left - sum(float(_heard_noise(each).sum()) for each in segments))
 
 
 def _heard_noise(segment: Segment) -> Array:
@@ -198,6 +203,24 @@ def unexplained(take: Take, hits: Sequence[Hit]) -> float:
     if not hits or lead_in(take, hits).shape[1]:
         return 0.0
     return float((take.samples[:, : hits[0].onset] ** 2).sum())
+
+
+def strangers(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
+    """Yield the takes that share hardly any of their energy's modes with the first ones."""
+    takes = np.array([row.take for row in rows])
+    energies = np.abs(heard.gains) ** 2 / np.maximum(heard.decays, _SLOWEST)
+    own = np.array([energies[takes == take].sum(axis=0) for take in np.unique(takes)])
+    own /= np.maximum(own.sum(axis=1, keepdims=True), 1e-300)
+    shared = np.array([np.minimum(one, own).sum(axis=1) for one in own])
+    _, group = connected_components(shared > _SHARED)
+    others = np.flatnonzero(group != group[0])
+    if others.size:
+        numbers = ", ".join(str(each + 1) for each in np.unique(takes)[others][:_FEW])
+        most = 100 * shared[np.ix_(group == group[0], others)].max()
+        yield (
+            f"at most {most:.1f} % of the sound is common to take 1 and take {numbers}: they may "
+            "be of two objects; fit each by itself"
+        )
 
 
 # Further hits of a take. A splice, a gust of noise or the end of a note rises in many bands, too. A
