@@ -148,3 +148,25 @@ def test_a_million_rows_are_read_within_a_minute(tmp_path: Path) -> None:
     read = load_contacts(tmp_path / "log.csv")
     assert time.process_time() - begun < 60
     np.testing.assert_array_equal(read.position, contacts.position)
+
+
+def test_columns_that_are_not_used_are_told_with_the_names_there_are(tmp_path: Path) -> None:
+    head, *rows = BY_HAND.splitlines()
+    lines = [f"{head},force,velocty_x", *(f"{row},3,1" for row in rows)]
+    (tmp_path / "hits.csv").write_text("\n".join(lines), encoding="utf-8")
+    told = "columns that are not used: force, velocty_x; did you mean velocity? there are time, dt"
+    assert any(note.startswith(told) for note in load_contacts(tmp_path / "hits.csv").notes)
+    (tmp_path / "hits.csv").write_text(BY_HAND, encoding="utf-8")
+    assert not load_contacts(tmp_path / "hits.csv").notes
+    (tmp_path / "hits.csv").write_text(BY_HAND.replace("impulse", "imulse"), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"missing; did you mean impulse[?] give time, body0"):
+        load_contacts(tmp_path / "hits.csv")
+
+
+def test_contacts_after_the_end_are_told(tmp_path: Path) -> None:
+    (tmp_path / "hits.csv").write_text(BY_HAND.replace("\n0.", "\n"), encoding="utf-8")
+    contacts = load_contacts(tmp_path / "hits.csv")
+    told = "excitations (Strike) begin after the end at 0.5 s and are not heard: give more seconds"
+    late = struck.render(SCENE, contacts, listener=EAR, seconds=0.5, sample_rate=16_000)
+    assert any(told in note and "or times in s" in note for note in late.notes)
+    assert not late.samples.any()

@@ -19,6 +19,7 @@ import csv
 import io
 import json
 import os
+import re
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, nearest
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import UNITS, Array, checked
 from struck.scene.contacts import Contacts, Poses
@@ -38,6 +39,7 @@ _NEEDED = ("position", "impulse")
 _VECTORS = ("position", "normal", "impulse", "velocity")
 _WIDTHS: Mapping[str, Sequence[str]] = {**dict.fromkeys(_VECTORS, _AXES), "rotation": _ROTATION}
 _IN_METRES = ("position", "velocity")  # what a unit of length changes
+_COLUMNS = ("time", "dt", "body0", "body1", *_VECTORS, "id", "body", "rotation")
 _MOST_SHOWN = 5
 
 
@@ -213,6 +215,7 @@ class _Table:
             if vectors[name] is None:
                 vectors[name] = np.zeros((0, 3))
         poses = self.motion()
+        notes = _unused({name for _, line in self.rows + self.poses for name in line})
         columns: dict[str, Any] = {
             "time": self.scalars(self.rows, "time"),
             "dt": self.scalars(self.rows, "dt", 0.0),
@@ -222,7 +225,7 @@ class _Table:
         }
         if any("id" in line for _, line in self.rows):
             columns["id"] = self.scalars(self.rows, "id", -1.0)
-        return Contacts(names=tuple(self.names), poses=poses, **columns)
+        return Contacts(names=tuple(self.names), poses=poses, notes=notes, **columns)
 
     def bodies(self, name: str) -> Array:
         """Return the body numbers in a column of a log."""
@@ -281,9 +284,24 @@ def _require_columns(found: Collection[str]) -> None:
     if found and lacking:
         axes = " (in CSV position_x, _y, _z and so on)" if {*lacking} & {*_NEEDED} else ""
         raise ValueError(
-            f"its columns are {', '.join(found)}: {', '.join(lacking)} are missing; give time, "
-            f"body0, body1, {', '.join(_NEEDED)}{axes} and, if known, dt, normal, velocity, id"
+            f"its columns are {', '.join(found)}: {', '.join(lacking)} are missing; "
+            f"{_offers(found)}give time, body0, body1, {', '.join(_NEEDED)}{axes} and, "
+            "if known, dt, normal, velocity, id"
         )
+
+
+def _unused(found: Collection[str]) -> tuple[str, ...]:
+    """Return a note of the columns of a log that are none of its own."""
+    unknown = sorted({*found} - {*_COLUMNS})
+    told = f"columns that are not used: {', '.join(unknown[:_MOST_SHOWN])}"
+    more = f" and {len(unknown) - _MOST_SHOWN} more" if len(unknown) > _MOST_SHOWN else ""
+    return (f"{told}{more}; {_offers(found)}there are {', '.join(_COLUMNS)}",) * bool(unknown)
+
+
+def _offers(found: Collection[str]) -> str:
+    free = [name for name in _COLUMNS if name not in found]
+    names = (re.sub("_[wxyz]$", "", name) for name in found if name not in _COLUMNS)
+    return "".join(dict.fromkeys(nearest(name, free) for name in names))
 
 
 def _require_number(number: int, name: str, value: object) -> None:
@@ -343,13 +361,12 @@ def _rows(contacts: Contacts) -> Iterator[dict[str, Any]]:
 def _csv(contacts: Contacts, rows: Iterable[Mapping[str, Any]]) -> str:
     stream = io.StringIO(newline="")
     stream.write(f"# length: m\n# names: {json.dumps(contacts.names)}\n")
-    own = ["time", "dt", "body0", "body1", *_VECTORS, "id", "body", "rotation"]
-    columns = [(name, axis) for name in own for axis in _WIDTHS.get(name, ("",))]
+    columns = [(name, axis) for name in _COLUMNS for axis in _WIDTHS.get(name, ("",))]
     writer = csv.writer(stream)
     writer.writerow([f"{name}_{axis}" if axis else name for name, axis in columns])
     for row in rows:
         cells: list[object] = []
-        for name in own:
+        for name in _COLUMNS:
             axes = _WIDTHS.get(name, ("",))
             value = row.get(name)
             cells += [""] * len(axes) if value is None else value if len(axes) > 1 else [value]

@@ -77,13 +77,12 @@ def render(
     told: tuple[str, ...] = ()
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
-        bodies = _bodies(model, ())
-    else:
-        if hasattr(excitations, "body0"):
-            raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
-        bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
-        told = _doubts([action for body in bodies for action in body.actions], seconds)
-        bodies = [_without_late_holds(body, seconds) for body in bodies]
+        excitations = ()
+    elif hasattr(excitations, "body0"):
+        raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
+    bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
+    told += _doubts([action for body in bodies for action in body.actions], seconds)
+    bodies = [_without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
@@ -150,13 +149,14 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
     kinds = " and ".join(sorted({type(each).__name__ for each in late}))
     note = (
         f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
-        "and are not heard: give more seconds"
+        "and are not heard: give more seconds, or times in s"
     )
     return (note,) if late else ()
 
 
 def _is_late(action: Action, seconds: float | None) -> bool:
-    return seconds is not None and getattr(action, "time", 0.0) >= seconds
+    begun = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
+    return seconds is not None and np.min(begun) >= seconds
 
 
 def _without_late_holds(body: Body, seconds: float | None) -> Body:
