@@ -500,6 +500,10 @@ def test_units_that_were_taken_are_told(folder: Path) -> None:
             SimpleNamespace(points=np.zeros((3, 3)), faces=[0, 3, 0, 1, 2]),
             "row of 5 numbers, and 0 at 0 is no count",
         ),
+        (
+            ([[0, 1, 2]], np.full((3, 3), 0.1)),
+            r"\(1, 3\), and faces \(3, 3\) with fractions.*these may be swapped",
+        ),
         ((np.zeros((3, 3)),), r"tuple is no body: give .* \(vertices, faces\)"),
     ],
 )
@@ -714,6 +718,10 @@ def test_an_unknown_keyword_is_answered_with_those_there_are(
         call = getattr(struck, name, struck.scene.Simulation)
         with pytest.raises(struck.errors.OptionError, match="no_such_thing"):
             call(**given, no_such_thing=1)
+    with pytest.raises(struck.errors.ArgumentError, match="given speed=, load=: it takes path=,"):
+        struck.Scrape(path=[(0.0, 0.0, 0.0), (0.1, 0.0, 0.0)])
+    with pytest.raises(struck.errors.ArgumentError, match=r"simulate has no wall= .* mean walls="):
+        struck.simulate("scene.xml", wall=0.003)
     with pytest.raises(struck.errors.ArgumentError, match="did you mean threshold_db="):
         struck.sound_map(None, threshold=3)
     with pytest.raises(struck.errors.ArgumentError, match=r"InternalFriction\(loss_tangent=0.01\)"):

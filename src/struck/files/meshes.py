@@ -87,7 +87,13 @@ def mesh_of(
     _require_options(units, size, up)
     own = getattr(body, "units", None)
     points, faces = arrays_of(body) or ((), ())
-    mesh = Mesh(points=numbers("vertices", points, error=MeshError), faces=_triangles(faces))
+    vertices, named = numbers("vertices", points, error=MeshError), _triangles(faces)
+    if np.any(np.asarray(faces) % 1):
+        raise MeshError(
+            f"vertices have shape {vertices.shape}, and faces {named.shape} with fractions, which "
+            "name no vertex: give (vertices, faces) in this order; these may be swapped"
+        )
+    mesh = Mesh(points=vertices, faces=named)
     if own is None or size is not None:
         return _in_metres(mesh, units, size, up or "z")
     factor = _metres(str(own))

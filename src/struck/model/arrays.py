@@ -196,6 +196,9 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     code = function.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     open_ended = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
+    usual = {*(function.__kwdefaults__ or ())}
+    usual |= {*names[code.co_argcount - len(function.__defaults__ or ()) : code.co_argcount]}
+    needed = {*names} - usual - {"self"}
 
     @functools.cache
     def sorts() -> dict[str, tuple[Sort, ...]]:
@@ -207,17 +210,24 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     def refusing(*given: Any, **named: Any) -> Any:  # noqa: ANN401 - as the function
         known = sorts()
         if not open_ended and (len(given) > code.co_argcount or not named.keys() <= known.keys()):
-            _refuse_names(whose, code.co_argcount, names, given, named)
+            refuse_names(whose, code.co_argcount, names, given, named)
         for name, value in zip(names, given, strict=False):
             _require_sort(name, value, known[name], whose)
         for name, value in named.items():
             _require_sort(name, value, known.get(name, ()), whose)
+        if needed and (lacking := needed.difference(names[: len(given)], named)):
+            told = ", ".join(f"{name}=" for name in names if name in lacking)
+            raise ArgumentError(f"{whose} was not given {told}: {_taken(names)}")
         return function(*given, **named)
 
     return refusing
 
 
-def _refuse_names(
+def _taken(names: Sequence[str]) -> str:
+    return "it takes " + ", ".join(f"{name}=" for name in names if name != "self")
+
+
+def refuse_names(
     whose: str, first: int, names: Sequence[str], given: Sequence[Any], named: Mapping[str, Any]
 ) -> None:
     """Refuse arguments beyond the `first` without a name, or of names that a function lacks."""
@@ -232,7 +242,7 @@ def _refuse_names(
     free = [name for name in names if name != "self"]
     raise ArgumentError(
         f"{whose} has no {unknown}= (given as {_shown(named[unknown])}): "
-        f"{nearest(unknown, free, '{}=')}it takes {', '.join(f'{name}=' for name in free)}"
+        f"{nearest(unknown, free, '{}=')}{_taken(free)}"
     )
 
 

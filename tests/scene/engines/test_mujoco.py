@@ -244,6 +244,10 @@ def test_options_that_change_nothing_are_told_or_refused(tmp_path: Path) -> None
     made = {"materials": {"b": "lead"}, "accuracy": "preview", "damping": "heard"}
     notes = Simulation(path, **made).notes
     assert "lead has no set 'heard': it rings by its own damping" in notes
+    assert any(
+        note.startswith("convex='hull' changes nothing")
+        for note in Simulation(path, convex="hull").notes
+    )
     made = {"models": {"b": struck.analyze(Block(size=(0.04, 0.02, 0.02)), "glass")}}
     notes = Simulation(path, **made, accuracy="preview", damping="heard").notes
     for told in ("accuracy='preview'", "damping='heard'"):

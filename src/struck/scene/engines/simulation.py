@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from struck.analysis.cached_steps import Stages
 from struck.errors import OptionError, SimulationError
 from struck.files.cache import opened
-from struck.model.arrays import checked, require_number
+from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
 from struck.scene.body import Body, Scene
@@ -119,6 +120,10 @@ class Simulation:
         **sounds: Any,  # noqa: ANN401 - of `SoundOptions`
     ) -> None:
         _require_choices(engine, convex, step)
+        own = [*signature(Simulation).parameters][:-1]
+        known = list(dict.fromkeys([*own, *(each.name for each in fields(SoundOptions))]))
+        if not sounds.keys() <= {*known}:
+            refuse_names("simulate", 1, known, (), sounds)
         mujoco_itself()
         read = SceneFile.of(file, folder)
         spec = _named(read.spec())
@@ -144,6 +149,8 @@ class Simulation:
         told = [*notes, *self._sources.notes, *_give_masses(spec, model, links, bodies)]
         if self._convex == "parts":
             told += cut(spec, model, self._stages)
+        elif not model.nmesh:
+            told.append("convex='hull' changes nothing: no body is a mesh")
         self._laws = ContactLaws(
             materials={name: body.model.material for name, body in bodies.items()},
             restitution=restitution,
