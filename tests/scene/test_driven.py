@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from struck.analysis.analysis import analyze
 from struck.errors import OptionError
 from struck.excitation import texture
 from struck.excitation.excitation import Hold
@@ -19,6 +20,7 @@ from struck.excitation.strike import Strike
 from struck.model.gains import Gains
 from struck.scene.body import Action
 from struck.scene.render import DrivenBody, render
+from struck.shapes import CircularMembrane
 from struck.synth import resonators
 from tests.scene.test_render import BLOCK, FREQUENCIES, TOP, block
 
@@ -96,6 +98,19 @@ def test_a_hand_after_the_end_changes_nothing_and_is_told() -> None:
     np.testing.assert_array_equal(both.samples, alone.samples)
     told = "1 of 2 excitations (Hold) begin after the end at 0.1 s and are not heard"
     assert any(note.startswith(told) for note in both.notes)
+
+
+def test_strikes_that_move_no_mode_are_told_and_patches_end_with_the_body() -> None:
+    drum = CircularMembrane(radius=0.15, thickness=5e-4, tension=1000.0)
+    drum = analyze(drum, "nylon", band=(20, 1500))
+    across = Strike(at=(0.05, 0, 0), direction=(1.0, 0.0, 0.0))
+    for still in (across, Strike(at=(0.15, 0, 0))):
+        (note,) = (each for each in render(drum, still, seconds=0.1).notes if "no mode" in each)
+        assert note.startswith("1 of 1 strikes, as that at (0.")
+    for seen in (Strike(at=(0.05, 0, 0)), Strike()):
+        assert not any("no mode" in note for note in render(drum, seen, seconds=0.1).notes)
+    with pytest.raises(OptionError, match=r"patch is 5.0 m: give at most 0.3 m"):
+        render(drum, replace(across, patch=5.0), seconds=0.1)
 
 
 def test_what_happens_together_adds_up() -> None:

@@ -209,7 +209,7 @@ class Hold:
             When it touches no body.
         """
         contact = model.contact(self.at)
-        points, weights = _patch(contact.point, contact.normal, self.patch)
+        points, weights = _patch(model, contact.point, contact.normal, self.patch)
         moved = np.tensordot(weights, model.gains.motion(points), 1)
         return _finite_gains(self.grip / 2 * np.square(moved).sum(axis=0)).reshape(-1)
 
@@ -226,11 +226,11 @@ def drive_at(
     model: ModalModel, point: Array, normal: Array, direction: Array, *, radius: float = 0.0
 ) -> Array:
     """Return `drive` of a disc about `point`, in the plane whose unit normal is `normal`."""
-    points, weights = _patch(point, normal, radius)
+    points, weights = _patch(model, point, normal, radius)
     return weights @ _drives(model, points, direction)
 
 
-def _patch(point: Array, normal: Array, radius: float) -> tuple[Array, Array]:
+def _patch(model: ModalModel, point: Array, normal: Array, radius: float) -> tuple[Array, Array]:
     """Return points (K, D) and weights (K,) that average over a disc; of a point, itself."""
     if not radius:
         return point[None], np.ones(1)
@@ -239,6 +239,9 @@ def _patch(point: Array, normal: Array, radius: float) -> tuple[Array, Array]:
             f"the area of contact has a radius of {radius} m, but this body was recorded and has "
             "no surface: leave patch= out"
         )
+    if model.geometry is not None and radius > model.geometry.extent:
+        most = f"{model.geometry.extent:.3g} m, as wide as the body is"
+        raise OptionError(f"patch is {radius} m: give at most {most}")
     places, weights = _disc()
     axis = np.zeros(3)
     axis[np.argmin(np.abs(normal))] = 1.0

@@ -239,10 +239,9 @@ def refuse_names(
             f"{whose}({'..., ' * (first > (names[0] == 'self'))}{told})"
         )
     unknown = next(name for name in named if name not in names)
-    free = [name for name in names if name != "self"]
     raise ArgumentError(
         f"{whose} has no {unknown}= (given as {_shown(named[unknown])}): "
-        f"{nearest(unknown, free, '{}=')}{_taken(free)}"
+        f"{nearest(unknown, names, '{}=')}{_taken(names)}"
     )
 
 

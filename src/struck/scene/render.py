@@ -27,6 +27,7 @@ from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
+from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
 from struck.scene.body import (
     Action,
@@ -55,6 +56,7 @@ _QUIETEST = 10 ** (-40 / 20)  # softer modes than this share of the loudest do n
 _SILENT = np.log(1000)
 _PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
 _MOVED = 1e-3  # contacts moved by less than this share of the body are not worth a note
+_UNMOVED = 1e-9  # of the largest gain: what strikes with less are not heard
 _BLOCK = 128  # short, since drives go straight from block to block where a contact moves
 _HEARING_BLOCK = 4096
 
@@ -247,8 +249,24 @@ def _pulses(
     ]
     moved = max(contact.distance for contact in contacts)
     extent = 0.0 if model.geometry is None else model.geometry.extent
-    notable = moved > _MOVED * extent
-    return pulses, (f"a contact was moved {moved:.2g} m to the surface",) if notable else ()
+    told = f"a contact was moved {moved:.2g} m to the surface" if moved > _MOVED * extent else ""
+    still = ""
+    if isinstance(model.gains, ShapeGains) and model.recoil is None:
+        still = _unmoved(model.gains, contacts, gains, listener)
+    return pulses, tuple(filter(None, (told, still)))
+
+
+def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at: Array) -> str:
+    """Return a note of contacts whose gains (K, M) are nothing beside the largest on the body."""
+    largest = np.maximum(gains.shapes.max((0, 1)), -gains.shapes.min((0, 1)))
+    loudest = np.max(largest * np.abs(gains.toward(at[None])[0, 0]), initial=0.0)
+    still = np.flatnonzero(np.abs(heard).max(1, initial=0.0) <= _UNMOVED * loudest)
+    if not (len(still) and loudest):
+        return ""
+    first = contacts[still[0]]
+    place, way = (", ".join(f"{x:.3g}" for x in each) for each in (first.point, first.direction))
+    told = f"{len(still)} of {len(contacts)} strikes, as that at ({place}) along ({way}), move"
+    return f"{told} no mode of the body: it is held or at rest there, or moves only across"
 
 
 def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> Complex:
