@@ -30,7 +30,7 @@ from struck.errors import article, counted
 from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
 from struck.model.residual import Residual
-from struck.shapes import Bar
+from struck.shapes import Bar, CircularMembrane, RectangularPlate
 from struck.solids import Block, Tube, bell
 from tests.folders import closed_to_writing
 from tests.test_words import public
@@ -182,6 +182,34 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         lambda: struck.analyze(BAR, "steel", accuracy="fine"),
         ("accuracy='fine'", "does not apply to Bar", "leave it out"),
     ),
+    "a formula of a box that is held": (
+        lambda: struck.analyze(BAR, "steel", fixed=((0, 0, 0), (1, 1, 1))),
+        ("^fixed= does not apply to Bar", "leave it out, or take method='fem' ?$"),
+    ),
+    "a formula of held ends and a box": (
+        lambda: struck.analyze(
+            dataclasses.replace(BAR, ends="clamped"), "steel", fixed=((0, 0, 0), (1, 1, 1))
+        ),
+        ("does not apply to Bar, which is computed by a formula: leave it out ?$",),
+    ),
+    "a tension of some accuracy": (
+        lambda: struck.analyze(
+            CircularMembrane(radius=0.2, thickness=2e-4, tension=3000), "steel", accuracy="fine"
+        ),
+        ("does not apply to CircularMembrane, which is computed by a formula: leave it out ?$",),
+    ),
+    "supported edges of some accuracy": (
+        lambda: struck.analyze(
+            RectangularPlate(length=0.3, width=0.2, thickness=0.002, edges="supported"),
+            "steel",
+            accuracy="fine",
+        ),
+        ("does not apply to RectangularPlate, which is computed by a formula: leave it out ?$",),
+    ),
+    "a wall of a bar's elements": (
+        lambda: struck.analyze(BAR, "steel", method="fem", wall=0.001, cache=False),
+        ("wall= applies to surfaces, and a Bar has its own dimensions", "leave it out"),
+    ),
     "--hammer": (
         shell("render", "b.struck", "--hammer", "wood"),
         ("'--hammer'", "did you mean --striker", "--help"),
@@ -276,7 +304,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "--impulse 0,0,-1": (
         shell("render", "b.struck", "--impulse", "0,0,-1"),
-        ("--impulse", "'0,0,-1'", "give a number, and which way by --direction x,y,z"),
+        ("--impulse", "'0,0,-1'", "give a number alone, .*, and which way by --direction x,y,z"),
     ),
     "times of another number": (
         lambda: Measured(frequencies=(100, 200), t60=(3,)),

@@ -455,3 +455,70 @@ def test_a_file_may_be_called_as_a_body_is(bar: str, capsys: pytest.CaptureFixtu
     Path("bowl:radius=8cm").write_bytes(Path(bar).read_bytes())
     assert main(["info", "bowl:radius=8cm"]) == 0
     assert "steel" in capsys.readouterr().out
+
+
+WAYS = {
+    "analyze bar:length=30cm,width=3cm,thickness=5mm,ends=clamped/free --material steel": (
+        "give one or two of free, clamped, hinged, sliding, two as ends=clamped,free\n"
+    ),
+    "analyze circular-membrane:radius=20cm,thickness=0.2mm,tension=3000 --material steel "
+    "--accuracy fine": "which is computed by a formula: leave it out\n",
+    "analyze bar:length=30cm,width=3cm,thickness=5mm --material steel --fixed 0,0,0,1,1,1": (
+        "--fixed does not apply to Bar, which is computed by a formula: leave it out, or take "
+        "--method fem\n"
+    ),
+    "analyze rod:length=30cm,radius=5mm --material steel --method fem --wall 1mm": (
+        "--wall applies to surfaces, and a Bar has its own"
+    ),
+    "render BAR --mass 20g": "'20g': give a number alone, in the unit that --help names",
+    "render BAR --rate 48k": "'48k': give a whole number:",
+    "fit take.wav --room 400ms": "--room 400ms is neither a number nor a file: give seconds as 0.4",
+    "render BAR --strikes BAR -o n": "is no CSV or TOML table (it is no text): give CSV with",
+    "render BAR --walk hits.csv": (
+        "hits.csv tells no walk, line 1 is 'name,at': give lines of four numbers, time,x,y,z in s"
+    ),
+    "render BAR --walk BAR": "tells no walk, it is no text: give lines",
+    "render BAR --scrape end..top --pitch 1": (
+        "pitch and geometry tell the way between places that were recorded, and this body has a "
+        "surface: leave them out"
+    ),
+    "tune BAR --material steel --vary length --lowest A4": (
+        "bar.struck is a model, which has no dimensions to vary: give a body as bowl:radius=8cm "
+        "(struck analyze --list), or analyze its mesh at another --size"
+    ),
+    "tune box.stl --material steel --vary length --lowest A4": (
+        "box.stl is a mesh file, which has no dimensions to vary: give a body as bowl:radius=8cm "
+        "(struck analyze --list), or analyze it at another --size"
+    ),
+    "render BAR --strikes hits.csv -o set.wav": (
+        "makes many sounds, and set.wav names one: give a folder, as -o set\n"
+    ),
+    "render BAR --strikes hits.csv -o n --sounds aac": (
+        "--sounds aac is no kind of sounds: give one of wav, flac, ogg, aiff, aif, mp3\n"
+    ),
+    "render BAR -o n.mp3 --encoding int24": ("encoding is 'int24': for MP3 give mp3\n"),
+    "render BAR -o n.mp3 --rate 96000 --seconds 0.1": (
+        "at 96000 Hz (MPEG-1/2/2.5 only supports sample rates of 8000, 11025"
+    ),
+}
+
+
+@pytest.mark.parametrize("words", WAYS)
+def test_a_refusal_in_the_shell_names_a_way_out_that_it_takes(
+    words: str, bar: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("hits.csv").write_text("name,at\nsoft,end\n")
+    before = {*Path().iterdir()}
+    assert main(words.replace("BAR", bar).split()) == 2
+    assert WAYS[words] in capsys.readouterr().err
+    assert {*Path().iterdir()} == before
+
+
+def test_the_list_of_bodies_tells_how_two_ends_are_given(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["analyze", "--list"]) == 0
+    assert "two ends as bar:...,ends=clamped,free" in capsys.readouterr().out
+    two = body_named("bar:length=30cm,width=3cm,thickness=5mm,ends=clamped,free")
+    assert isinstance(two, Bar)
+    assert two.ends == ("clamped", "free")

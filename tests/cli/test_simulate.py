@@ -105,7 +105,10 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--restitution", "often"], "give a number"),
         (["--restitution", "1.5"], "restitution is 1.5: it must be at most 1"),
         (["--seconds", "0"], "seconds is 0.0"),
-        (["--restitution", "cup,shelf=0.5"], "which fits no two of 'shelf', 'tile', 'ghost'"),
+        (
+            ["--restitution", "cup,shelf=0.5"],
+            "names 'cup' and 'shelf', which fit no two of 'shelf', 'tile', 'ghost'",
+        ),
         (["--damping", "herd"], "damping is 'herd': give 'own'"),
         (["--accuracy", "fin"], "accuracy is 'fin'"),
         (["--model", "tile=no.struck", "--wall", "tile=2mm"], "walls names 'tile', whose modes"),

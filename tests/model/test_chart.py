@@ -111,9 +111,9 @@ def test_impossible_charts_are_refused() -> None:
         flat.charted(pitch=(0.1, 0.1), geometry=box)
     with pytest.raises(OptionError, match=r"z from 0 to 0\.3 m, and the geometry goes from -0\.05"):
         heights.charted(pitch=0.3, geometry=box)
-    with pytest.raises(OptionError, match="it was recorded at one"):
+    with pytest.raises(OptionError, match="this body was recorded at one: leave"):
         recorded("one").charted(pitch=1.0)
-    with pytest.raises(OptionError, match="it has a surface"):
+    with pytest.raises(OptionError, match="this body has a surface: leave them out"):
         plate(8).charted(pitch=1.0)
     with pytest.raises(OptionError, match="its chart has 2 pitches for 1 coordinates"):
         replace(heights, chart=Chart(pitch=np.ones(2)))

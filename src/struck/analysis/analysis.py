@@ -205,10 +205,9 @@ def _by_formula(
     """Return the model of a shape, which takes none of the options `given`."""
     for name, value in given.items():
         if value is not None:
-            raise OptionError(
-                f"{name}={value!r} does not apply to {type(shape).__name__}, which is computed by "
-                "a formula: leave it out, or take method='fem'"
-            )
+            told = f"{name}={'' if name == 'fixed' else repr(value)} does not apply to "
+            told += f"{type(shape).__name__}, which is computed by a formula: leave it out"
+            raise OptionError(told + (", or take method='fem'" if _by_fem(shape, name) else ""))
     modes = shape.modes(material, band, none=recoil)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
     provenance = modes.provenance.extended(body=repr(shape), versions=versions)
@@ -220,6 +219,15 @@ def _by_formula(
         places={**places_of(modes.surface), **shape.places},
     )
     return _recoiling(model) if recoil else model
+
+
+def _by_fem(shape: Shape, name: str) -> bool:
+    """Return whether finite elements of a shape take the option of that name."""
+    try:
+        held = shape.solid().fixed is not None
+    except OptionError:
+        return False
+    return name in {"accuracy", "backend"} or (name == "fixed" and not held)
 
 
 def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:

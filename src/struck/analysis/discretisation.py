@@ -339,8 +339,9 @@ def discretise(
         return FilledSurface(repair=source, wall=wall, accuracy=level, units=units, up=up)
     for name, value in {"wall": wall, "holes": holes, "repair": repair}.items():
         if value is not None:
+            kind = getattr(source, "of", type(source).__name__)
             raise OptionError(
-                f"{name}= applies to surfaces, and {article(type(source).__name__)} has its own "
+                f"{name}= applies to surfaces, and {article(kind)} has its own "
                 "dimensions: leave it out, or for a hollow body give its surface, as a Mesh or a "
                 "file"
             )

@@ -247,9 +247,10 @@ def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
         (rows,) = tomllib.loads(text).values()
         return list(rows)
     except (ValueError, TypeError, csv.Error, RecursionError) as error:
+        why = "it is no text" if isinstance(error, UnicodeDecodeError) else error
         raise FileFormatError(
-            f"{path} is no table ({error}): give CSV with the names of its columns in the first "
-            "line, or TOML with [[files]] for each"
+            f"{path} is no CSV or TOML table ({why}): give CSV with the names of its columns "
+            "in the first line, or TOML with [[files]] for each"
         ) from error
 
 

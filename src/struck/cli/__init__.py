@@ -110,7 +110,7 @@ def _number(kind: type[float], text: str) -> float:
     """Return the number, or the whole number, in the text of an option."""
     with suppress(ValueError):
         return kind(text)
-    wanted = "a whole number" if kind is int else "a number"
+    wanted = "a whole number" if kind is int else "a number alone, in the unit that --help names"
     raise argparse.ArgumentTypeError(f"it is {text!r}: give {wanted}")
 
 

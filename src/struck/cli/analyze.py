@@ -13,6 +13,7 @@ from struck.cli.info import described
 from struck.cli.options import (
     BAND,
     BODY,
+    ENDS,
     MATERIAL,
     add_budget,
     add_cache,
@@ -53,7 +54,7 @@ def add_how(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
     parser.add_argument("--size", type=length, help="longest edge of the body instead, m")
     parser.add_argument(
-        "--wall", type=length, help="thickness of a hollow body's or tube's wall, m"
+        "--wall", type=length, help="thickness of a hollow mesh file, m; a tube: has its own wall="
     )
     parser.add_argument("--holes", help="of a surface with a wall: keep or fill")
     parser.add_argument(
@@ -102,7 +103,7 @@ def _listed() -> Result:
     rows = [("body", "needs", "may be given")]
     rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
     return Result(
-        "\n".join([aligned(rows), f"as {BODY}"]),
+        "\n".join([aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}"]),
         bodies={kind: {"needs": needed, "takes": more} for kind, (needed, more) in every.items()},
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import struck
 from struck.cli import Result
 from struck.cli.info import described, or_null
 from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
+from struck.errors import OptionError
 from struck.excitation.strike import Strike
-from struck.files.atomic import is_folder, real, writable
+from struck.files.atomic import is_file, is_folder, real, writable
 from struck.files.model_file import model_path
 from struck.model.html import PAGES
 from struck.model.provenance import TerminalProgress
@@ -97,10 +99,14 @@ def _name(recording: str) -> str:
 
 
 def _room(text: str | None) -> float | str | None:
-    try:
+    with suppress(ValueError):
         return None if text is None else float(text)
-    except ValueError:
+    if text is None or is_file(text):
         return text
+    raise OptionError(
+        f"--room {text} is neither a number nor a file: give seconds as 0.4, or a recording of a "
+        "clap in the room"
+    )
 
 
 def _blow(given: tuple[float, ...] | None) -> Strike | None:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     Body = Solid | Shape
 
 BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
+ENDS = "ends=clamped,free"
 _FORMS = {"size": "0.1,0.05,0.03"}  # of arguments of several numbers
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
@@ -186,6 +187,9 @@ def maker_named(text: str) -> str | partial[Body]:
         maker(**given)
     except ArgumentError as error:
         raise OptionError(f"{error}; give lengths as 0.5, 50cm, 500mm or 20in") from None
+    except OptionError as error:
+        two = f", two as {ENDS}" if str(error).startswith("ends are") else ""
+        raise type(error)(f"{error}{two}") from None
     return partial(maker, **given)
 
 
@@ -345,14 +349,20 @@ def listener(
 
 def _walk(path: str) -> tuple[Array, Array]:
     """Return times (n,) and places (n, 3) of a file of four numbers a line."""
+    rows: list[list[float]] = []
+    wrong = "it is no text"
     try:
-        lines = read_bytes(path).decode("utf-8").split("\n")
-        rows = [[float(each) for each in line.split(",")] for line in lines if line.strip()]
-        table = np.array(rows, np.float64).reshape(len(rows), 4)
+        for number, line in enumerate(read_bytes(path).decode("utf-8").split("\n"), 1):
+            wrong = f"line {number} is {line.strip()[:40]!r}"
+            if line.strip():
+                time, x, y, z = map(float, line.split(","))
+                rows.append([time, x, y, z])
     except ValueError as error:
         raise FileFormatError(
-            f"{path} tells no walk: give lines of four numbers, time,x,y,z ({error})"
+            f"{path} tells no walk, {wrong}: give lines of four numbers, time,x,y,z in s and m, as "
+            "0.5,0,2,0, without a line of names"
         ) from error
+    table = np.array(rows, np.float64).reshape(len(rows), 4)
     return table[:, 0], table[:, 1:]
 
 

@@ -35,7 +35,7 @@ from struck.excitation.strike import Strike
 from struck.files.atomic import writable
 from struck.files.model_file import require_no_sound
 from struck.files.sound import FULL_SCALE
-from struck.files.sound_formats import chosen
+from struck.files.sound_formats import ENDINGS, chosen
 from struck.files.sound_set import TABLE, save_set
 from struck.model.provenance import TerminalProgress
 from struck.scene.body import Action, centre_of, place_beside, with_fewer_modes
@@ -157,8 +157,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     table = f"--strikes {options.strikes}"
     refuse(options, _COLUMNS, f"is for one sound: {table} has columns for it, a strike a row")
     refuse(options, {*_OF} | _KINDS, f"is for one sound, and {table} is a table of strikes alone")
-    if options.output is None:
-        raise OptionError(f"{table} makes many sounds: give -o FOLDER")
+    _require_folder(options, table)
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
     heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
@@ -186,6 +185,20 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: full scale is "
     last += f"{scale}{span}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
+
+
+def _require_folder(options: argparse.Namespace, table: str) -> None:
+    """Refuse the sounds of a table without a folder, or with an ending of no sound."""
+    if f".{options.sounds}".lower() not in ENDINGS:
+        known = ", ".join(each[1:] for each in ENDINGS)
+        raise OptionError(f"--sounds {options.sounds} is no kind of sounds: give one of {known}")
+    if options.output is None:
+        raise OptionError(f"{table} makes many sounds: give -o FOLDER")
+    path = Path(options.output)
+    if path.suffix.lower() in ENDINGS:
+        raise OptionError(
+            f"{table} makes many sounds, and {path} names one: give a folder, as -o {path.stem}"
+        )
 
 
 def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, ...]]:
@@ -242,7 +255,8 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
     for name, value, text in kinds:
         parser.add_argument(name, action="append", metavar=value, help=f"{text}; may be repeated")
     parser.add_argument("--impulse", type=float, help="of a strike, N s")
-    parser.add_argument("--striker", help="fingertip, felt, rubber, plastic, wood, brass ...")
+    tip = "of a scrape what its tip is made of, steel unless given"
+    parser.add_argument("--striker", help=f"fingertip, felt, rubber, plastic, wood ...; {tip}")
     parser.add_argument("--speed", type=float, help="of the striker, tip or ball, m/s")
     parser.add_argument("--duration", type=float, help="of a strike, s")
     parser.add_argument(

@@ -37,9 +37,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck tune`."""
     body = maker_named(options.body)
     if isinstance(body, str):
+        kind, mesh = ("model", "its mesh") if body.endswith(".struck") else ("mesh file", "it")
         raise OptionError(
-            f"{body} is a mesh file, which has no dimensions to vary: give a body as "
-            "bowl:radius=8cm (struck analyze --list), or analyze it at another --size"
+            f"{body} is a {kind}, which has no dimensions to vary: give a body as "
+            f"bowl:radius=8cm (struck analyze --list), or analyze {mesh} at another --size"
         )
     given = same(options, "vary lowest frequency mode accuracy")
     found = tune(body, material_of(options.material), **given, progress=progress)

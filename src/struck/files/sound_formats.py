@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -49,7 +50,7 @@ def chosen(path: str | os.PathLike[str], encoding: str | None = None) -> tuple[s
         )
     name, encodings = _FORMATS[ending]
     if encoding is not None and encoding not in encodings:
-        raise OptionError(f"encoding is {encoding!r}: {name} has {', '.join(encodings)}")
+        raise OptionError(f"encoding is {encoding!r}: for {name} give {' or '.join(encodings)}")
     if ending != ".wav" and name not in _soundfile(name).available_formats():
         raise MissingDependencyError(
             f"the soundfile that is installed writes no {name}: pip install -U soundfile, or end "
@@ -87,8 +88,9 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
                 file.comment = recording.comment
             file.write(samples.T)
     except RuntimeError as error:
+        why = re.sub("Error opening <.*?>: |Error : ", "", str(error)).rstrip(".")
         raise OptionError(
-            f"{name} does not take {len(samples)} channels at {recording.sample_rate} Hz ({error}):"
+            f"{name} does not take {len(samples)} channels at {recording.sample_rate} Hz ({why}):"
             " give one or two at 44100 or 48000 Hz, or end the file in .wav"
         ) from error
     return data.getvalue()

@@ -428,8 +428,9 @@ class ModalModel:
         bounds = self.gains.bounds
         if not self.recorded or bounds is None or not self.coordinates:
             raise OptionError(
-                "pitch and geometry tell the way between places that were recorded: "
-                + ("it was recorded at one" if self.recorded else "it has a surface")
+                "pitch and geometry tell the way between places that were recorded, and this body "
+                + ("was recorded at one" if self.recorded else "has a surface")
+                + ": leave them out"
             )
         middle = np.zeros(3) if self.centre is None else self.centre
         chart = Chart.of(

@@ -67,7 +67,7 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     if model.geometry is not None:
         size = " x ".join(f"{edge:.4g}" for edge in np.ptp(model.geometry.bounds, axis=0))
         up = model.provenance.details.get("up", model.geometry.up)
-        other = "; another by up=, --up when it is analyzed" if "," in str(up) else ""
+        other = "; another by up= when it is analyzed" if "," in str(up) else ""
         lines += [f"size      {size} m", f"up        {up}: it says where top is{other}"]
     lines.append(f"gains     {_unit(model)}")
     if not isinstance(model.gains, ShapeGains):

@@ -383,6 +383,7 @@ class Bar(Shape):
         held = zip(self.pair, (0.0, self.length), strict=True)
         return Counterpart(
             solid=solid,
+            of="Bar",
             turn=turn,
             offset=(self.length / 2, 0.0, 0.0),
             ends=tuple((0, place) for end, place in held if end == "clamped"),

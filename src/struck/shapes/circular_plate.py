@@ -280,7 +280,9 @@ class CircularPlate(Shape):
         """
         require_clamped_or_free("plate", (self.edge,))
         disk = Tube(length=self.thickness, radius=self.radius, wall=self.radius)
-        return Counterpart(solid=disk, rim=self.radius if self.supported else None)
+        return Counterpart(
+            solid=disk, of="CircularPlate", rim=self.radius if self.supported else None
+        )
 
     def _unit(self, material: Material) -> float:
         """Return the frequency at which lambda would be 1, Hz."""

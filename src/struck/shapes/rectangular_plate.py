@@ -378,6 +378,7 @@ class RectangularPlate(Shape):
         sides = zip((0, 0, 1, 1), (0.0, self.length, 0.0, self.width), self.around, strict=True)
         return Counterpart(
             solid=Block(size=(self.length, self.width, self.thickness)),
+            of="RectangularPlate",
             offset=(self.length / 2, self.width / 2, 0.0),
             ends=tuple((axis, place) for axis, place, edge in sides if edge == "clamped"),
         )

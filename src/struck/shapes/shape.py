@@ -228,6 +228,7 @@ class Counterpart:
     """A solid in the frame of a closed-form body: turned, then moved by `offset`."""
 
     solid: Block | Tube
+    of: str  # the closed-form body's class, for messages
     turn: Turn = UPRIGHT  # matrix (3, 3) of a rotation
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
     # Held at the planes across an axis (0 or 1) at these places, m.

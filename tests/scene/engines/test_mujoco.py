@@ -254,7 +254,7 @@ def test_options_that_change_nothing_are_told_or_refused(tmp_path: Path) -> None
         assert f"{told} changes nothing: no body is analyzed" in notes
     assert not any("changes nothing" in note for note in Simulation(path, **made).notes)
     for pairs in ({("b", "ceiling"): 0.5}, {"b": 0.5}, {("b", "b"): 0.5}):
-        with pytest.raises(OptionError, match=r"restitution names .* fits no two of 'floor', 'b'"):
+        with pytest.raises(OptionError, match=r"restitution names .* fit no two of 'floor', 'b'"):
             Simulation(path, **made, restitution=pairs)
 
 

@@ -475,7 +475,8 @@ def _require_pairs(pairing: Pairing, partials: Partials) -> Pairing:
     if len(pairing) < FEWEST:
         raise RecordingError(
             f"{len(pairing)} of {len(partials.frequencies)} fitted modes could be paired with the "
-            f"model's, fewer than {FEWEST}: check the shape and its size, or widen `widest`"
+            f"model's, fewer than {FEWEST}: check the shape and its size, or analyze it "
+            "in a material nearer to the body's"
         )
     return pairing
 

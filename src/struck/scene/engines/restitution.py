@@ -191,10 +191,11 @@ class ContactLaws:
                 if not _is_pair(pair) or not any(
                     _both(each, pair) for each in permutations(self.materials, 2)
                 ):
+                    named = " and ".join(map(repr, pair if isinstance(pair, tuple) else [pair]))
                     raise OptionError(
-                        f"{name} names {pair!r}, which fits no two of "
+                        f"{name} names {named}, which fit no two of "
                         f"{', '.join(map(repr, self.materials))}: give two names or patterns, as "
-                        "('ball*', 'floor')"
+                        "'ball*' and 'floor'"
                     )
 
     @property
