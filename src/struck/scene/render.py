@@ -257,7 +257,7 @@ def _pulses(
 
 
 def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at: Array) -> str:
-    """Return a note of contacts whose gains (K, M) are nothing beside the largest on the body."""
+    """Return a note of contacts whose gains (K, M) vanish, next to the largest on the body."""
     largest = np.maximum(gains.shapes.max((0, 1)), -gains.shapes.min((0, 1)))
     loudest = np.max(largest * np.abs(gains.toward(at[None])[0, 0]), initial=0.0)
     still = np.flatnonzero(np.abs(heard).max(1, initial=0.0) <= _UNMOVED * loudest)
