@@ -55,6 +55,7 @@ SHORTEST_RING = 0.1  # and at least, s
 _QUIETEST = 10 ** (-40 / 20)  # softer modes than this share of the loudest do not prolong a sound
 _SILENT = np.log(1000)
 _PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
+_SAMPLED = 200  # vertices at most that show how far a body moves
 _MOVED = 1e-3  # contacts moved by less than this share of the body are not worth a note
 _UNMOVED = 1e-9  # of the largest gain: what strikes with less are not heard
 _BLOCK = 128  # short, since drives go straight from block to block where a contact moves
@@ -258,7 +259,8 @@ def _pulses(
 
 def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at: Array) -> str:
     """Return a note of contacts whose gains (K, M) vanish, next to the largest on the body."""
-    largest = np.maximum(gains.shapes.max((0, 1)), -gains.shapes.min((0, 1)))
+    shapes = gains.shapes[:: 1 + len(gains.shapes) // _SAMPLED]
+    largest = np.maximum(shapes.max((0, 1)), -shapes.min((0, 1)))
     loudest = np.max(largest * np.abs(gains.toward(at[None])[0, 0]), initial=0.0)
     still = np.flatnonzero(np.abs(heard).max(1, initial=0.0) <= _UNMOVED * loudest)
     if not (len(still) and loudest):
