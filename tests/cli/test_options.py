@@ -337,6 +337,11 @@ IDLE = {
     "render BAR --strikes hits.csv --speed 2 -o n": "--speed 2.0 is for one sound: --strikes hits",
     "render BAR --strikes hits.csv --roll a..b -o n": "--roll a..b is for one sound, and --strikes",
     "render BAR --strikes hits.csv --listener 0,1,0 -o n": "is for rows without a listener",
+    "sound-map BAR --parameters map.npz": "map.npz ends in '.npz'",
+    "render BAR --level absolute --encoding int16 --striker fingertip --speed 1e-6 -o n.wav": (
+        "int16 would leave silence of it: its peak is at -"
+    ),
+    "analyze box.stl --material ice --holes fill": "--holes fill without a wall",
     "render BAR --pitch 0.3 -o n.wav": "--pitch 0.3 is for --scrape or --roll",
     "analyze-many box.stl --material ice -o n --seed 3": "--seed 3 is for sounds, which are made",
     "analyze --list --up z": "--up z is not for --list, which lists and ends",
@@ -351,7 +356,7 @@ IDLE = {
     "export BAR --title x -o n.vtu": "--title x is of SOFA files",
     "simulate scene.xml --play --stems": "--stems is for a file: leave out --play",
     "analyze block:size=1cmx1cmx1cm --material ice --no-repair": "--no-repair applies to surfaces",
-    "analyze block:size=1cmx1cmx1cm --material ice --holes fill": "--holes applies to surfaces",
+    "analyze block:size=1cmx1cmx1cm --material ice --holes fill": "--holes fill without a wall",
     "analyze box.stl --damping herd --material density=1,youngs_modulus=1e9,poisson_ratio=0.3": (
         "damping is 'herd': give 'own', 'heard' or 'heard_bowl'"
     ),

@@ -264,7 +264,7 @@ RIGHT = {"length": 0.3, "width": 0.03, "thickness": 0.005}
         ({"length": 0.001}, "length of the bar is 0.001 m: at least its radius of gyration, 0.00"),
         ({"thickness": 0.0}, "thickness of the section is 0.0 m: it must exceed 0"),
         ({"width": float("inf")}, "width of the section is inf m"),
-        ({"width": None}, "width and thickness are None and 0.005: give both"),
+        ({"width": None}, "width is None and thickness is 0.005: give both"),
         ({"section": RING}, "give width and thickness, or a section"),
         ({"ends": "glued"}, "ends are 'glued': give one or two of free, clamped, hinged, sliding"),
         ({"ends": ("free", "fixed")}, "ends are .'free', 'fixed'.: give one or two"),

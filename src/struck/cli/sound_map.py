@@ -41,7 +41,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     picture = options.output or path.with_name(f"{path.stem}_map.png")
     output, parameters = writable(picture, unlike=[path], endings=PICTURES, kind="pictures"), None
     if options.parameters:
-        parameters = writable(options.parameters, unlike=[path, output])
+        used, endings = [path, output], (".safetensors",)
+        parameters = writable(options.parameters, unlike=used, endings=endings, kind="maps")
     model = struck.load(path)
     heard = {"listener": options.listener, "level": options.level}
     found = struck.sound_map(model, options.threshold, **heard, progress=progress)

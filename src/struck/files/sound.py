@@ -129,7 +129,7 @@ class Sound:
         ------
         OptionError
             On an unknown ending, level or encoding, an absolute level for a sound that is not
-            calibrated, or samples that an encoding would clip.
+            calibrated, or samples that an encoding would clip or leave silence of.
         FileFormatError
             When the file cannot be written.
         MissingDependencyError
@@ -139,6 +139,13 @@ class Sound:
 
         ending, how = chosen(path, encoding)
         factor = self._factor(level)
+        finest = {"int16": 2.0**-15, "int24": 2.0**-23}.get(how, 0.0)
+        if 0 < self.peak * factor < finest / 2:
+            raise OptionError(
+                f"{how} would leave silence of it: its peak is at "
+                f"{20 * np.log10(self.peak * factor):.0f} dB of full scale, and a step of {how} at "
+                f"{20 * np.log10(finest):.0f} dB: give encoding='float32', or another level="
+            )
         write_bytes(path, self.encoded(factor, ending, how))
         return factor
 

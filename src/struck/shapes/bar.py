@@ -317,7 +317,7 @@ class Bar(Shape):
         if self.section is None:
             if None in lengths:
                 raise OptionError(
-                    f"width and thickness are {self.width} and {self.thickness}: give both in m, "
+                    f"width is {self.width} and thickness is {self.thickness}: give both in m, "
                     "or a section"
                 )
         elif lengths != (None, None):

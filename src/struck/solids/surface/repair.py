@@ -92,12 +92,13 @@ class Repair:
 
 
 def require_holes(holes: str | None, wall: float | None) -> None:
-    """Refuse unknown values of `holes`, and holes that are kept in a solid without a wall."""
+    """Refuse unknown values of `holes`, and all of them in a solid without a wall."""
     if holes not in {None, "keep", "fill"}:
         raise OptionError(f"holes is {holes!r}: give 'keep' or 'fill'")
-    if holes == "keep" and wall is None:
+    if holes is not None and wall is None:
         raise OptionError(
-            "holes='keep' without a wall: a surface with holes bounds no solid; give wall="
+            f"holes={holes!r} without a wall: a surface with holes bounds no solid, and those of a "
+            "solid are filled; give wall=, or leave it out"
         )
 
 
