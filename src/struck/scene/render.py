@@ -159,7 +159,7 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
 
 def _is_late(action: Action, seconds: float | None) -> bool:
     begun = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
-    return seconds is not None and np.min(np.asarray(begun, np.float64), initial=np.inf) >= seconds
+    return seconds is not None and float(np.min(np.append(begun, np.inf))) >= seconds
 
 
 def _without_late_holds(body: Body, seconds: float | None) -> Body:
