@@ -149,7 +149,7 @@ def _up(about: float) -> Iterator[float]:
     return iter(about * 2.0 ** np.arange(1, np.log2(_FARTHEST) + 1))
 
 
-def _is_long(body: Any) -> bool:  # noqa: ANN401 - any body
+def _is_long(body: Any) -> bool:  # noqa: ANN401 - a shape or solid, by the attributes it has
     """Return whether a body may have families: a bar, block, tube or rod, no disc and no shell."""
     if is_shape(body):
         return hasattr(body, "ends")

@@ -124,7 +124,7 @@ def jobs_of(
     named = {os.path.abspath(path): path for path in found}  # noqa: PTH100 - links stay apart
     for row, root in _rows(table):
         path = os.path.normpath(root / row["file"])
-        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - as above
+        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links stay apart
         found.setdefault(path, root)
         rows.setdefault(path, []).append(row)
     if not found:
@@ -268,7 +268,7 @@ def _numbers(value: Any) -> Any:  # noqa: ANN401
     return tuple(np.asarray(_cells(value), np.float64).ravel().tolist())
 
 
-def _cells(value: Any) -> Any:  # noqa: ANN401 - a cell of a table
+def _cells(value: object) -> object:
     return value.replace(",", " ").split() if isinstance(value, str) else value
 
 

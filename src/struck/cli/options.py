@@ -290,12 +290,9 @@ def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> Non
 
 def require_alone(options: argparse.Namespace, name: str) -> None:
     """Refuse the other options of a command that only lists."""
-    others = {action.dest for action in options.parser._actions} - {name, "json", "quiet"}  # noqa: SLF001 - as above
-    refuse(
-        options,
-        others,
-        f"is not for --{name.replace('_', '-')}, which lists and ends: give it without that",
-    )
+    listing = f"--{name.replace('_', '-')}, which lists and ends"
+    others = {*vars(options)} - {name, "json", "quiet"}
+    refuse(options, others, f"is not for {listing}: give it without that")
 
 
 def _as_given(options: argparse.Namespace, action: argparse.Action) -> str:

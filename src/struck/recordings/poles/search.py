@@ -47,8 +47,8 @@ from struck.recordings.poles.verdict import (
     hopeless,
     judge,
     of_blow,
+    of_other_objects,
     proven,
-    strangers,
     unexplained,
     vague,
 )
@@ -180,7 +180,7 @@ def fitted_of(
         count = counted(endless, "mode")
         notes = [*notes, f"{count} ringing for longer than the takes can tell: record longer"]
     own = heard.of(kept)
-    notes = [*notes, *strangers(rows, own)]
+    notes = [*notes, *of_other_objects(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
     return Fitted(

@@ -205,7 +205,7 @@ def unexplained(take: Take, hits: Sequence[Hit]) -> float:
     return float((take.samples[:, : hits[0].onset] ** 2).sum())
 
 
-def strangers(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
+def of_other_objects(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
     """Yield the takes that share hardly any of their energy's modes with the first ones."""
     takes = np.array([row.take for row in rows])
     energies = np.abs(heard.gains) ** 2 / np.maximum(heard.decays, _SLOWEST)
