@@ -141,6 +141,16 @@ def test_hits_of_one_contact_are_brought_to_one_strength() -> None:
     )
 
 
+def test_levels_of_takes_without_places_are_noted_where_they_differ() -> None:
+    """Half and a fifth of the first's level, by distance or by the blow; 1 dB is not noted."""
+    first = hit(0.05)
+    far = [Take(samples=first.samples * scale, sample_rate=RATE) for scale in (0.5, 0.2)]
+    notes = fitting([first, *far]).model.provenance.dropped
+    assert any("differ by 14 dB" in note and "a list of takes" in note for note in notes)
+    near = Take(samples=first.samples * 0.9, sample_rate=RATE)
+    assert not any("levels" in each for each in fitting([first, near]).model.provenance.dropped)
+
+
 def test_a_clipped_hit_among_good_ones_does_no_harm() -> None:
     """Its fit begins late, when fast modes have gone: there the others count."""
     loud = 30 * ringing(gains(np.array(0.05))[0], onset=ONSET + 1.5, seconds=3.0)

@@ -90,6 +90,7 @@ _RINGING = holding("poles", Exponentials)
 _FEW = 6  # takes that are also judged one by one
 _TOLD = 3.0  # least energy of a mode over the skirts of louder ones, beside a room that was told
 _WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
+_APART = 6.0  # dB between takes without places, from which the blow or the distance is noted
 
 
 @checked
@@ -366,6 +367,13 @@ def _provenance(
     fitted: Fitted, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
 ) -> Provenance:
     notes = fitted.notes + tuple(getattr(gains, "notes", ()))
+    if isinstance(gains, SinglePoint) and gathered.range > _APART:
+        note = (
+            f"the levels of the takes differ by {gathered.range:.0f} dB, and sound alone does not "
+            "show whether the blows or the distances do: each take counts as loud as the loudest; "
+            "a list of takes with their places keeps the levels"
+        )
+        notes += (note,)
     hits = len(np.unique(gathered.hits))
     details: dict[str, object] = {
         "recordings": len(recorded.takes),

@@ -167,6 +167,14 @@ class Gathered:
         """Energies (n, M) of the modes over their duration."""
         return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _SLOWEST))
 
+    @property
+    def range(self) -> float:
+        """How much louder the loudest take is than the softest, dB, by the loudest hit of each."""
+        hits = np.bincount(self.hits, self.energies.sum(axis=1))
+        loudest = np.zeros(self.takes.max() + 1)
+        np.maximum.at(loudest, self.takes, hits[self.hits])
+        return float(10 * np.log10(loudest.max() / max(loudest[loudest > 0].min(), 1e-300)))
+
     def survey(self, recorded: Recorded) -> Survey:
         """Return gains over contact and listener, one for each pair.
 
@@ -245,12 +253,8 @@ def _listeners(recorded: Recorded, told: Gathered) -> tuple[Array, Index]:
     """Return each listener once, m, and the number of that of each row."""
     if recorded.listeners is None:
         return recorded.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(len(told.takes), np.int64)
-    every = np.array(
-        [
-            recorded.listeners[take][channel]
-            for take, channel in zip(told.takes, told.channels, strict=True)
-        ]
-    )
+    rows = zip(told.takes, told.channels, strict=True)
+    every = np.array([recorded.listeners[take][channel] for take, channel in rows])
     places, number = np.unique(every, axis=0, return_inverse=True)
     return places, number.reshape(-1)
 
@@ -378,9 +382,8 @@ def _delay(
     """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or half a turn."""
     ratios, clear = _ratios(gains, errors, first, second)
     turns = ratios / np.maximum(np.abs(ratios), 1e-300)
-    if turned:
-        return _best_delay(turns**2, np.sqrt(clear), 2 * frequencies)
-    return _best_delay(turns, np.sqrt(clear), frequencies)
+    times = 2 if turned else 1
+    return _best_delay(turns**times, np.sqrt(clear), times * frequencies)
 
 
 def _best_delay(turns: Complex, weights: Array, frequencies: Array) -> float:

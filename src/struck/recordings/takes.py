@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from struck.recordings.manifest import KINDS, NAME, Manifest, manifest_in, read_
 
 _RATES = (4000, 400_000)  # Hz
 _SHORTEST = 0.1  # s
-_MOST = 80_000_000  # values of all channels, 30 minutes of one at 44,100 Hz: 0.64 GB
+_MOST = 30_000_000  # values of all channels, 11 minutes of one at 44,100 Hz: fitted in 2 GB
 _TABLE = "a list of recordings, not one: give it alone, or as manifest="
 _OTHERS = {
     ".csv": _TABLE,
@@ -49,7 +49,7 @@ class Take:
     ------
     RecordingError
         When samples are not (channels, n) finite numbers, are silent, shorter than 0.1 s or more
-        than 80 million, or the rate is none that sound is recorded at.
+        than 30 million, or the rate is none that sound is recorded at.
     """
 
     samples: Array
@@ -111,7 +111,7 @@ def _require_brief(values: float, name: str) -> None:
     if values > _MOST:
         raise RecordingError(
             f"{name} holds {values / 1e6:.0f} million values, and at most {_MOST / 1e6:g} million "
-            "are fitted, 30 minutes of one channel: cut its hits out of it"
+            "are fitted, 11 minutes of one channel: cut its hits out of it"
         )
 
 
@@ -146,13 +146,15 @@ def _read(path: Path) -> tuple[Array, int]:
         _require_brief(path.stat().st_size / 2, str(path))
     data = read_bytes(path)
     _require_lossless(path, data[:3])
-    if data[:4] == b"RIFF":
-        recording, rest = _read_wav(data, path)
-        if recording is not None:
-            return recording.samples.astype(float), recording.sample_rate
-    else:
-        rest = f"{path} is no WAV file"
-    return _read_other(path, rest)
+    if data[:4] != b"RIFF":
+        return _read_other(path, f"{path} is no WAV file")
+    try:
+        recording = wav.decode(data, str(path))
+    except FileFormatError as error:
+        if "convert it to one of" not in str(error):
+            raise
+        return _read_other(path, str(error))
+    return recording.samples.astype(float), recording.sample_rate
 
 
 def _require_lossless(path: Path, head: bytes) -> None:
@@ -166,16 +168,6 @@ def _require_lossless(path: Path, head: bytes) -> None:
             f"{path} is an MP3 file, which leaves out what rings softly: record WAV or FLAC, or "
             "convert it to one of them"
         )
-
-
-def _read_wav(data: bytes, path: Path) -> tuple[wav.Recording | None, str]:
-    """Return the content of a WAV file, or the reason that soundfile has to read it."""
-    try:
-        return wav.decode(data, str(path)), ""
-    except FileFormatError as error:
-        if "convert it to one of" not in str(error):
-            raise
-        return None, str(error)
 
 
 def _read_other(path: Path, reason: str) -> tuple[Array, int]:
@@ -215,9 +207,7 @@ def force_channels(take: Take) -> Mask:
 def without_force(take: Take) -> Take:
     """Return a take without its force channels."""
     force = force_channels(take)
-    if not force.any():
-        return take
-    return Take(samples=take.samples[~force], sample_rate=take.sample_rate, name=take.name)
+    return replace(take, samples=take.samples[~force]) if force.any() else take
 
 
 def _is_force(channel: Array, sample_rate: int) -> bool:
