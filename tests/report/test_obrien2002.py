@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -16,9 +17,11 @@ from scipy.signal import resample_poly
 import struck
 from struck.errors import OptionError
 from struck.files.cache import VARIABLE
-from struck.report import scene2002
+from struck.report import obrien2002, scene2002
 from struck.report.obrien2002 import SCENES, TABLE1, Staged, constants, ready
 from struck.scene import Body, Contacts, Scene, events_of, load_contacts
+from struck.scene.engines.sound_sources import SoundOptions
+from struck.shapes import String
 
 pytest.importorskip("mujoco")
 
@@ -46,6 +49,17 @@ def test_constants_give_the_decays_that_the_table_prints(name: str) -> None:
 def test_other_scenes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="give one of chimes, bowl"):
         scene2002("bunnies", tmp_path)
+
+
+def test_options_of_each_scene_are_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All bodies have the modes of one string, as only names and options are looked at."""
+    model = struck.analyze(String(length=0.5, radius=5e-4, tension=100), "steel", band=(20, 500))
+    monkeypatch.setattr(obrien2002, "analyze", lambda *_, **__: model)
+    for make in SCENES.values():
+        staged = make(tmp_path, "preview")
+        names = re.findall(r'<(?:body|geom) name="([^"]+)"', staged.mjcf)
+        options = SoundOptions(materials=staged.materials, models=staged.models, mute=staged.mute)
+        options.require_known(names)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,7 +89,7 @@ class Staged:
     title: str
     text: str
     mjcf: str
-    materials: Mapping[str, str | Material]
+    materials: Mapping[str, str | Material] = field(default_factory=dict)
     models: Mapping[str, Any] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
     restitution: float | str = "materials"
@@ -352,7 +352,6 @@ def _bowl(folder: Path, accuracy: str) -> Staged:
             assets='<mesh name="bowl" file="bowl.obj"/>',
         ),
         models={"bowl": made["bowl 1"], "table": _slab(1.0, 0.8, accuracy)},
-        materials={"bowl": constants("bowl 1"), "table": "granite"},
         seconds=4.0,
         keyframe="go",
         again={"oak": {"bowl": made["bowl 2"]}},
@@ -395,8 +394,7 @@ def _chute(folder: Path, accuracy: str) -> Staged:
             assets='<mesh name="bird" file="bird.obj"/>',
         ),
         models=models,
-        materials={"bird*": constants("bunny, ceramic"), "ground": "rubber"}
-        | {name: constants(row) for name, (row, _, _, _) in _SHELVES.items()},
+        materials={"ground": "rubber"},
         restitution=0.4,
         seconds=4.0,
         listener=(0.0, -1.3, 0.6),
@@ -433,7 +431,7 @@ def _stack(_folder: Path, accuracy: str, *, times: float = 1.0) -> Staged:
         + ("" if small else " Ten times as large as the blocks, all else alike."),
         mjcf=_mjcf(floor + "".join(parts) + ball, key),
         models={"cube*": model if small else model.scaled(times)},
-        materials={"cube*": constants("blocks"), "ball": "rubber", "floor": "concrete"},
+        materials={"ball": "rubber", "floor": "concrete"},
         mute=("ball", "floor"),
         keyframe="go",
         restitution=0.35,
@@ -475,7 +473,6 @@ def _the_end(folder: Path, accuracy: str) -> Staged:
         "on a table and lie.",
         mjcf=_mjcf(_table(0.6, 0.5) + "".join(parts), assets="".join(assets)),
         models={**models, "table": _slab(1.2, 1.0, accuracy)},
-        materials={"table": "granite", "*": constants("the end")},
         restitution=0.4,
         seconds=2.5,
     )
