@@ -101,7 +101,7 @@ def never_fitted(*_: object, **__: object) -> None:
     ("words", "message"),
     [
         (["heard.struck", "tap0.wav"], "material is unknown"),
-        (["pot.struck", "tap0.wav", "--size-error", "-1"], "size_error is -1.0"),
+        (["pot.struck", "tap0.wav", "--size-error", "-1"], "--size-error is -1.0"),
         (["pot.struck", "tap0.wav", "--density", "-1"], "density"),
         (["pot.struck", "tap0.wav", "--corrected", "tap0.wav"], "models end in .struck"),
         (["pot.struck", "heard.struck", "--corrected", "heard.struck"], "another name"),

@@ -160,6 +160,10 @@ def test_every_length_of_every_command_takes_units() -> None:
         ("analyze", "3 m (units='mm'); else", "3 m (--units mm); else"),
         ("analyze", "as in band=(20, 9000), or", "as in --band 20,9000, or"),
         ("analyze", "leave wall= out", "leave --wall out"),
+        ("simulate", "materials names 'tiel', and there", "--material names 'tiel', and there"),
+        ("sound-map", "threshold_db is 0: the surface", "--threshold is 0: the surface"),
+        ("render", "mode is 3: give", "mode is 3: give"),
+        ("render", "hits.csv: speed is 0", "hits.csv: speed is 0"),
         ("simulate", "name a shape with models=", "name a shape with --model"),
         ("simulate", 'restitution="materials" lets', "--restitution materials lets"),
         ("simulate", "it with materials=; x", "it with --material; x"),
@@ -337,6 +341,9 @@ IDLE = {
     "render BAR --strikes hits.csv --speed 2 -o n": "--speed 2.0 is for one sound: --strikes hits",
     "render BAR --strikes hits.csv --roll a..b -o n": "--roll a..b is for one sound, and --strikes",
     "render BAR --strikes hits.csv --listener 0,1,0 -o n": "is for rows without a listener",
+    "analyze BAR --material ice": "bar.struck is a model, whose modes are known: struck info",
+    "radiate BAR --band 20,21 -o n.struck": "no mode lies from 20 to 21 Hz: no timbre field is",
+    "render BAR --seconds 0 -o n.wav": "--seconds is 0.0",
     "sound-map BAR --parameters map.npz": "map.npz ends in '.npz'",
     "render BAR --level absolute --encoding int16 --striker fingertip --speed 1e-6 -o n.wav": (
         "int16 would leave silence of it: its peak is at -"
@@ -344,10 +351,10 @@ IDLE = {
     "analyze box.stl --material ice --holes fill": "--holes fill without a wall",
     "render BAR --pitch 0.3 -o n.wav": "--pitch 0.3 is for --scrape or --roll",
     "analyze-many box.stl --material ice -o n --seed 3": "--seed 3 is for sounds, which are made",
-    "analyze --list --up z": "--up z is not for --list, which lists and ends",
-    "analyze box.stl --list": "BODY box.stl is not for --list",
-    "play BAR --list-devices": "is not for --list-devices",
-    "record plan.toml --list-devices": "PLAN plan.toml is not for --list-devices",
+    "analyze --list --up z": "--up z does not go with --list, which lists and ends: leave it out",
+    "analyze box.stl --list": "BODY box.stl does not go with --list",
+    "play BAR --list-devices": "does not go with --list-devices",
+    "record plan.toml --list-devices": "PLAN plan.toml does not go with --list-devices",
     "play BAR --soak 1 --strikes-per-second 2": "--strikes-per-second 2.0 is what --soak chooses",
     "info BAR --units mm": "--units mm is for a mesh file, and",
     "info box.stl --all": "--all is for a model, and box.stl is none",
@@ -484,8 +491,8 @@ WAYS = {
     ),
     "render BAR --walk BAR": "tells no walk, it is no text: give lines",
     "render BAR --scrape end..top --pitch 1": (
-        "pitch and geometry tell the way between places that were recorded, and this body has a "
-        "surface: leave them out"
+        "--pitch is about the way between places that were recorded, and this body has a surface: "
+        "leave it out"
     ),
     "tune BAR --material steel --vary length --lowest A4": (
         "bar.struck is a model, which has no dimensions to vary: give a body as bowl:radius=8cm "

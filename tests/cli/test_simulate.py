@@ -99,7 +99,7 @@ def test_pictures_show_the_scene(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--material", "cup=steel"], "materials names 'cup'"),
+        (["--material", "cup=steel"], "--material names 'cup'"),
         (["--wall", "0.1"], "PATTERN=VALUE"),
         (["--restitution", "tile=0.3"], "give two patterns"),
         (["--restitution", "often"], "give a number"),
@@ -111,9 +111,12 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         ),
         (["--damping", "herd"], "damping is 'herd': give 'own'"),
         (["--accuracy", "fin"], "accuracy is 'fin'"),
-        (["--model", "tile=no.struck", "--wall", "tile=2mm"], "walls names 'tile', whose modes"),
-        (["--model", "t*=no.struck", "--material", "tile=oak"], "materials names 'tile', whose"),
-        (["--keyframe", "start"], "keyframe is 'start'"),
+        (["--model", "tile=no.struck", "--wall", "tile=2mm"], "--wall names 'tile', whose modes"),
+        (["--model", "t*=no.struck", "--material", "tile=oak"], "--material names 'tile', whose"),
+        (
+            ["--keyframe", "start"],
+            "--keyframe is 'start': the file has none, or leave --keyframe out",
+        ),
         (["--log", "log.txt"], "npz"),
         ([], "nothing sounds: 'shelf' is silent: its material is not given"),
     ],

@@ -113,7 +113,7 @@ def test_impossible_charts_are_refused() -> None:
         heights.charted(pitch=0.3, geometry=box)
     with pytest.raises(OptionError, match="this body was recorded at one: leave"):
         recorded("one").charted(pitch=1.0)
-    with pytest.raises(OptionError, match="this body has a surface: leave them out"):
+    with pytest.raises(OptionError, match="this body has a surface: leave it out"):
         plate(8).charted(pitch=1.0)
     with pytest.raises(OptionError, match="its chart has 2 pitches for 1 coordinates"):
         replace(heights, chart=Chart(pitch=np.ones(2)))

@@ -48,6 +48,8 @@ def test_pages_tell_formulas_from_elements_and_which_damping_is_used() -> None:
     assert 'finite elements; damping "as heard"' in origin(by_elements)
     bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
     assert "a formula; its own losses" in origin(struck.analyze(bar, "steel"))
+    die = struck.solids.Block(size=(0.012, 0.012, 0.012))
+    assert "by its recoil alone" in origin(struck.analyze(die, "steel", accuracy="preview"))
 
 
 def test_demo_leaves_a_list_of_what_it_made(

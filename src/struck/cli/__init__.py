@@ -215,7 +215,7 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 
 _OTHERS = ("analyze", "radiate", "fit")  # whose options are named where a command lacks them
 _CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
-_CALLED |= {"at": "strike", "out": "output", "path": "output"}
+_CALLED |= {"at": "strike", "out": "output", "path": "output", "threshold_db": "threshold"}
 # An argument with or without a value; calls, as in what a body is printed as, are passed over.
 _CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
 _ARGUMENT = re.compile(
@@ -238,6 +238,12 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
     """Return a message with its arguments as options: `units='mm'` as `--units mm`."""
     for phrase, words in _PHRASES.items():
         text = re.sub(phrase, words, text)
+
+    def subject(found: re.Match[str]) -> str:
+        action = _action(parser, found[0])
+        return action.option_strings[-1] if action else found[0]
+
+    text = re.sub("^[a-z_]+(?= (?:is|are|names) )", subject, text)
 
     def option(found: re.Match[str]) -> str:
         if found[1] is None:

@@ -84,6 +84,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.list:
         require_alone(options, "list")
         return _listed()
+    if str(options.body).endswith(".struck"):
+        raise OptionError(
+            f"{options.body} is a model, whose modes are known: struck info lists them and struck "
+            "render lets it sound; give a mesh or a body as bowl:radius=8cm"
+        )
     if options.body is None or options.material is None:
         raise OptionError(
             f"the body is {options.body or 'not given'} and its material "

@@ -15,7 +15,9 @@ EXAMPLES = ("--out gallery",)
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck demo`."""
-    parser.add_argument("--out", default="gallery", help="folder to make")
+    parser.add_argument(
+        "--out", default="gallery", help="folder to make, unless the room is opened"
+    )
     parser.add_argument(
         "--open",
         action="store_true",

@@ -285,14 +285,14 @@ def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> Non
     """Raise OptionError for the first of these options that was given, and say why."""
     for action in options.parser._actions:  # noqa: SLF001 - argparse has no public list
         if action.dest in names and (told := _as_given(options, action)):
-            raise OptionError(f"{told} {why}, or leave it out")
+            raise OptionError(f"{told} {why}{', or' if ':' in why else ':'} leave it out")
 
 
 def require_alone(options: argparse.Namespace, name: str) -> None:
     """Refuse the other options of a command that only lists."""
     listing = f"--{name.replace('_', '-')}, which lists and ends"
     others = {*vars(options)} - {name, "json", "quiet"}
-    refuse(options, others, f"is not for {listing}: give it without that")
+    refuse(options, others, f"does not go with {listing}")
 
 
 def _as_given(options: argparse.Namespace, action: argparse.Action) -> str:

@@ -7,7 +7,7 @@ import argparse
 import struck
 from struck.cli import Result
 from struck.cli.options import BAND, add_cache
-from struck.errors import counted
+from struck.errors import OptionError, counted
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 
@@ -39,8 +39,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         cache=options.cache,
         progress=progress,
     )
-    struck.save(found, output)
     left = [text for text in found.provenance.dropped if "timbre field" in text]
     modes = len(found.frequencies)
+    if not found.gains.directional:
+        lowest = f"the lowest lies at {found.frequencies.min():.0f} Hz" if modes else "it has none"
+        raise OptionError(f"{left[-1]}; {lowest}: give another --band, or leave it as it is")
+    struck.save(found, output)
     last = f"wrote {output}: {counted(modes, 'mode')}"
     return Result("\n".join([last, *left]), model=str(output), modes=modes)

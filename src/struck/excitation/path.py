@@ -136,7 +136,8 @@ def _stops(model: ModalModel, places: Waypoints) -> tuple[list[Array], Chart]:
     if not len(stops[0]) or any(stop.shape != stops[0].shape for stop in stops):
         raise ContactError(
             f"the path is {places!r}: the body was recorded at one place, which sounds alike "
-            "however far one goes, so give a path of that length in m, such as [(0,), (0.1,)]"
+            "however far one goes, so give two coordinates in m, as far apart as one goes, such as "
+            "0 and 0.1"
         )
     return stops, Chart(pitch=np.ones(len(stops[0])))
 

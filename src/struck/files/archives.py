@@ -74,8 +74,9 @@ def kind_of(name: str) -> str:
     """Return the mesh format that a file's name promises; MeshError when it is none read here."""
     suffix = Path(name).suffix
     if suffix[1:].lower() not in FORMATS:
+        model = "it is a model, whose modes are known: load it as such; " * (suffix == ".struck")
         raise MeshError(
-            f"its extension {suffix!r} names no mesh format read here: use one of "
+            f"{model}its extension {suffix!r} names no mesh format read here: use one of "
             f"{', '.join(FORMATS)}, or one of them packed as {', '.join(PACKINGS)}"
         )
     return suffix[1:].lower()

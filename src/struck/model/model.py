@@ -381,8 +381,9 @@ class ModalModel:
         gains = self.gains
         if not isinstance(gains, ShapeGains) or not isinstance(gains.radiation, FieldRadiation):
             raise OptionError(
-                "a timbre field is computed from mode shapes on a surface, in Pa, and this model "
-                f"has {type(gains).__name__}: analyze a body with radiation='power'"
+                "a timbre field is computed from mode shapes on a surface, in Pa, and this model's "
+                f"gains are {'relative' if gains.of_surface else 'recorded'}: analyze a body with "
+                "radiation='power'"
             )
         band = require_band(band)
         told_of = {"keep": keep, "progress": progress or silent}
@@ -428,9 +429,9 @@ class ModalModel:
         bounds = self.gains.bounds
         if not self.recorded or bounds is None or not self.coordinates:
             raise OptionError(
-                "pitch and geometry tell the way between places that were recorded, and this body "
-                + ("was recorded at one" if self.recorded else "has a surface")
-                + ": leave them out"
+                f"{'geometry' if pitch is None else 'pitch'}= is about the way between places that "
+                "were recorded, and this body "
+                f"{'was recorded at one' if self.recorded else 'has a surface'}: leave it out"
             )
         middle = np.zeros(3) if self.centre is None else self.centre
         chart = Chart.of(

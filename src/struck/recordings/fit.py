@@ -238,7 +238,7 @@ def _require_use(recorded: Recorded, way: str, radius: float) -> None:
     if given:
         raise OptionError(
             f"{given[0]} is about the places where it was struck and heard, and none are given: "
-            "give contacts, listeners or a manifest"
+            "give a list of takes with their places (manifest=)"
         )
 
 
@@ -255,9 +255,13 @@ def _require_modes(
             f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "
             "energy: record louder or nearer, or fit for playing, with modes=64"
         )
+    way = told["method"]
+    other = (
+        f" That is by method={way!r}: leave method= out for the default." if way != "shared" else ""
+    )
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
     each = _each_alone(recorded.takes, told) if 1 < len(recorded.takes) <= _FEW else ""
-    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{each}{advice}")
+    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{each}{other}{advice}")
 
 
 def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:

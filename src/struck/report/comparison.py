@@ -224,7 +224,7 @@ def compare(
         )
     else:
         theirs = _recorded_side(other, against, recording, modes=modes, progress=progress)
-        way = "" if strike or at is not None else "; give at= or strike= if you know"
+        way = "" if strike or at is not None else "; give the place or the blow where you know them"
         theirs = replace(
             theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
         )

@@ -121,6 +121,8 @@ def _origin(model: ModalModel) -> str:
     losses = "its own losses alone, as if nothing held it"
     if isinstance(damping, Rayleigh):
         losses = 'damping "as heard", tuned by ear, with its support and the air in it'
+    if not len(model.decays):
+        return f"By {way}: it has no mode that is heard, and sounds by its recoil alone."
     longest = float(np.log(1000) / model.decays.min())
     return f"Modes by {way}; {losses}: the slowest takes {longest:.2g} s to fall by 60 dB."
 
