@@ -230,7 +230,8 @@ def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
         _require_known(row, where, _COLUMNS)
         given = {key: value for key, value in row.items() if value is not None and value != ""}
         try:
-            yield {key: _READ.get(key, _same)(value) for key, value in given.items()}, root
+            read = {key: _READ[key](value) for key, value in given.items() if key in _READ}
+            yield {**given, **read}, root
         except (ValueError, TypeError, KeyError) as error:
             raise OptionError(f"{where} is not understood ({error}): {dict(given)}") from error
 
@@ -252,10 +253,6 @@ def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
             f"{path} is no CSV or TOML table ({why}): give CSV with the names of its columns "
             "in the first line, or TOML with [[files]] for each"
         ) from error
-
-
-def _same(value: Any) -> Any:  # noqa: ANN401 - a cell of a table
-    return value
 
 
 def _flag(value: object) -> bool:

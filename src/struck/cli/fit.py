@@ -79,7 +79,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         several[0] if len(several) == 1 else several,
         modes=options.modes,
         room=_room(options.room),
-        blow=_blow(options.blow),
+        blow=options.blow and Strike(impulse=options.blow[0], duration=options.blow[1]),
         progress=progress,
         **{name: getattr(options, name) for name in _SAME},
     )
@@ -107,10 +107,6 @@ def _room(text: str | None) -> float | str | None:
         f"--room {text} is neither a number nor a file: give seconds as 0.4, or a recording of a "
         "clap in the room"
     )
-
-
-def _blow(given: tuple[float, ...] | None) -> Strike | None:
-    return None if given is None else Strike(impulse=given[0], duration=given[1])
 
 
 def _residual_line(fitting: Fitting) -> str:

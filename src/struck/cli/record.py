@@ -18,7 +18,7 @@ from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.recordings.capture import Operator, Outcome, Recorder
+    from struck.recordings.capture import Outcome, Recorder
     from struck.recordings.capture_plan import CapturePlan
 
 _NAMED = 4  # files that a message names
@@ -53,9 +53,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     plan = read_plan(options.plan)
     folder = Path(options.output or f"{Path(options.plan).with_suffix('')}_takes")
     with _recorder(plan, options) as recorder:
-        outcome = capture(
-            plan, folder, recorder, operator=_operator(options, progress), progress=progress
-        )
+        operator = Terminal(progress, waits=options.simulate is None)
+        outcome = capture(plan, folder, recorder, operator=operator, progress=progress)
     return _result(plan, outcome)
 
 
@@ -85,10 +84,6 @@ def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
         f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
         f"files called {', '.join(names[:_NAMED])}{more}"
     )
-
-
-def _operator(options: argparse.Namespace, progress: TerminalProgress) -> Operator:
-    return Terminal(progress, waits=options.simulate is None)
 
 
 class Terminal:

@@ -28,7 +28,7 @@ from struck.files.sound_formats import chosen
 from struck.model.provenance import TerminalProgress
 from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
-from struck.scene import Contacts, Events, Scene, events_of, save_animation, save_contacts
+from struck.scene import Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
 from struck.scene.engines.simulation import Simulation
 from struck.scene.stems import save_stems
@@ -87,7 +87,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     chosen(output)
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
-    scene, contacts = _simulated(options, progress)
+    scene, contacts = struck.simulate(
+        options.scene, options.seconds, progress=progress, **_chosen(options)
+    )
     save_contacts(contacts, log)
     progress("computing the sound", 0.0)
     events = events_of(scene, contacts)
@@ -129,10 +131,6 @@ def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Resu
                 time.sleep(_LOOK)
         player.listen(player.listener)  # tells what went wrong
         return played_result(player, simulation.notes)
-
-
-def _simulated(options: argparse.Namespace, progress: TerminalProgress) -> tuple[Scene, Contacts]:
-    return struck.simulate(options.scene, options.seconds, progress=progress, **_chosen(options))
 
 
 def _chosen(options: argparse.Namespace) -> dict[str, Any]:

@@ -251,10 +251,7 @@ _ELEMENTS = (
 )
 
 
-def _recording() -> Thing:
-    return Thing(**_entry("tabla"), kind="recording", make=recorded)
-
-
 def things() -> list[Thing]:
     """Return the objects of the room, formulas first, slow ones last."""
-    return [*_FORMULAS, _recording(), *_chimes(), *_ELEMENTS]
+    tabla = Thing(**_entry("tabla"), kind="recording", make=recorded)
+    return [*_FORMULAS, tabla, *_chimes(), *_ELEMENTS]

@@ -265,7 +265,7 @@ def _ending(take: Take, before: Array) -> Iterator[str]:
     """Yield faults that a take's end shows next to its lead-in: cut short, or gain control."""
     softest = _softest(take)
     levels = np.maximum(_levels(take.samples, take.sample_rate), softest)
-    quiet = _level(before)
+    quiet = float(10 * np.log10((before**2).mean() + 1e-30))
     end = float(levels[-3:].mean())
     if quiet <= softest:  # digital silence: it tells nothing of the noise
         fallen = float(levels.max()) - end
@@ -350,10 +350,6 @@ def _levels(samples: Array, sample_rate: int) -> Array:
     count = samples.shape[1] // size
     blocks = samples[:, : count * size].reshape(len(samples), count, size)
     return 10 * np.log10((blocks**2).mean(axis=(0, 2)) + 1e-30)
-
-
-def _level(samples: Array) -> float:
-    return float(10 * np.log10((samples**2).mean() + 1e-30))
 
 
 def _softest(take: Take) -> float:
