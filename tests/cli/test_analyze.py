@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from struck.cli import main
-from struck.cli.options import body_named
+from struck.cli.options import arguments_of, body_named, makers
 from struck.errors import OptionError
 from struck.model.material import Material
 from struck.shapes import (
@@ -73,6 +73,32 @@ NAMED: dict[str, object] = {
 }
 
 
+# A value that fits, of each argument in the list of bodies.
+FITTING = {"size": "0.3,0.2,0.1", "corners": "0x0,0.3x0,0x0.2", "ends": "free", "edges": "free"}
+FITTING |= {"edge": "free", "theory": "timoshenko", "stiff": "no", "hole": "0.01", "wall": "2mm"}
+
+
+@pytest.mark.parametrize("kind", makers())
+def test_the_list_tells_what_each_body_needs(kind: str) -> None:
+    needed, more = arguments_of(makers()[kind])
+    words = {name: f"{name}={FITTING.get(name, '0.05')}" for name in (*needed, *more)}
+    whole = [words[name] for name in needed]
+    for name in (None, *more):
+        body_named(f"{kind}:{','.join([*whole, *([words[name]] if name else ())])}")
+    for name in needed:
+        rest = ",".join(each for each in whole if each != words[name])
+        with pytest.raises(OptionError, match=f"give {kind}:.*{name}="):
+            body_named(f"{kind}:{rest}")
+
+
+def test_a_tension_has_its_unit() -> None:
+    for kind, unit in (
+        ("string:length=1,radius=1mm", "N"),
+        ("circular-membrane:radius=9cm,thickness=1mm", "N/m"),
+    ):
+        assert body_named(f"{kind},tension=60{unit}") == body_named(f"{kind},tension=60")
+
+
 @pytest.mark.parametrize("text", NAMED)
 def test_every_shape_has_its_name(text: str) -> None:
     assert body_named(text) == NAMED[text]
@@ -85,6 +111,9 @@ def test_every_shape_has_its_name(text: str) -> None:
         ("string:length=1,radius=1e-3,tension=1,width=1", "no width=.*if wanted, stiff"),
         ("circular-membrane:radius=0.1", "tension=..."),
         ("bar:length=-0.3,width=0.03,thickness=0.005", "must exceed 0"),
+        ("string:length=1,radius=1e-3,tension=60cm", "'60cm'.* a tension in N as 60N"),
+        ("circular-membrane:radius=0.1,thickness=1e-3,tension=6N", "in N/m as 60N/m"),
+        ("polygon-membrane:thickness=1e-3", "give polygon-membrane:corners=0x0,0.3x0,0x0.2,"),
         ("bar:length=0.3,width=0.03,thickness=0.005,ends=glued", "glued"),
     ],
 )

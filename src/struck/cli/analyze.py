@@ -13,6 +13,7 @@ from struck.cli.info import described
 from struck.cli.options import (
     BAND,
     BODY,
+    CORNERS,
     ENDS,
     MATERIAL,
     add_budget,
@@ -108,7 +109,7 @@ def _listed() -> Result:
     rows = [("body", "needs", "may be given")]
     rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
     return Result(
-        "\n".join([aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}"]),
+        "\n".join([aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; corners as {CORNERS}"]),
         bodies={kind: {"needs": needed, "takes": more} for kind, (needed, more) in every.items()},
     )
 

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
 ENDS = "ends=clamped,free"
-_FORMS = {"size": "0.1,0.05,0.03"}  # of arguments of several numbers
+CORNERS = "0x0,0.3x0,0x0.2"
+_FORMS = {"size": "0.1,0.05,0.03", "corners": CORNERS}  # of arguments of several numbers
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
@@ -138,11 +139,11 @@ def makers() -> Mapping[str, Callable[..., Body]]:
 
 def arguments_of(maker: Callable[..., Body]) -> tuple[list[str], list[str]]:
     """Return the names of a body's required arguments, and of its optional ones."""
-    every = [
-        each for each in signature(maker).parameters.values() if each.name not in _NOT_IN_SHELL
-    ]
-    needed = [each.name for each in every if each.default is Parameter.empty]
-    return needed, [each.name for each in every if each.name not in needed]
+    known = signature(maker).parameters
+    absent = {Parameter.empty, None} if "section" in known else {Parameter.empty}  # or a section
+    names = [name for name in known if name not in _NOT_IN_SHELL]
+    needed = [name for name in names if known[name].default in absent]
+    return needed, [name for name in names if name not in needed]
 
 
 def body_named(text: str) -> str | Body:
@@ -169,7 +170,7 @@ def maker_named(text: str) -> str | partial[Body]:
                 "analyze --list), and mesh files"
             )
         return text
-    given = _given(rest)
+    given = _given(rest, "N" if kind == "string" else "N/m")
     needed, more = arguments_of(maker)
     if not set(needed) <= set(given) <= {*needed, *more}:
         unknown = next((name for name in given if name not in {*needed, *more}), "")
@@ -186,28 +187,31 @@ def maker_named(text: str) -> str | partial[Body]:
     try:
         maker(**given)
     except ArgumentError as error:
-        raise OptionError(f"{error}; give lengths as 0.5, 50cm, 500mm or 20in") from None
+        tension = "a tension in N as 60N, in membranes in N/m as 60N/m"
+        told = tension if "tension" in str(error) else "lengths as 0.5, 50cm, 500mm or 20in"
+        raise OptionError(f"{error}; give {told}") from None
     except OptionError as error:
         two = f", two as {ENDS}" if str(error).startswith("ends are") else ""
         raise type(error)(f"{error}{two}") from None
     return partial(maker, **given)
 
 
-def _given(text: str) -> dict[str, Any]:
-    """Return arguments by name of "ends=clamped,free,length=50cm"."""
+def _given(text: str, tension: str) -> dict[str, Any]:
+    """Return arguments by name of "ends=clamped,free,length=50cm", and the unit of a tension."""
     found: dict[str, list[Any]] = {}
     name = ""
-    for part in filter(None, text.split(",")):
-        before, equals, value = part.rpartition("=")
+    for before, equals, value in (part.rpartition("=") for part in text.split(",") if part):
         name = before.strip() if equals else name
-        found.setdefault(name, []).append(_value(value.strip()))
+        tense = name == "tension"
+        words = value.strip().removesuffix(tension if tense else "")
+        found.setdefault(name, []).append(_value(words, float if tense else metres))
     return {name: each[0] if len(each) == 1 else tuple(each) for name, each in found.items()}
 
 
-def _value(text: str) -> object:
+def _value(text: str, number: Callable[[str], float]) -> object:
     """Return the number with its unit, the numbers with "x" between, or the word in a text."""
     with suppress(ValueError):
-        values = tuple(map(metres, text.split("x")))
+        values = tuple(map(number, text.split("x")))
         return values[0] if len(values) == 1 else values
     return {"yes": True, "true": True, "no": False, "false": False}.get(text.lower(), text)
 
@@ -273,12 +277,8 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare whether finished work is taken up and kept."""
-    parser.add_argument(
-        "--no-cache",
-        dest="cache",
-        action="store_false",
-        help="neither take up nor keep finished work",
-    )
+    told = "neither take up nor keep finished work"
+    parser.add_argument("--no-cache", dest="cache", action="store_false", help=told)
 
 
 def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> None:
