@@ -99,7 +99,7 @@ def test_what_was_changed_is_said() -> None:
         ({"frequency": 880, "mode": "torsoin"}, "did you mean torsion"),
         ({"frequency": 880, "mode": 0}, "mode is 0: .*from 1"),
         ({"lowest": 880, "mode": 2}, "lowest is 880, but mode is 'mode 2': give frequency="),
-        ({}, "lowest is None and frequency is None: give one"),
+        ({}, "no frequency is given to tune to: give one of lowest= and frequency="),
         ({"lowest": 880, "frequency": 880}, "lowest is 880 and frequency is 880: give one"),
         ({"lowest": 880, "accuracy": "fine"}, "accuracy='fine' does not apply to Bar"),
         ({"frequency": 880, "mode": 90}, "'mode 90', and up to 64 times .* there are 20 in all"),

@@ -121,7 +121,7 @@ def analyze(
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
     if is_shape(body):
-        file.refuse("a body of struck.shapes has its own")
+        file.refuse("a body of struck.shapes is no file, and has its own size, axes and one piece")
         if method in {None, "formula"}:
             band = lowest, highest
             recoil = recoil and not body.supported
@@ -383,7 +383,9 @@ class _Work:
 
 def _solver(method: str, backend: str) -> Solver:
     if method not in {"quadratic", "obrien2002", "obrien2002-consistent"}:
-        raise OptionError(f"method is {method!r}: give {METHODS}")
+        bars = method == "formula"
+        why = "this body has none, as it is no shape: leave method= out, or give " * bars or "give "
+        raise OptionError(f"method is {method!r}: {why}{METHODS}")
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 

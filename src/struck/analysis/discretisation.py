@@ -386,7 +386,7 @@ def _load(
         file.refuse("a Mesh is in metres already")
         return repaired(body, wall=wall, holes=holes) if repair else _unrepaired(body)
     if isinstance(body, VolumeMesh | Solid):
-        file.refuse("this body has its own size")
+        file.refuse("this body is no file, and has its own size, axes and one piece")
         return body
     from struck.files.meshes import arrays_of, mesh_of
 

@@ -298,9 +298,11 @@ def _approached(
 def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mode) -> float:
     """Return the wanted frequency, Hz, of one of two arguments."""
     if (lowest is None) == (frequency is None):
+        neither = "no frequency is given to tune to"
+        both = f"lowest is {lowest!r} and frequency is {frequency!r}"
         raise OptionError(
-            f"lowest is {lowest!r} and frequency is {frequency!r}: give one of them, in Hz or as a "
-            "note"
+            f"{neither if lowest is None else both}: give one of lowest= and frequency=, in Hz or "
+            "as a note, as 440 or A4"
         )
     if lowest is not None and (mode.family or mode.number != 1):
         raise OptionError(f"lowest is {lowest!r}, but mode is '{mode}': give frequency= of that")

@@ -255,10 +255,6 @@ def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
         ) from error
 
 
-def _flag(value: object) -> bool:
-    return {"true": True, "false": False}[str(value).lower()]
-
-
 def _numbers(value: Any) -> Any:  # noqa: ANN401
     if callable(value):
         return value
@@ -278,7 +274,9 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
     "modes": int,
-    **dict.fromkeys(("repair", "recoil"), _flag),
+    **dict.fromkeys(
+        ("repair", "recoil"), lambda value: {"true": 1, "false": 0}[str(value).lower()] == 1
+    ),
     "band": lambda value: require_band(_cells(value)),
     "fixed": _box,
 }

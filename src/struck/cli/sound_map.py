@@ -54,7 +54,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.bank:
         progress("writing their sounds", 0.0)
         written["bank"] = str(_bank(model, found, options.bank))
-    lines = [f"{found}", *(f"wrote {name}" for name in written.values())]
+    told = f"{found}".removeprefix("SoundMap(").removesuffix(")")
+    lines = [told, *(f"wrote {name}" for name in written.values())]
     return Result(
         "\n".join(lines),
         contacts=found.contacts.tolist(),

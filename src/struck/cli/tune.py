@@ -23,7 +23,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("body", help=BODY)
     parser.add_argument("--material", required=True, help=MATERIAL)
     parser.add_argument(
-        "--vary", required=True, help="name of the dimension, as listed by struck analyze --list"
+        "--vary",
+        required=True,
+        help="a length of the body by name; of a block length, width, height",
     )
     parser.add_argument("--lowest", type=pitch, help="of the lowest mode: Hz, or a note as A5")
     parser.add_argument("--frequency", type=pitch, help="of --mode instead")

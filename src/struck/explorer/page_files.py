@@ -10,14 +10,12 @@ import json
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.ears import heads, measured_head
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError
 from struck.files.container import Arrays, pack
 from struck.files.model_file import to_bytes
-from struck.model.arrays import Index
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
@@ -81,7 +79,8 @@ def thinned(model: ModalModel, most: int = MOST_SENT) -> ModalModel:
     before = gains.surface
     # A closed surface has twice as many faces as vertices.
     wanted = 2 * most // (12 * len(model.frequencies))
-    points, faces = igl.qslim(np.asfortranarray(before.points), _whole(before.faces), wanted)[:2]
+    triangles = np.asfortranarray(before.faces.astype(np.int32))
+    points, faces = igl.qslim(np.asfortranarray(before.points), triangles, wanted)[:2]
     surface = Mesh(points=np.ascontiguousarray(points), faces=np.array(faces), up=before.up)
     parts = [
         gains.shapes_at(surface.points[first : first + _AT_ONCE]).astype(np.float32)
@@ -97,10 +96,6 @@ def thinned(model: ModalModel, most: int = MOST_SENT) -> ModalModel:
         geometry=None if model.geometry is None else surface,
         provenance=model.provenance.extended(dropped=(note,)),
     )
-
-
-def _whole(faces: Index) -> NDArray[np.int32]:
-    return np.asfortranarray(faces.astype(np.int32))
 
 
 def _longest_edge(surface: Mesh) -> float:

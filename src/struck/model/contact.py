@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import ContactError
+from struck.errors import ContactError, counted
 from struck.model.arrays import Array, Index, numbers
 from struck.model.mesh import Mesh, Surface
 
@@ -130,6 +130,10 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
     """Return the point of a name, of "vertex:120" or of coordinates, m (3,)."""
     if not isinstance(at, str):
         place = np.asarray(at, dtype=np.float64)
+        if axes in {1, 2} and place.shape not in {(axes,), (3,)}:
+            raise ContactError(
+                f"contact is {at!r}: give {counted(axes, 'coordinate')} or x, y, z, in m"
+            )
         return raised(mesh, place) if place.shape == (axes,) != (3,) else place
     kind, _, number = at.partition(":")
     if kind == "vertex" and number.isdecimal() and int(number) < len(mesh.points):

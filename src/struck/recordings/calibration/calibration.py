@@ -366,12 +366,13 @@ class Calibration:
         stiffness, ratio = self.standard_errors
         young = self.specific_stiffness * self.density / 1e9
         extra, missing = len(self.pairing.extra), len(self.pairing.missing)
+        law = [f"{name.replace('_', ' ')} {x:.4g}" for name, x in self.losses.coefficients.items()]
         off = np.sqrt(np.mean(self.residuals**2))
         return [
             f"E/density {self.specific_stiffness:.6g} m2/s2, error {100 * stiffness:.2g} %",
             f"Poisson   {self.poisson_ratio:.4f}, error {ratio:.2g}",
             f"E         {young:.5g} GPa, if the density is {self.density:g} kg/m3",
-            f"damping   {self.losses.name}: {self.losses.law}",
+            f"damping   {self.losses.name}: {', '.join(law)}",
             f"pairs     {len(self.pairing)}; alone {extra} fitted modes, {missing} of the model",
             f"residual  {off:.2g} cents root mean square",
         ]

@@ -68,7 +68,8 @@ def convex_parts(mesh: Mesh, stages: Stages) -> Sequence[Mesh]:
             threshold=_CONCAVITY,
             seed=_SEED,
         )
-        return ConvexParts(parts=tuple(_mesh(points, faces) for points, faces in found))
+        parts = (Mesh(points=np.array(p, float), faces=np.array(f, np.int64)) for p, f in found)
+        return ConvexParts(parts=tuple(parts))
 
     inputs = {"mesh": mesh, "threshold": _CONCAVITY, "coacd": _version()}
     return stages.kept(PARTS, compute, **inputs).parts
@@ -121,10 +122,6 @@ def _as_in_file(model: mujoco.MjModel, geom: int) -> tuple[Array, Index]:
     """Return vertices and faces of a geom's mesh in the coordinates of its file."""
     points, faces = triangles(model, geom)
     return file_coordinates(model, geom).apply(points), faces
-
-
-def _mesh(points: Array, faces: Index) -> Mesh:
-    return Mesh(points=np.asarray(points, np.float64), faces=np.asarray(faces, np.int64))
 
 
 def _version() -> str:
