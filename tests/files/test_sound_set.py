@@ -144,9 +144,9 @@ def test_what_is_wrong_with_a_set_is_told(tmp_path: Path) -> None:
     relative = struck.Sound(samples=np.ones(9, np.float32), sample_rate=RATE)
     (tmp_path / "file").write_text("no folder")
     for sounds, folder, words in (
-        ([("a", tone()), ("a", tone())], "x", "two sounds are called 'a'"),
-        ([("a", tone()), ("A", tone())], "x", "'A' and 'a'"),
-        ([("../a", tone())], "x", "'../a'"),
+        ([("a", tone()), ("b", tone()), ("a", tone())], "x", "sound 1 is .* sound 3 'a', which"),
+        ([("a", tone()), ("A", tone())], "x", "sound 1 is called 'a' and sound 2 'A'"),
+        ([("../a", tone())], "x", "'../a', as sound 1 is"),
         ([], "x", "0 sounds"),
         ([("a", tone()), ("b", relative)], "x", "some relative"),
     ):
@@ -185,3 +185,35 @@ def test_the_shell_writes_a_set(
     assert "give -o FOLDER" in capsys.readouterr().err
     assert main(["render", "x.flac"]) == 2
     assert "x.flac is a FLAC file" in capsys.readouterr().err
+
+
+def test_a_set_is_made_again_from_its_own_table(
+    tmp_path: Path,
+    model: struck.ModalModel,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    struck.save(model, "bar.struck")
+    Path("hits.csv").write_text(
+        "name,at,striker,energy,direction,duration,shape,patch,transient,time,seed,listener\n"
+        "a,0.0512345678901 0 0.002,wood,0.01,0.1 0 -1,0.002,hertz,0.003,0.2,0.01,7,0 0 2\n"
+        "b,middle,,,,,,,,,,\n"
+    )
+    again = ["render", "bar.struck", "--seconds", "0.1", "--strikes"]
+    assert main([*again, "hits.csv", "-o", "one"]) == 0
+    assert main([*again, "one/set.csv", "-o", "two"]) == 0
+    for name in ("a.wav", "b.wav"):
+        assert Path("one", name).read_bytes() == Path("two", name).read_bytes()
+    given = {field.name for field in dataclasses.fields(struck.Strike)} | {"name", "listener"}
+    rows = list(csv.DictReader(io.StringIO(Path("one/set.csv").read_text())))
+    assert given < set(rows[0])
+    assert rows[0]["listener"] == "0.0 0.0 2.0"
+    strikes = [struck.Strike(at="end"), (struck.Strike(time=0.1), np.array([0, 0, 2.0]))]
+    rows = save_set({"a": tone(), "b": tone()}, "three", strikes=strikes)
+    assert [(row["time"], row["listener"]) for row in rows] == [(0.0, None), (0.1, "0.0 0.0 2.0")]
+    assert "shape" not in rows[0]
+    Path("hits.csv").write_text("name,at\na,start\nb,middle\nA,end\n")
+    capsys.readouterr()
+    assert main([*again, "hits.csv", "-o", "four"]) == 2
+    assert "row 1 is called 'a' and row 3 of hits.csv 'A', which" in capsys.readouterr().err

@@ -25,6 +25,7 @@ from struck.excitation.strike import Strike
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
 from struck.files.sound_formats import chosen
+from struck.files.sound_set import OF_A_SOUND
 from struck.model.arrays import Array, require_number
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
@@ -215,7 +216,8 @@ def _strike_of(row: Mapping[Any, Any]) -> tuple[Strike, Sequence[float] | None]:
         given = {name: _number(text) for name, text in row.items() if text not in {None, ""}}
     except TypeError:  # values that are no texts, as lists
         given = dict(row)
-    given.pop("name", None)
+    for name in ("name", *OF_A_SOUND):  # of a set that is made again from its table
+        given.pop(name, None)
     listener = given.pop("listener", None)
     unknown = sorted(str(name) for name in given if name not in _NAMES)
     if unknown:

@@ -36,7 +36,7 @@ from struck.files.atomic import writable
 from struck.files.model_file import require_no_sound
 from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import ENDINGS, chosen
-from struck.files.sound_set import TABLE, save_set
+from struck.files.sound_set import TABLE, require_names, save_set
 from struck.model.provenance import TerminalProgress
 from struck.scene.body import Action, centre_of, place_beside, with_fewer_modes
 
@@ -161,6 +161,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
     heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
+    require_names([name for name, _, _ in named], "row", f" of {options.strikes}")
     if all(where is not None for _, _, where in named):
         why = f"is for rows without a listener, and each row of {table} has one"
         refuse(options, ("listener", "walk"), why)
@@ -173,7 +174,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     rows = save_set(
         sounds,
         options.output,
-        strikes=[strike for _, strike, _ in named],
+        strikes=[(strike, where) for _, strike, where in named],
         level=full,
         encoding=options.encoding,
         ending=f".{options.sounds}",

@@ -22,6 +22,10 @@ TABLE = "set.csv"
 # dB, within which a file keeps the level of its sound; coders leave out what is not heard.
 _KEPT, _CODED = 0.1, 1.0
 _OF_A_STRIKE = ("at", "striker", "speed", "impulse", "direction")
+# Columns of strikes that are written where one was given, and their values unless given.
+_GIVEN: dict[str, Any] = {"energy": None, "duration": None, "shape": "half-sine", "listener": None}
+_GIVEN |= dict.fromkeys(("patch", "transient", "time", "seed"), 0)
+OF_A_SOUND = ("file", "seconds", "peak", "unit", "level_db", "full_scale")
 _NAME = re.compile(r"[^\\/:*?\"<>|\x00-\x1f]{1,120}")
 
 
@@ -43,8 +47,9 @@ def save_set(
         By the names of their files, without an ending.
     folder : path
         Made where it is missing.
-    strikes : sequence of Strike
-        One for each sound, for the columns "at", "striker" and so on of the table "set.csv".
+    strikes : sequence of Strike, or of (Strike, listener's place)
+        One for each sound, for the columns of the table "set.csv", which `struck render --strikes`
+        takes: "at", "striker" and whatever else was given.
     level : float, optional
         Pressure that is full scale, Pa; else the loudest peak is 1 dB below it.
     encoding : str, optional
@@ -68,7 +73,7 @@ def save_set(
     """
     given: Any = sounds.items() if isinstance(sounds, Mapping) else sounds
     pairs: list[tuple[str, Sound]] = _pairs(given)
-    _require_names([name for name, _ in pairs])
+    require_names([name for name, _ in pairs])
     every = [sound for _, sound in pairs]
     if len({sound.calibrated for sound in every}) > 1:
         raise OptionError("some sounds are in Pa and some relative: save them as two sets")
@@ -81,23 +86,25 @@ def save_set(
     suffix, how = chosen(written, encoding)
     files = {f"{name}{suffix}": sound.encoded(1 / level, suffix, how) for name, sound in pairs}
     _require_levels(files, every, level, how)
-    _make(Path(folder))
+    try:
+        Path(folder).mkdir(exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(
+            f"the folder {folder} cannot be made ({reason}): give another, in one that is there"
+        ) from error
     for file, data in files.items():
         write_bytes(Path(folder) / file, data)
-    rows = [
-        {
-            "name": name,
-            "file": f"{name}{suffix}",
-            **_columns(strikes[number] if strikes else None),
-            "seconds": sound.duration,
-            "peak": sound.peak,
-            "unit": "Pa" if sound.calibrated else "relative",
-            "level_db": 20 * float(np.log10(sound.peak / level)) if sound.peak else None,
-            "full_scale": level,
-        }
-        for number, (name, sound) in enumerate(pairs)
-    ]
-    _write_table(rows, Path(folder) / TABLE)
+    rows = []
+    for (name, sound), told in zip(pairs, _columns(strikes or [None] * len(pairs)), strict=True):
+        unit = "Pa" if sound.calibrated else "relative"
+        below = 20 * float(np.log10(sound.peak / level)) if sound.peak else None
+        values = (f"{name}{suffix}", sound.duration, sound.peak, unit, below, level)
+        file, *others = zip(OF_A_SOUND, values, strict=True)
+        rows.append({"name": name, **dict([file]), **told, **dict(others)})
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([rows[0], *(row.values() for row in rows)])
+    write_bytes(Path(folder) / TABLE, text.getvalue().encode())
     return rows
 
 
@@ -110,16 +117,23 @@ def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping o
     return pairs
 
 
-def _require_names(names: Sequence[str]) -> None:
+def require_names(names: Sequence[str], kind: str = "sound", table: str = "") -> None:
+    """Refuse names that no file can have, and two of one name; OptionError tells their rows."""
     if not names:
         raise OptionError("there are 0 sounds: give at least one, by its name")
-    taken: dict[str, str] = {}
-    for name in names:
+    taken: dict[str, int] = {}
+    for number, name in enumerate(names, start=1):
+        where = f"{kind} {number}{table}"
         if not _NAME.fullmatch(name) or name != name.strip(". "):
-            raise OptionError(f"no file can be called {name!r}: give 1 to 120 letters, without /")
-        other = taken.setdefault(name.casefold(), name)
-        if list(names).count(name) > 1 or other != name:
-            raise OptionError(f"two sounds are called {name!r} and {other!r}: rename one of them")
+            raise OptionError(
+                f"no file can be called {name!r}, as {where} is: give 1 to 120 letters, without /"
+            )
+        first = taken.setdefault(name.casefold(), number)
+        if first != number:
+            raise OptionError(
+                f"{kind} {first} is called {names[first - 1]!r} and {where} {name!r}, which are "
+                "one file: rename one of them"
+            )
 
 
 def _require_levels(
@@ -145,30 +159,17 @@ def _require_levels(
             )
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(
-            f"the folder {folder} cannot be made ({reason}): give another name, "
-            "in a folder that is there"
-        ) from error
-
-
-def _columns(strike: Any) -> dict[str, Any]:  # noqa: ANN401 - excitations of any kind
-    """Return the columns of a strike, numbers of a place with spaces between."""
-    told = {}
-    for name in _OF_A_STRIKE:
-        value: Any = getattr(strike, name, None)
-        several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-        told[name] = " ".join(f"{each:.6g}" for each in value) if several else value
-    return told
-
-
-def _write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    text = io.StringIO(newline="")
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    write_bytes(path, text.getvalue().encode())
+def _columns(strikes: Sequence[Any]) -> list[dict[str, Any]]:
+    """Return the columns of strikes, numbers of a place with spaces between."""
+    rows = []
+    for each in strikes:
+        strike, listener = each if isinstance(each, tuple) else (each, None)
+        told: dict[str, Any] = dict.fromkeys(_OF_A_STRIKE) | _GIVEN
+        told = {name: getattr(strike, name, usual) for name, usual in told.items()}
+        told["listener"] = listener
+        for name, value in told.items():
+            several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+            told[name] = " ".join(f"{float(n)!r}" for n in value) if several else value
+        rows.append(told)
+    idle = {name for name, unsaid in _GIVEN.items() if all(row[name] == unsaid for row in rows)}
+    return [{name: row[name] for name in row if name not in idle} for row in rows]
