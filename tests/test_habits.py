@@ -27,6 +27,7 @@ from struck.analysis.discretisation import FileOptions, discretise
 from struck.cli import main
 from struck.core.machine import thread_count
 from struck.errors import article, counted
+from struck.files.meshes import part_of
 from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
 from struck.model.residual import Residual
@@ -280,7 +281,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "a body outside its room": (
         shell("render", "b.struck", "--room", "5,4,3", "--position", "6,2,1"),
-        ("body at \\[6.0", "from .*0.0, 0.0, 0.0.* to .*5.0, 4.0, 3.0", "move it in"),
+        ("body at 6, 2, 1 m", "from 0, 0, 0 to 5, 4, 3 m", "move it in"),
     ),
     "a place in no room": (
         shell("render", "b.struck", "--position", "1,2,1"),
@@ -432,7 +433,7 @@ def test_few_pairs_of_two_designs_are_told_to_say_little(folder: Path) -> None:
     stiff = struck.analyze(Bar(length=0.1, width=0.03, thickness=0.005), "steel")
     told = struck.compare(made, stiff, progress=None).summary()
     few = [each for each in told if "by frequency alone" in each]
-    assert re.match(rf"caution: {told[0].split(' of ')[0]} by .* struck.sonic_distance\(\)", few[0])
+    assert re.match(rf"caution: {told[0].split(' of ')[0]} by .* see their sonic distance", few[0])
     assert not any("alone" in each for each in struck.compare(made, made).summary())
 
 
@@ -843,3 +844,34 @@ def test_quiet_commands_tell_no_progress(
     assert capsys.readouterr().err == "struck: computing the sound\n"
     assert main([*words, "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_options_that_nothing_uses_are_told() -> None:
+    model = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+    with pytest.raises(struck.errors.OptionError, match="0 of 1 bodies have"):
+        struck.render(model, struck.Strike(), listener=struck.Stereo(field="ears"), seconds=0.01)
+    for roughness, told in (("wood", 1), (None, 0)):
+        body = struck.Body(model=model, excitations=struck.Strike(), roughness=roughness)
+        for given in (body, [body, body], struck.scene.Scene(bodies={"bar": body})):
+            notes = struck.render(given, seconds=0.01).notes
+            assert sum("'wood' of a Body changes" in each for each in notes) == told
+    with pytest.raises(struck.errors.OptionError, match=r"models end in \.struck, as m\.struck"):
+        struck.save(model, "m.wav")
+
+
+def test_a_body_of_a_surface_in_memory_is_chosen() -> None:
+    far = trimesh.creation.box((0.05, 0.03, 0.02)).apply_translation((0.3, 0, 0))
+    both = trimesh.util.concatenate([trimesh.creation.box((0.1, 0.05, 0.02)), far])
+    mesh = struck.Mesh(points=both.vertices, faces=both.faces, up="y")
+    for part, extent in (("0", 0.1), ("1", 0.05)):
+        chosen = part_of(mesh, part)
+        assert (chosen.extent, chosen.up) == (pytest.approx(extent), "y")
+    model = struck.analyze(both, "steel", part="1", accuracy="preview")
+    assert model.geometry is not None
+    assert model.geometry.extent == pytest.approx(0.05)
+    for body in (both, (both.vertices, both.faces), mesh):
+        with pytest.raises(struck.errors.MeshError, match="no part '2': choose one of '0', '1'"):
+            struck.analyze(body, "steel", part="2")
+    for other in (trimesh.Scene([far]), trimesh.PointCloud(far.vertices)):
+        with pytest.raises(struck.errors.MeshError, match=r"is no body: .* Scene its .to_mesh\(\)"):
+            struck.analyze(other, "steel")

@@ -382,21 +382,23 @@ def _load(
             repair=repair,
             holes=holes,
         )
-    if isinstance(body, Mesh):
-        file.refuse("a Mesh is in metres already")
-        return repaired(body, wall=wall, holes=holes) if repair else _unrepaired(body)
     if isinstance(body, VolumeMesh | Solid):
         file.refuse("this body is no file, and has its own size, axes and one piece")
         return body
-    from struck.files.meshes import arrays_of, mesh_of
+    from struck.files.meshes import arrays_of, mesh_of, part_of
 
-    if arrays_of(body) is not None:
-        file.refuse("it names a body of a file", "units", "size", "up")
+    mesh = None
+    if isinstance(body, Mesh):
+        file.refuse("a Mesh is in metres already", "part")
+        mesh = body
+    elif arrays_of(body) is not None:
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
+    if mesh is not None:
+        mesh = mesh if file.part is None else part_of(mesh, file.part, file.size)
         return repaired(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
     raise MeshError(
         f"{type(body).__name__} is no body: give a path, a solid, a Mesh, (vertices, faces), or an "
-        "object of trimesh, Open3D or PyVista"
+        "object of trimesh (of a Scene its .to_mesh()), Open3D or PyVista"
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import struck
 from struck.cli import Result
 from struck.cli.info import or_null
 from struck.cli.options import POSITION, place
-from struck.errors import OptionError
+from struck.errors import OptionError, StruckError
 from struck.excitation.strike import Strike
 from struck.files.atomic import writable
 from struck.files.model_file import is_model
@@ -57,8 +58,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.output is not None:
         output = writable(options.output, unlike=read, endings=PAGES, kind="pages")
     blow = {name: getattr(options, name) for name in ("striker", "speed", "impulse")}
+    model = struck.load(options.model)
     found = compare(
-        struck.load(options.model),
+        model,
         options.other,
         at=options.at,
         strike=Strike(**blow) if any(each is not None for each in blow.values()) else None,
@@ -66,13 +68,20 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         listener=options.listener,
         progress=progress,
     )
-    lines, written = found.summary(), {}
+    lines, facts, written = found.summary(), _facts(found), {}
+    if is_model(options.other):
+        places = {"at": options.at, "against": options.against, "listener": options.listener}
+        with suppress(StruckError):  # of recordings, whose levels are relative
+            apart = struck.sonic_distance(model, struck.load(options.other), **places)
+            facts["sonic_distance"] = apart
+            where = "there" if options.at else "where each is struck unless told"
+            lines.append(f"sonic distance {apart:.1f} dB, of an impulse each {where}")
     if output is not None:
         progress("writing the page", 0.0)
         found.save_page(output)
         lines.append(f"wrote {output}")
         written = {"output": str(output)}
-    return Result("\n".join(lines), **_facts(found), **written)
+    return Result("\n".join(lines), **facts, **written)
 
 
 def _require_order(model: str, other: str) -> None:

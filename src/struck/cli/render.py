@@ -38,7 +38,7 @@ from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import ENDINGS, chosen
 from struck.files.sound_set import TABLE, require_names, save_set
 from struck.model.provenance import TerminalProgress
-from struck.scene.body import Action, centre_of, place_beside, with_fewer_modes
+from struck.scene.body import Action, centre_of, with_fewer_modes
 
 EXAMPLES = (
     (
@@ -122,7 +122,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     sound = struck.render(*_placed(model, actions, options), **heard)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
-    notes = [*lost, *_ear(model, options), *sound.notes]
+    notes = [*lost, *sound.notes]
     return Result(
         "\n".join((*notes, last)),
         output=str(output),
@@ -219,19 +219,6 @@ def _placed(
     around.require_inside(middle[None], "body")
     origin = tuple((middle - centre_of(model)).tolist())
     return (struck.Body(model=model, excitations=touched, position=origin),)
-
-
-def _ear(model: struck.ModalModel, options: argparse.Namespace) -> list[str]:
-    """Return a note of the place of ears in a room, or of two ears, where none was given."""
-    if options.listener or options.walk or not (options.room or options.hrtf or options.head):
-        return []
-    middle = centre_of(model)
-    if options.room:
-        middle = np.array(options.position or np.divide(options.room, 2), np.float64)
-    place = ", ".join(
-        f"{round(each, 6) + 0.0:.3g}" for each in (middle + place_beside(model)).tolist()
-    )
-    return [f"heard at {place} m, beside the body: --listener x,y,z says otherwise"]
 
 
 def _heard(options: argparse.Namespace) -> dict[str, Any]:

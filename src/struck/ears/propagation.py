@@ -182,6 +182,9 @@ class Pose:
         Without a position it is beside the first body; without a direction it faces the middle of
         all bodies, level, or along x (y where x is up) from above, below or in the middle of them.
         """
+        if listener.field and not any(each.field for each in emitters):
+            why = f"0 of {len(emitters)} bodies have a timbre field: leave it out, or analyze one"
+            raise OptionError(f"field is {listener.field!r}, and {why} with radiation='field'")
         start = np.zeros(1)
         centres = np.concatenate([each.centre.at(start) for each in emitters])
         given = listener.position

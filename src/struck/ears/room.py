@@ -167,9 +167,12 @@ class Room:
         low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
         outside = ~np.all((points >= low) & (points <= high), axis=1)
         if outside.any():
+            where, low, high = (
+                ", ".join(f"{x:.4g}" for x in each) for each in (points[outside][0], low, high)
+            )
             raise OptionError(
-                f"the {name} at {points[outside][0].tolist()} m is outside the room, which reaches "
-                f"from {low.tolist()} to {high.tolist()} m: move it in, or make the room larger"
+                f"the {name} at {where} m is outside the room, which reaches from {low} to {high} "
+                "m: move it in, or make the room larger"
             )
 
     def images(self) -> Images:

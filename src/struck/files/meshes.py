@@ -102,6 +102,12 @@ def mesh_of(
     return Mesh(points=mesh.points * factor, faces=mesh.faces, up=up or "z")
 
 
+def part_of(mesh: Mesh, part: str, size: float | None = None) -> Mesh:
+    """Return the separate body of a surface that `part` names by its number, of a `size` in m."""
+    chosen = _any_surface([Part(name="all", points=mesh.points, faces=mesh.faces)], str(part))
+    return replace(chosen if size is None else chosen.scaled(size / chosen.extent), up=mesh.up)
+
+
 def arrays_of(body: object) -> tuple[ArrayLike, ArrayLike] | None:
     """Return the vertices and faces of a pair or of another library's object, None of all else."""
     if isinstance(body, tuple | list) and len(body) == 2:

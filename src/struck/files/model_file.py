@@ -437,10 +437,10 @@ def load_model(path: str | os.PathLike[str]) -> ModalModel:
 
 def _require_ending(path: str | os.PathLike[str]) -> None:
     if not is_model(path):
-        ending = Path(path).suffix
+        path = Path(path)
         raise OptionError(
-            f"{path} ends in {ending!r}: models end in .struck, or in .sofa for their gains alone; "
-            "struck.save and struck export write their shapes, too, as .vtu"
+            f"{path} ends in {path.suffix!r}: models end in .struck, as {path.stem or 'model'}"
+            ".struck, or in .sofa for their gains alone; `struck export` writes shapes, as .vtu"
         )
 
 

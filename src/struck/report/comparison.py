@@ -145,7 +145,7 @@ class Comparison:
             lines.append("caution: random modes would agree as well; this may be another body")
             lines.append(f"about {share:.0f} % of the pairs would be found by chance")
         if name == "other model" and len(self.cents) < _FEW * min(mine, theirs):
-            told = "which says little of two designs: struck.sonic_distance() tells how they sound"
+            told = "which says little of two designs: see their sonic distance"
             lines.append(f"caution: {pairs} by frequency alone, {told}")
         lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):

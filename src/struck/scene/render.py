@@ -78,12 +78,14 @@ def render(
     _require_bounds(seconds, sample_rate)
     model, lost = with_fewer_modes(model, modes)
     told: tuple[str, ...] = ()
+    logged = hasattr(excitations, "body0")
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
         excitations = ()
-    elif hasattr(excitations, "body0"):
+    elif logged:
         raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
     bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
+    told += () if logged else _unused_roughness(bodies)
     told += _doubts([action for body in bodies for action in body.actions], seconds)
     bodies = [_without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
@@ -136,6 +138,12 @@ def _bodies(
         held = f"{len(actions)} Hold and nothing that strikes" if actions else "nothing to render"
         raise OptionError(f"there is {held}: give at least one Strike")
     return [body for body in bodies if not body.silent]
+
+
+def _unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
+    """Return a note of roughness that nothing uses, as no log of contacts slides on the bodies."""
+    told = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
+    return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
 
 
 def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
@@ -526,11 +534,12 @@ def _mixed(
 
     emitters = [body.emitter for body in bodies]
     hearing = Hearing(emitters, listener, sample_rate=sample_rate, room=room)
-    moves = Pose.of(listener, emitters).moves
+    pose = Pose.of(listener, emitters)
     given = {"seconds": seconds, "sample_rate": sample_rate}
     ways = [partial(hearing.propagation.heard_at, number) for number in range(len(bodies))]
     sent = [
-        _sent(body, seen, moves=moves, **given) for body, seen in zip(bodies, ways, strict=True)
+        _sent(body, seen, moves=pose.moves, **given)
+        for body, seen in zip(bodies, ways, strict=True)
     ]
     length = None if seconds is None else max(1, round(seconds * sample_rate))
     samples = _heard(hearing, _of_one_length([rows for rows, _ in sent]), length)
@@ -544,7 +553,13 @@ def _mixed(
         late = _reverberated(room, _of_one_length(near).sum(axis=0), len(samples), sample_rate)
         samples = _of_one_duration(samples, late, length)
     known = [body.sounding.calibrated for body in bodies]
-    return samples, _notes([notes for _, notes in sent], known)
+    told: tuple[str, ...] = ()
+    if listener.position is None and (room is not None or len(pose.ear_points) > 1):
+        place = ", ".join(
+            f"{round(each, 6) + 0.0:.3g}" for each in pose.position.at(np.zeros(1))[0]
+        )
+        told = (f"heard at {place} m, beside the body: listener= says otherwise",)
+    return samples, told + _notes([notes for _, notes in sent], known)
 
 
 def _sent(

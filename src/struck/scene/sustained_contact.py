@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from struck.excitation.excitation import Push, drives_at
 from struck.excitation.friction import FADE, ROLLER, TIP, Reader, Rubbed, fading, limited
 from struck.excitation.hertz import contact_modulus
-from struck.excitation.roughness import Finish, finish
+from struck.excitation.roughness import finish
 from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index
 from struck.model.material import Material, materials
@@ -443,18 +443,13 @@ def _rubbed(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[Rubbed]
     rolls = least > _ROLLS * most
     return [
         Rubbed(
-            roughness=_finish(body),
+            roughness=finish(body.roughness or _usual(body.model.material)),
             modulus=contact_modulus(*solids),
             radius=max(_TIP, min(extents, default=0.0) / 2) if rolls else _TIP,
             share=ROLLER if rolls else TIP,
         )
         for body in bodies
     ]
-
-
-def _finish(body: Body) -> Finish:
-    """Return the roughness of a body's surface: its own, or as its material has."""
-    return finish(_usual(body.model.material) if body.roughness is None else body.roughness)
 
 
 def _usual(material: Material | None) -> str:

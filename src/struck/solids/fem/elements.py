@@ -113,10 +113,6 @@ def _up_to(degree: int) -> Index:
     return np.array([e for e in product(range(degree + 1), repeat=3) if sum(e) <= degree])
 
 
-def _serendipity() -> Index:
-    return np.array([e for e in product(range(3), repeat=3) if e.count(2) <= 1])
-
-
 def _wedge(*, quadratic: bool) -> Index:
     flat = _up_to(2 if quadratic else 1)
     prism = [(i, j, k) for i, j, z in flat if z == 0 for k in (0, 1)]
@@ -192,7 +188,10 @@ _HEX8, _HEX20 = _linear_and_quadratic(
         *((4, 5), (5, 6), (6, 7), (7, 4)),
         *((0, 4), (1, 5), (2, 6), (3, 7)),
     ),
-    (np.array(list(product((0, 1), repeat=3))), _serendipity()),
+    (
+        np.array(list(product((0, 1), repeat=3))),
+        np.array([each for each in product(range(3), repeat=3) if each.count(2) <= 1]),
+    ),
     stiffness=_CUBE_35,
     straight=_CUBE_35,
     mass=_CUBE_27,

@@ -208,11 +208,6 @@ def nodes_for(body: Body, spacing: float) -> float:
     return body.rough_volume * (_NODES_LAYER if thin and body.both_faces else _NODES_WALL) / cell
 
 
-def _is_layer(body: Body, spacing: float) -> bool:
-    """Return whether a lattice puts one layer of elements into walls."""
-    return not body.is_solid and spacing > body.thickness
-
-
 def _spacing(body: Body, nodes: int, goal: Accuracy) -> float:
     """Return the spacing for about a number of nodes, smaller where a layer would be too flat."""
     spacing = spacing_for(body, nodes)
@@ -310,7 +305,7 @@ def _shaped(body: Body, filling: Filling, goal: Accuracy) -> Filling:
 
 
 def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
-    thin = _is_layer(body, spacing)
+    thin = not body.is_solid and spacing > body.thickness  # one layer of elements in walls
     widest = body.widest(spacing) if isinstance(body, FilledBody) else None
     most = goal.thin if widest else goal.most  # a slender part may take what a thin body takes
     halved = max(most - nodes_for(body, spacing), 0) / _NODES_HALVED
