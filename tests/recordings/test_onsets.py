@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from struck.recordings.onsets import find_hits, hit_at
+from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
-from tests.recordings.scenes import LEAD, RATE, repeated, scene
+from tests.recordings.scenes import (
+    LEAD,
+    RATE,
+    in_room,
+    repeated,
+    ringing,
+    scene,
+    struck_softly,
+)
 
 Array = NDArray[np.float64]
 
@@ -49,6 +60,37 @@ def test_free_ringing_starts_after_the_onset_and_soon() -> None:
     assert len(hits) == 1
     assert abs(hits[0].onset - LEAD) < 0.001 * RATE
     assert LEAD <= hits[0].start < LEAD + 0.004 * RATE
+
+
+@pytest.mark.parametrize("delay", [0.01, 0.013, 0.028])
+def test_a_second_contact_soon_after_a_hit_is_waited_for(delay: float) -> None:
+    """The tool touches again, elsewhere and half as hard; modes are then found as of one hit."""
+    made, chance = scene(20, 50, np.random.default_rng(1)), np.random.default_rng(7)
+    truth = made.truth
+    again = truth.gains * chance.uniform(-0.7, 0.7, truth.gains.shape)
+    length = made.samples.shape[1] - LEAD - round(delay * RATE)
+    samples = made.samples.copy()
+    samples[:, -length:] += ringing(truth.frequencies, truth.decays, again, length)
+    (hit,) = find_hits(take(samples))
+    assert hit.again == pytest.approx(LEAD + delay * RATE, abs=0.002 * RATE)
+    assert 0.002 < (hit.start - hit.again) / RATE < 0.01
+    fit = fit_poles(take(samples), budget=64)
+    assert "touched again" in " ".join(fit.notes)
+    slow = truth.decays < 30
+    away = np.abs(fit.frequencies[:, None] - truth.frequencies[slow]).min(axis=0)
+    assert np.mean(away < 0.5) >= 0.9
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_second_contact_is_found_where_there_is_none(seed: int) -> None:
+    for make in (
+        scene,
+        struck_softly,
+        partial(in_room, seconds=0.35, distance=0.3),
+        partial(in_room, seconds=0.35, distance=1.2),
+    ):
+        hits = find_hits(take(make(40, 50, np.random.default_rng(seed)).samples))
+        assert {hit.again for hit in hits} == {None}
 
 
 def test_a_file_may_begin_with_its_hit() -> None:

@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import solve, solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
+from struck.errors import counted
 from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
 from struck.recordings.disturbances import processed
@@ -30,6 +31,10 @@ _STEEP = 2.0  # least power ratio of the steepest rise
 _ORDER, _PAST = 32, 50  # of linear prediction, and its training, ms
 _CLOSE = 0.01  # from a hit to its loudest moment, s
 _ARRIVED = 1e-4  # share of a hit's energy before its arrival
+# A second contact: ms after a hit, least rise of what the past does not predict, and its least and
+# most share of the blow's; ms in which the prediction is learned, its order and most equations.
+_TOUCHED, _CLEARLY, _TOUCHES = (6, 30), 10.0, (0.02, 4.0)
+_LEARNED, _MEMORY, _ROWS = (30, 150), 128, 2000
 # s; a fainter hit that sounds at once is the rest of one before
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
 # s from which bands have to fall after a hit that the take begins with, and by how much in power
@@ -44,6 +49,7 @@ class Hit:
     arrival: int  # nearly all is heard from here on, the blow included
     start: int  # the rise is over: free ringing from here on
     end: int  # the next hit begins, or the take ends
+    again: int | None = None  # the tool touches once more, soon after its blow
 
 
 def find_hits(take: Take) -> list[Hit]:
@@ -76,7 +82,51 @@ def hit_at(take: Take, onset: int, end: int) -> Hit:
     energy = (take.samples**2).sum(axis=0)
     start = _risen(energy, onset, end, size)
     arrival = min(_arrived(energy, onset, end, size), start)
-    return Hit(onset=onset, arrival=arrival, start=start, end=end)
+    again, over = _touched_again(take, onset, end, size)
+    return Hit(onset=onset, arrival=arrival, start=max(start, over), end=end, again=again)
+
+
+def _touched_again(take: Take, onset: int, end: int, size: int) -> tuple[int | None, int]:
+    """Return the sample of a second contact soon after a hit, if any, and from where it is over.
+
+    A body that rings freely is predicted by its past, a sum of decaying sines; a push is not.
+    """
+    sound = take.samples[:, onset : onset + _LEARNED[1] * size]
+    surprise = _surprise(take.samples[int((sound**2).sum(axis=1).argmax())], onset, end, size)
+    blocks = surprise[: len(surprise) // size * size].reshape(-1, size).sum(axis=1)
+    places = np.arange(_TOUCHED[0], min(_TOUCHED[1], len(blocks) - 1))
+    before = np.array([blocks[max(2, place - 4) : place].mean() for place in places])
+    pairs = (blocks[places] + blocks[places + 1]) / 2
+    least, most = np.multiply(_TOUCHES, blocks[: _TOUCHED[0]].max(initial=0.0))
+    loud = (pairs > least) & (
+        pairs < most
+    )  # else the blow itself, whose beginning was taken for it
+    rises = np.where(loud, pairs / np.maximum(before, 1e-300), 0.0)
+    if rises.max(initial=0.0) < _CLEARLY:
+        return None, onset
+    first = int(places[rises.argmax()])
+    after = blocks[first + 2 :] < 0.1 * blocks[first : first + 2].max()
+    over = first + 3 + (int(after.argmax()) if after.any() else len(after))
+    return onset + first * size, onset + over * size
+
+
+def _surprise(channel: Array, onset: int, end: int, size: int) -> Array:
+    """Return squared errors (n,) of predicting a hit as it rings later; none if short."""
+    begin = max(0, onset - _MEMORY)
+    heard = channel[begin : min(end, onset + _LEARNED[1] * size)]
+    if len(heard) < onset - begin + _LEARNED[0] * size + 5 * _MEMORY or not np.ptp(heard):
+        return np.zeros(0)
+    past = np.lib.stride_tricks.sliding_window_view(heard, _MEMORY + 1)
+    late = past[onset - begin + _LEARNED[0] * size - _MEMORY :]
+    late = late[:: max(1, len(late) // _ROWS)]
+    # Weighted, so that the soft end counts as much as the loud beginning.
+    late = late / (np.linalg.norm(late, axis=1) + 1e-9 * np.abs(heard).max())[:, None]
+    square = late[:, :-1].T @ late[:, :-1]
+    square[np.diag_indices(_MEMORY)] += 1e-9 * square.trace()
+    weights = solve(square, late[:, :-1].T @ late[:, -1], assume_a="pos")
+    soon = past[: onset - begin + (_TOUCHED[1] + 10) * size]
+    errors = np.square(soon[:, -1] - soon[:, :-1] @ weights)
+    return np.r_[np.zeros(_MEMORY - (onset - begin)), errors]
 
 
 def _arrived(energy: Array, onset: int, end: int, size: int) -> int:
@@ -242,6 +292,7 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     yield from processed(take)
     yield from _loops(take)
     yield from _short(take, hits)
+    yield from _touches(take, hits)
     peak = 20 * np.log10(np.abs(take.samples).max())
     if peak < _QUIET:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"
@@ -283,6 +334,17 @@ def _ending(take: Take, before: Array) -> Iterator[str]:
         yield (
             f"the noise of {take.name} changes by {levels.min() - quiet:.0f} dB: turn automatic "
             "gain and noise suppression off, for decays are wrong with them"
+        )
+
+
+def _touches(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
+    """Yield a remark on hits after which the tool touches once more."""
+    later = [1000 * (hit.again - hit.onset) / take.sample_rate for hit in hits if hit.again]
+    if later:
+        yield (
+            f"{take.name} is touched again {min(later):.0f} ms after a hit, in {len(later)} of "
+            f"{counted(len(hits), 'hit')}: it is fitted from when that is over, without modes that "
+            "are gone by then; let the tool bounce off"
         )
 
 

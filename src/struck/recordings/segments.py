@@ -136,7 +136,8 @@ def cut(
                 f"no hit was found in {take.name}: no moment at which many frequencies rise at "
                 "once; give its onsets, or leave it out"
             )
-        begun = [replace(hit, start=hit.arrival) for hit in own] if attack else own
+        # Of a blow with two contacts the first is left out: no free decay explains both.
+        begun = [replace(h, start=h.arrival) if attack and not h.again else h for h in own]
         stretches = list(_stretches(number, take, begun))
         if not stretches:
             raise RecordingError(
