@@ -81,7 +81,7 @@ def test_not_a_number_is_refused_with_its_place() -> None:
     [
         (np.zeros(RATE), RATE, "silent in channel 1"),
         (np.stack((np.ones(RATE).cumsum(), np.full(RATE, 0.1))), RATE, "silent in channel 2"),
-        (np.ones(100), RATE, "at least 0.1 s"),
+        (np.ones(100), RATE, "give 0.1 s or more"),
         (np.ones((2, 2, RATE)), RATE, "shape"),
         (np.ones(100), 100, "sample rate of 100"),
     ],

@@ -118,7 +118,7 @@ def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping o
 
 
 def require_names(names: Sequence[str], kind: str = "sound", table: str = "") -> None:
-    """Refuse names that no file can have, and two of one name; OptionError tells their rows."""
+    """Refuse names that no file can have, and two of one name, by the numbers of their rows."""
     if not names:
         raise OptionError("there are 0 sounds: give at least one, by its name")
     taken: dict[str, int] = {}

@@ -120,10 +120,12 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
         raise RecordingError(
             f"{name} has a sample rate of {sample_rate} Hz: give one of {_RATES[0]} to {_RATES[1]}"
         )
-    if samples.ndim != 2 or samples.shape[1] < _SHORTEST * sample_rate:
+    if samples.ndim != 2:
+        raise RecordingError(f"{name} has shape {samples.shape}: give (channels, n) samples")
+    if samples.shape[1] < _SHORTEST * sample_rate:
         raise RecordingError(
-            f"{name} has shape {samples.shape}: give (channels, n) with at least {_SHORTEST} s, "
-            f"n = {_SHORTEST * sample_rate:.0f}"
+            f"{name} holds {samples.shape[1]} samples, {samples.shape[1] / sample_rate:.3g} s: "
+            f"give {_SHORTEST} s or more, better a second"
         )
     wrong = np.count_nonzero(~np.isfinite(samples))
     if wrong:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -57,10 +58,12 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         halves = f"half of the frequencies within {100 * middle:.2g} %"
         lines.append(f"errors    {halves}, all within {100 * worst:.2g} %")
     if material is not None:
+        kind, _, values = repr(material.damping).rstrip(")").partition("(")
+        kind = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind).lower()
         lines.append(
             f"material  {material.name}: {material.density:g} kg/m3, "
             f"E = {material.youngs_modulus / 1e9:g} GPa, Poisson {material.poisson_ratio:g}, "
-            f"{material.damping}"
+            f"{kind} of {values.replace('_', ' ').replace('=', ' ')}"
         )
     if model.mass is not None:
         lines.append(f"mass      {model.mass:.4g} kg")

@@ -141,7 +141,7 @@ def _bodies(
 
 
 def _unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
-    """Return a note of roughness that nothing uses, as no log of contacts slides on the bodies."""
+    """Return a note of roughness without use, as no log of contacts slides on the bodies."""
     told = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
     return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
 

@@ -218,7 +218,9 @@ def mujoco_itself():  # noqa: ANN201 - a module
 
 def _parsed(path: Path) -> ET.Element:
     data = read_bytes(path, most=_LARGEST_TEXT)
-    if any(each in data for each in (b"<!ENTITY", b"<!DOCTYPE", b"\0")):
+    if b"\0" in data:
+        raise FileFormatError(f"{path} is no text: give a scene in MJCF or URDF, as scene.xml")
+    if any(each in data for each in (b"<!ENTITY", b"<!DOCTYPE")):
         raise FileFormatError(f"{path} declares entities, which are not taken: write them out")
     try:
         return ET.fromstring(data)  # noqa: S314 - without entities
