@@ -344,6 +344,11 @@ IDLE = {
     "analyze block:size=1cmx1cmx1cm --material ice --method formula": "this body has none, as it",
     "analyze block:size=1cmx1cmx1cm --material ice --part 2": "this body is no file, and has",
     "render BAR --strike 0.1,0.2 -o n.wav": "give 1 coordinate or x, y, z, in m",
+    "render BAR --walk none.csv -o n.wav": "none.csv cannot be read (No such file",
+    "render BAR --strikes comma.csv -o n": "row 1 of comma.csv: speed is [0.0, 5.0]: give one numb",
+    "fit BAR": "bar.struck is a model, not a recording of one: give sound files",
+    "simulate BAR": "bar.struck is no text: give a scene in MJCF or URDF",
+    "simulate scene.xml --seconds -1": "--seconds is -1.0: it must lie above 0",
     "analyze BAR --material ice": "bar.struck is a model, whose modes are known: struck info",
     "radiate BAR --band 20,21 -o n.struck": "no mode lies from 20 to 21 Hz: no timbre field is",
     "render BAR --seconds 0 -o n.wav": "--seconds is 0.0",
@@ -382,6 +387,7 @@ def test_options_of_another_use_of_a_command_are_refused(
 ) -> None:
     trimesh.creation.box((0.1, 0.05, 0.03)).export("box.stl")
     Path("hits.csv").write_text('name,at,listener\nsoft,end,"0,1,0"\n')
+    Path("comma.csv").write_text("name;at;speed\na;end;0,5\n")
     before = {*Path().iterdir()}
     assert main(words.replace("BAR", bar).split()) == 2
     assert IDLE[words] in capsys.readouterr().err

@@ -175,7 +175,7 @@ def test_nobody_gets_inside_a_body() -> None:
 @pytest.mark.parametrize(
     ("listener", "message"),
     [
-        (Stereo(position=HERE, facing=(0, 0, 1)), "up across facing"),
+        (Stereo(position=HERE, facing=(0, 0, 1)), "facing lies along up"),
         (Stereo(position=HERE, facing=(0, 0, 0)), "facing is"),
         (Mono(position=(20_000.0, 0.0, 0.0)), "at most 10000 m"),
     ],

@@ -399,7 +399,8 @@ def test_takes_that_do_not_go_together_are_refused() -> None:
     other = Take(samples=hit(0.1).samples, sample_rate=44100, name="another")
     with pytest.raises(RecordingError, match="another was recorded at 44100 Hz"):
         fitting([hit(0.05), other])
-    stereo = take(np.stack([ringing(gains(np.array(0.1))[0])] * 2) + noise(RATE, 50, 4))
+    heard = ringing(gains(np.array(0.1))[0])
+    stereo = take(np.stack([heard + noise(RATE, 50, seed) for seed in (4, 5)]))
     with pytest.raises(RecordingError, match="1 and 2 channels"):
         fitting([hit(0.05), stereo], contacts=[0.1, 0.2])
     with pytest.raises(OptionError, match="no recordings"):

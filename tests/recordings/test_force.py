@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from struck.recordings.onsets import find_hits, findings
 from struck.recordings.poles.search import fit_poles
-from struck.recordings.takes import Take, force_channels, without_force
+from struck.recordings.takes import Take, copied_channels, force_channels, without_force
+from tests.recordings.scenes import scene
 
 Array = NDArray[np.float64]
 
@@ -61,3 +63,17 @@ def test_a_force_is_left_out_of_the_fit_and_named() -> None:
     assert [(row.hit, row.channel) for row in fit.rows] == [(0, 1), (1, 1)]
     assert fit.frequencies == pytest.approx([410, 1130, 2750], abs=0.05)
     assert any("channel 1 of the take holds the force" in note for note in fit.notes)
+
+
+def test_a_copied_channel_is_left_out_and_told() -> None:
+    """Phones write one microphone twice; as two they would double the evidence of noise."""
+    chance = np.random.default_rng(0)
+    one = scene(8, 50, chance).samples[0]
+    for scale in (1.0, 0.5):
+        both = np.stack([one, scale * one]) + 1e-5 * chance.uniform(-1, 1, (2, len(one)))
+        twice = Take(samples=np.round(both * 32768) / 32768, sample_rate=RATE)
+        assert copied_channels(twice).tolist() == [False, True]
+        notes = list(findings(twice, find_hits(twice)))
+        assert any("channel 2 of the take is one before it again" in note for note in notes)
+    own = scene(8, 50, chance, channels=2)
+    assert not copied_channels(Take(samples=own.samples, sample_rate=RATE)).any()

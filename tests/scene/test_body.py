@@ -51,16 +51,16 @@ def test_bodies_that_turn_are_heard_as_when_the_world_turns_the_other_way() -> N
     # Both spin about z, with the centre of their sound on it: one is a timbre field, one is not.
     field = replace(about(np.zeros(3)), gains=sided())
     ears = {"facing": np.array([-1.0, 0.2, 0.0]), "up": np.array([0.1, 0.0, 1.0])}
-    # By bare ears, as the centre of the head stays on one side of the field.
-    fixed = Stereo(position=ALOFT, field="ears", **ears)
     heard = {name: np.zeros((2, round(0.3 * RATE))) for name in ("bodies", "world", "nothing")}
-    for model, height in ((field, 0.0), (about(np.zeros(3)), 0.3)):
+    # By bare ears, as the centre of the head stays on one side of the field.
+    for model, height, way in ((field, 0.0, "ears"), (about(np.zeros(3)), 0.3, None)):
+        fixed = Stereo(position=ALOFT, field=way, **ears)
         place = np.array([0, 0, height])
         body = Body(model=model, excitations=STRIKE, position=place, rotation=turned)
         still = replace(body, rotation=np.eye(3))
         late = float(np.linalg.norm(ALOFT - place)) / AIR.sound_speed
         moved = {name: back(v, late) for name, v in (ears | {"position": ALOFT}).items()}
-        world = Stereo(field="ears", **moved)
+        world = Stereo(field=way, **moved)
         for name, each, listener in (
             ("bodies", body, fixed),
             ("world", still, world),

@@ -188,6 +188,7 @@ def row_of(table: str | os.PathLike[str], number: int) -> Iterator[None]:
         yield
     except StruckError as error:
         told = re.sub(r"(?<=\w)=(?=['\s])", " ", str(error)).replace("  ", " ")
+        told = re.sub(r": \w+ takes a number or None", ": give one number, as 0.5", told)
         raise type(error)(f"row {number} of {table}: {told}") from error
 
 

@@ -79,8 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(type(error)(told), words)
     finally:
         progress.close()
-    plain = options.in_shell_words(result.text)
-    text = json.dumps(result.facts, indent=2) if options.json else plain
+    plain, facts = options.in_shell_words(result.text), result.facts
+    if isinstance(notes := facts.get("notes"), list):
+        facts["notes"] = list(map(options.in_shell_words, notes))
+    text = json.dumps(facts, indent=2) if options.json else plain
     return _print(text + "\n") or result.code
 
 

@@ -15,7 +15,7 @@ from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbe
 from struck.errors import OptionError
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_file, is_folder, real, writable
-from struck.files.model_file import model_path
+from struck.files.model_file import is_model, model_path
 from struck.model.html import PAGES
 from struck.model.provenance import TerminalProgress
 from struck.recordings.fit import Fitting, files_read, fit_recordings
@@ -69,6 +69,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck fit`."""
     several = options.recordings
+    for each in filter(is_model, several):
+        raise OptionError(f"{each} is a model, not a recording of one: give sound files")
     read = files_read(several, options.manifest)
     output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)
     report = None

@@ -347,9 +347,9 @@ def listener(
 def _walk(path: str) -> tuple[Array, Array]:
     """Return times (n,) and places (n, 3) of a file of four numbers a line."""
     rows: list[list[float]] = []
-    wrong = "it is no text"
+    wrong, data = "it is no text", read_bytes(path)
     try:
-        for number, line in enumerate(read_bytes(path).decode("utf-8").split("\n"), 1):
+        for number, line in enumerate(data.decode("utf-8").split("\n"), 1):
             wrong = f"line {number} is {line.strip()[:40]!r}"
             if line.strip():
                 time, x, y, z = map(float, line.split(","))

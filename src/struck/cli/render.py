@@ -36,7 +36,7 @@ from struck.files.atomic import writable
 from struck.files.model_file import require_no_sound
 from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import ENDINGS, chosen
-from struck.files.sound_set import TABLE, require_names, save_set
+from struck.files.sound_set import OF_A_SOUND, TABLE, require_names, save_set
 from struck.model.provenance import TerminalProgress
 from struck.scene.body import Action, centre_of, with_fewer_modes
 
@@ -160,7 +160,8 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     _require_folder(options, table)
     full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
     chosen(f"sound.{options.sounds}", options.encoding)
-    heard, named = _heard(options), named_strikes(table_rows(options.strikes), options.strikes)
+    given = table_rows(options.strikes)
+    heard, named = _heard(options), named_strikes(given, options.strikes)
     require_names([name for name, _, _ in named], "row", f" of {options.strikes}")
     if all(where is not None for _, _, where in named):
         why = f"is for rows without a listener, and each row of {table} has one"
@@ -181,10 +182,14 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
-    scale = f"{rows[0]['full_scale']:.4g} {rows[0]['unit']}"
-    notes = list(dict.fromkeys([*lost, *(note for _, sound in sounds for note in sound.notes)]))
-    last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: full scale is "
-    last += f"{scale}{span}"
+    scale = f"full scale is {rows[0]['full_scale']:.4g} {rows[0]['unit']}{span}"
+    told = (f"{name}: {note}" for name, sound in sounds for note in sound.notes)
+    notes = [*dict.fromkeys([*lost, *told])]
+    if options.sounds in {"ogg", "mp3"}:
+        notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
+    if idle := [name for name in OF_A_SOUND if name in given[0]]:
+        notes.append(f"{', '.join(idle)} of {table} are of the set before: options say them anew")
+    last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: {scale}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 
 

@@ -30,7 +30,7 @@ from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
 from struck.scene import Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
-from struck.scene.engines.simulation import Simulation
+from struck.scene.engines.simulation import Simulation, require_seconds
 from struck.scene.stems import save_stems
 
 EXAMPLES = (
@@ -82,6 +82,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     others = ("log", "output", "rate", "ring", "stems") if options.play else ("device",)
     without = "a file: leave out --play" if options.play else "playing: give --play"
     refuse(options, others, f"is for {without}")
+    require_seconds(options.seconds)
     if options.play:
         return _heard_live(options, progress)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
@@ -97,7 +98,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.listener is None and options.walk is None:
         options.listener = _before(excited)
     heard = _heard(options)
-    sound = _sound(excited, heard)
+    sound = _sound(excited, heard, options)
     factor = sound.save(output)
     files = [output, log, *_write_others(output, scene, events, sound, options.seconds, progress)]
     if options.stems:
@@ -156,13 +157,12 @@ def _heard(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _sound(scene: Scene, heard: Mapping[str, Any]) -> Sound:
+def _sound(scene: Scene, heard: Mapping[str, Any], options: argparse.Namespace) -> Sound:
     """Return the sound of a scene."""
     bodies = [body for body in scene.bodies.values() if not body.silent]
     if not any(body.actions for body in bodies):
-        raise OptionError(
-            "nothing sounds: " + ("; ".join(scene.notes) or "no contact is strong enough to hear")
-        )
+        notes = options.in_shell_words("; ".join(scene.notes))
+        raise OptionError(f"nothing sounds: {notes or 'no contact is strong enough to hear'}")
     sound = struck.render(bodies, **heard)
     return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
 

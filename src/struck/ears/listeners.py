@@ -336,7 +336,10 @@ def axes(facing: Array, up: Array) -> Array:
     Raises OptionError where `facing` lies along `up`.
     """
     forward = _normal("facing", facing)
-    left = _normal("the part of up across facing", _across(_normal("up", up), forward))
+    across = _across(_normal("up", up), forward)
+    if np.abs(across).max(axis=1).min() < 1e-9:
+        raise OptionError("facing lies along up, z by default: give another, or both (in Python)")
+    left = _normal("left", across)
     return np.stack([forward, left, _across(forward, left)], axis=1)
 
 

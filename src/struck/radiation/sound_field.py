@@ -116,8 +116,8 @@ def _require_memory(counts: Array) -> float:
     if free is not None and needed > free:
         raise SolverError(
             f"the timbre field needs about {needed / GIB:.1f} GiB of memory, but "
-            f"{free / GIB:.1f} GiB are free: give a band= that ends lower, a thicker wall=, "
-            "or take radiation='power'"
+            f"{free / GIB:.1f} GiB are free: give a band= that ends lower or a thicker body, "
+            "or keep the estimate of radiation='power'"
         )
     return needed
 

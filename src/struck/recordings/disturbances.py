@@ -23,7 +23,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from struck.model.arrays import AnyComplex, Array, Mask
 from struck.model.exponentials import Exponentials
-from struck.recordings.takes import Take, force_channels
+from struck.recordings.takes import Take, left_out
 
 _LEAST, _MOST = 0.25, 10.0  # of the lead-in that is looked at, s
 _BLOCK = 0.1  # s: five periods of 50 Hz and six of 60 Hz
@@ -157,7 +157,7 @@ _OFFSET = 2e-3  # smallest mean over peak that is reported
 
 def processed(take: Take) -> Iterator[str]:
     """Yield a sentence about each processing found in a take: lossy coding, offset."""
-    heard = take.samples[~force_channels(take)]
+    heard = take.samples[~left_out(take)]
     if not heard.size:
         return
     loudest = heard[int(np.square(heard).sum(axis=1).argmax())]

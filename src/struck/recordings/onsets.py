@@ -18,7 +18,7 @@ from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
 from struck.recordings.disturbances import processed
 from struck.recordings.noise import blackman_harris, frames
-from struck.recordings.takes import Take, force_channels
+from struck.recordings.takes import Take, copied_channels, force_channels
 
 # window and its steps, s; windows transformed at a time
 _WINDOW, _STEP, _CHUNK = 0.023, 0.0029, 4096
@@ -395,6 +395,8 @@ def _forces(take: Take) -> Iterator[str]:
             f"channel {channel + 1} of {take.name} holds the force of the blows, short and of one "
             "sign, and no sound: it is left out"
         )
+    for channel in np.flatnonzero(copied_channels(take)):
+        yield f"channel {channel + 1} of {take.name} is one before it again: it is left out"
 
 
 def _clipping(take: Take) -> Iterator[str]:

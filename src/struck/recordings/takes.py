@@ -197,6 +197,7 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
 
 _PULSE, _AFTER = 0.002, 0.1  # half of a blow, and from its peak until all is quiet again, s
 _SHORT = 0.8  # least share of the energy in the pulse
+_COPIED = 2e-6  # least difference of two microphones' sounds, of their energy
 _PUSHED = 0.8  # least share of one sign: a blow does not pull
 
 
@@ -206,10 +207,21 @@ def force_channels(take: Take) -> Mask:
     return found & ~found.all()
 
 
+def copied_channels(take: Take) -> Mask:
+    """Return which channels (C,) are another one again, louder or softer, but for its rounding."""
+    units = take.samples / np.linalg.norm(take.samples, axis=1, keepdims=True)
+    return (np.tril(np.abs(units @ units.T), -1) > 1 - _COPIED).any(axis=1)
+
+
+def left_out(take: Take) -> Mask:
+    """Return which channels (C,) hold no sound of their own: forces, and copies of others."""
+    return force_channels(take) | copied_channels(take)
+
+
 def without_force(take: Take) -> Take:
-    """Return a take without its force channels."""
-    force = force_channels(take)
-    return replace(take, samples=take.samples[~force]) if force.any() else take
+    """Return a take without its force channels, and without copies of others."""
+    idle = left_out(take)
+    return replace(take, samples=take.samples[~idle]) if idle.any() else take
 
 
 def _is_force(channel: Array, sample_rate: int) -> bool:
@@ -401,7 +413,7 @@ def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
             "each, or one place for all"
         )
     for take, places in zip(takes, listeners, strict=True):
-        sounding = ~force_channels(take)
+        sounding = ~left_out(take)
         every = np.full((take.channels, 3), np.nan)
         told = places[sounding] if len(places) == take.channels else places
         if told.shape != (np.count_nonzero(sounding), 3) or not np.isfinite(told).all():

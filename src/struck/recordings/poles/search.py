@@ -53,7 +53,7 @@ from struck.recordings.poles.verdict import (
     vague,
 )
 from struck.recordings.segments import SHORTEST, Row, Segment, cut, joined
-from struck.recordings.takes import Take, force_channels, require_one_rate, without_force
+from struck.recordings.takes import Take, left_out, require_one_rate, without_force
 
 _CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
 _NAMED = 16  # tones
@@ -645,7 +645,7 @@ def _without_errors(fitted: Fitted) -> Fitted:
 
 def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
     """Count the rows' channels as in the takes, where force sensors count, too."""
-    channels = [np.flatnonzero(~force_channels(take)) for take in takes]
+    channels = [np.flatnonzero(~left_out(take)) for take in takes]
     return tuple(replace(row, channel=int(channels[row.take][row.channel])) for row in rows)
 
 

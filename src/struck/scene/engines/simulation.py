@@ -41,6 +41,12 @@ _LONGEST = 3600.0  # s
 _TOLD = 50  # steps between two words of progress
 
 
+def require_seconds(seconds: float) -> None:
+    """Refuse lengths that no simulation has; before bodies are analyzed, which takes longer."""
+    wanted = "it must lie above 0 and at most at 3600"
+    require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
+
+
 @checked
 class Simulation:
     """A scene file that is ready to run: bodies with their sounds, in an engine.
@@ -203,8 +209,7 @@ class Simulation:
         SimulationError
             When the simulation explodes: when, which body, and what to change.
         """
-        wanted = "it must lie above 0 and at most at 3600"
-        require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
+        require_seconds(seconds)
         engine = self.started()
         count = max(1, round(seconds / engine.step))
         for number in range(count):
