@@ -383,9 +383,9 @@ class _Work:
 
 def _solver(method: str, backend: str) -> Solver:
     if method not in {"quadratic", "obrien2002", "obrien2002-consistent"}:
-        bars = method == "formula"
-        why = "this body has none, as it is no shape: leave method= out, or give " * bars or "give "
-        raise OptionError(f"method is {method!r}: {why}{METHODS}")
+        none = "this body has none, as it is no shape: leave method= out, or "
+        why = none if method == "formula" else ""
+        raise OptionError(f"method is {method!r}: {why}give {METHODS}")
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 

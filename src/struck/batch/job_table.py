@@ -275,7 +275,7 @@ _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
     "modes": int,
     **dict.fromkeys(
-        ("repair", "recoil"), lambda value: {"true": 1, "false": 0}[str(value).lower()] == 1
+        ("repair", "recoil"), lambda value: {"true": True, "false": False}[str(value).lower()]
     ),
     "band": lambda value: require_band(_cells(value)),
     "fixed": _box,

@@ -98,9 +98,8 @@ def _touched_again(take: Take, onset: int, end: int, size: int) -> tuple[int | N
     before = np.array([blocks[max(2, place - 4) : place].mean() for place in places])
     pairs = (blocks[places] + blocks[places + 1]) / 2
     least, most = np.multiply(_TOUCHES, blocks[: _TOUCHED[0]].max(initial=0.0))
-    loud = (pairs > least) & (
-        pairs < most
-    )  # else the blow itself, whose beginning was taken for it
+    # What is louder is the blow itself, before which something faint was taken for its beginning.
+    loud = (pairs > least) & (pairs < most)
     rises = np.where(loud, pairs / np.maximum(before, 1e-300), 0.0)
     if rises.max(initial=0.0) < _CLEARLY:
         return None, onset

@@ -209,7 +209,8 @@ def force_channels(take: Take) -> Mask:
 
 def copied_channels(take: Take) -> Mask:
     """Return which channels (C,) are another one again, louder or softer, but for its rounding."""
-    units = take.samples / np.linalg.norm(take.samples, axis=1, keepdims=True)
+    centred = take.samples - take.samples.mean(axis=1, keepdims=True)
+    units = centred / np.linalg.norm(centred, axis=1, keepdims=True)
     return (np.tril(np.abs(units @ units.T), -1) > 1 - _COPIED).any(axis=1)
 
 
