@@ -115,7 +115,7 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--model", "t*=no.struck", "--material", "tile=oak"], "--material names 'tile', whose"),
         (
             ["--keyframe", "start"],
-            "--keyframe is 'start': the file has none, or leave --keyframe out",
+            "--keyframe is 'start': the file has none: leave --keyframe out",
         ),
         (["--log", "log.txt"], "npz"),
         ([], "nothing sounds: 'shelf' is silent: its material is not given"),

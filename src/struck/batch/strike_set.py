@@ -188,7 +188,7 @@ def row_of(table: str | os.PathLike[str], number: int) -> Iterator[None]:
         yield
     except StruckError as error:
         told = re.sub(r"(?<=\w)=(?=['\s])", " ", str(error)).replace("  ", " ")
-        told = re.sub(r": \w+ takes a number or None", ": give one number, as 0.5", told)
+        told = re.sub(r": \w+ takes a number( or None)?", ": give one number, as 0.5", told)
         raise type(error)(f"row {number} of {table}: {told}") from error
 
 
@@ -222,9 +222,10 @@ def _strike_of(row: Mapping[Any, Any]) -> tuple[Strike, Sequence[float] | None]:
     listener = given.pop("listener", None)
     unknown = sorted(str(name) for name in given if name not in _NAMES)
     if unknown:
+        known = ("name", *_NAMES, "listener")
         raise OptionError(
-            f"the column {unknown[0]!r} is nothing of a strike: {nearest(unknown[0], _NAMES)}give "
-            f"some of name, {', '.join((*_NAMES, 'listener'))}"
+            f"the column {unknown[0]!r} is nothing of a strike: {nearest(unknown[0], known)}give "
+            f"some of {', '.join(known)}"
         )
     return Strike(**given), listener
 

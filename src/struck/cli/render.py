@@ -188,7 +188,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.sounds in {"ogg", "mp3"}:
         notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
     if idle := [name for name in OF_A_SOUND if name in given[0]]:
-        notes.append(f"{', '.join(idle)} of {table} are of the set before: options say them anew")
+        notes.append(f"not used of {table}: {', '.join(idle)}; options say them anew")
     last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: {scale}"
     return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
 

@@ -203,8 +203,8 @@ class MujocoEngine:
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
             if number < 0:
                 known = [model.key(each).name for each in range(model.nkey)]
-                there = f"give one of {', '.join(known)}" if known else "the file has none"
-                raise OptionError(f"keyframe is {keyframe!r}: {there}, or leave keyframe= out")
+                there = f"give one of {', '.join(known)}, or" if known else "the file has none:"
+                raise OptionError(f"keyframe is {keyframe!r}: {there} leave keyframe= out")
             mujoco.mj_resetDataKeyframe(model, self.data, number)
         mujoco.mj_forward(model, self.data)
         self.recorder = MujocoRecorder(model, links=links)
