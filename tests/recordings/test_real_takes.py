@@ -55,7 +55,7 @@ ROBOT = {
         "diffimpact_robot_steel_fork_polycarbonate_cup",
     )
 }
-
+CROWDED = pytest.mark.xfail(reason="16 %, as the cup has many modes below 250 Hz", strict=True)
 TAPPED = [f"{BOWL.name}/{path.stem}" for path in sorted(BOWL.glob("*.wav"))]
 BUDGET = 64
 WINDOW = 2048
@@ -176,11 +176,12 @@ def strongest(fit: Fitted) -> NDArray[np.int64]:
     return np.argsort(-energies)[:5]
 
 
-@pytest.mark.parametrize("body", ROBOT)
-def test_the_strongest_modes_of_a_take_are_in_a_fit_of_the_others(
-    body: str, record_property: Note
-) -> None:
-    """Chance: the share of random frequencies over the range that lie as near to a mode."""
+@cache
+def left_out_one_by_one(body: str) -> tuple[list[bool], list[float], float]:
+    """Return which modes are found in a fit of the other takes, ratios of decays, and chance.
+
+    Chance is the share of random frequencies over the range that lie as near to a mode.
+    """
     takes = [load(name) for name in ROBOT[body]]
     matched, decays, lucky = [], [], []
     for left_out, name in enumerate(ROBOT[body]):
@@ -192,14 +193,29 @@ def test_the_strongest_modes_of_a_take_are_in_a_fit_of_the_others(
             if matched[-1]:
                 decays.append(others.decays[away.argmin()] / alone.decays[mode])
         lucky.append(chance_of(others.frequencies))
+    return matched, decays, float(np.mean(lucky))
+
+
+@pytest.mark.parametrize("body", ROBOT)
+def test_the_strongest_modes_of_a_take_are_in_a_fit_of_the_others(
+    body: str, record_property: Note
+) -> None:
+    matched, decays, lucky = left_out_one_by_one(body)
     record_property(
         body,
-        f"{sum(matched)} of {len(matched)} within {NEAR:g} Hz, {100 * np.mean(lucky):.1f} % by "
+        f"{sum(matched)} of {len(matched)} within {NEAR:g} Hz, {100 * lucky:.1f} % by "
         f"chance; decays within {100 * np.median(np.abs(np.array(decays) - 1)):.1f} %",
     )
     assert np.mean(matched) >= 16 / 20
-    assert binom.sf(sum(matched) - 1, len(matched), np.mean(lucky)) < 1e-6
+    assert binom.sf(sum(matched) - 1, len(matched), lucky) < 1e-6
     assert np.median(np.abs(np.array(decays) - 1)) <= 0.15
+
+
+@pytest.mark.parametrize(
+    "body", [pytest.param(each, marks=CROWDED if "cup" in each else ()) for each in ROBOT]
+)
+def test_fewer_than_one_in_ten_random_frequencies_would_be_found_so(body: str) -> None:
+    assert left_out_one_by_one(body)[2] < 0.10
 
 
 def chance_of(modes: Array) -> float:

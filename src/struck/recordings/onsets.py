@@ -31,10 +31,10 @@ _STEEP = 2.0  # least power ratio of the steepest rise
 _ORDER, _PAST = 32, 50  # of linear prediction, and its training, ms
 _CLOSE = 0.01  # from a hit to its loudest moment, s
 _ARRIVED = 1e-4  # share of a hit's energy before its arrival
-# A second contact: ms after a hit, least rise of what the past does not predict, and its least and
-# most share of the blow's; ms in which the prediction is learned, its order and most equations.
+# A second contact: ms after a hit, least rise of the prediction's errors, and their least
+# and most share of the blow's; ms in which the prediction is learned, its order, most equations.
 _TOUCHED, _CLEARLY, _TOUCHES = (6, 30), 10.0, (0.02, 4.0)
-_LEARNED, _MEMORY, _ROWS = (30, 150), 128, 2000
+_LEARNED, _MEMORY, _ROWS = (30, 150), 128, 5000
 # s; a fainter hit that sounds at once is the rest of one before
 _EDGE, _FAINT = 0.01, 10 ** (-26 / 10)
 # s from which bands have to fall after a hit that the take begins with, and by how much in power
