@@ -17,7 +17,8 @@ Each message holds the value, the bound and the way out, and the nearest name wh
 """
 
 import difflib
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 from typing import SupportsIndex
 
 
@@ -97,7 +98,7 @@ class RepairWarning(UserWarning):
 _CALLED = {
     **dict.fromkeys(("velocity", "v"), ("speed",)),
     **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),
-    **dict.fromkeys(("position", "place", "point", "where"), ("at", "strike", "listener")),
+    **dict.fromkeys(("position", "place", "point", "where", "at"), ("at", "strike", "listener")),
     **dict.fromkeys(("force", "strength"), ("impulse", "load")),
     **dict.fromkeys(("duration", "length", "time", "secs"), ("seconds",)),
     **dict.fromkeys(("strikes", "hits", "actions"), ("excitations",)),
@@ -118,8 +119,25 @@ def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
     names = list(known)
     plain = name.strip().lower()
     found = [each for each in _CALLED.get(plain, ()) if each in names][:1]
+    if plain.isdigit():  # a number that is near another one is not meant for it
+        return ""
     found = found or difflib.get_close_matches(plain, names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(map(form.format, found))}? " if found else ""
+
+
+def require_choice(
+    name: str,
+    value: object,
+    known: Iterable[str],
+    error: Callable[[str], Exception] = OptionError,
+    *,
+    more: str = "",
+) -> None:
+    """Refuse all but one of the known names; the message offers the nearest, and `more` ways."""
+    names = tuple(known)
+    if value not in names:
+        offer = f"{nearest(str(value), names)}give one of {', '.join(names)}"
+        raise error(f"{name} is {value!r}: {offer}{more}")
 
 
 def counted(count: SupportsIndex, noun: str) -> str:
@@ -127,6 +145,12 @@ def counted(count: SupportsIndex, noun: str) -> str:
     plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
     before, space, last = noun.rpartition(" ")
     return f"{count} {before}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
+
+
+def kind_of(body: object) -> str:
+    """Return the name of a body's class, or of the class of that name, as "a polygon membrane"."""
+    name = body if isinstance(body, str) else type(body).__name__
+    return article(re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower())
 
 
 def article(noun: str) -> str:

@@ -166,7 +166,7 @@ def _nan_file(name: str) -> None:
         (_plane, [], ["open sheet", "give --wall"]),
         (_inside_out, ["--no-repair"], ["inside out", "flip"]),
         (_two, ["--no-repair"], ["choose one with --part"]),
-        (lambda: CUBE, ["--wall", "0.2"], ["wall of 0.2 m", "thinner wall"]),
+        (lambda: CUBE, ["--wall", "0.2"], ["--wall is 0.2 m", "at most 0.075 m"]),
         (lambda: CUBE, ["--wall", "-1"], ["wall is -1"]),
         (
             lambda: CUBE,
@@ -247,7 +247,7 @@ def test_bad_ways_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for touches, said in (
         (["--scrape", "end"], "two places or more"),
         (["--roll", "end..middle@soon"], "seconds after @"),
-        (["--scrape", "end..nowhere"], "no place is called 'nowhere'"),
+        (["--scrape", "end..nowhere"], "the place is 'nowhere'"),
         (["--scrape", "end..middle", "--roughness", "jelly"], "jelly"),
     ):
         assert main(["render", "tube.struck", *touches]) == 2

@@ -109,13 +109,16 @@ def test_pictures_show_the_scene(folder: Path) -> None:
             ["--restitution", "cup,shelf=0.5"],
             "names 'cup' and 'shelf', which fit no two of 'shelf', 'tile', 'ghost'",
         ),
-        (["--damping", "herd"], "damping is 'herd': give 'own'"),
+        (
+            ["--damping", "herd"],
+            "damping is 'herd': did you mean heard or heard_bowl? give",
+        ),
         (["--accuracy", "fin"], "accuracy is 'fin'"),
         (["--model", "tile=no.struck", "--wall", "tile=2mm"], "--wall names 'tile', whose modes"),
         (["--model", "t*=no.struck", "--material", "tile=oak"], "--material names 'tile', whose"),
         (
             ["--keyframe", "start"],
-            "--keyframe is 'start': the file has none: leave --keyframe out",
+            "--keyframe is 'start': give one of none, or leave --keyframe out",
         ),
         (["--log", "log.txt"], "npz"),
         ([], "nothing sounds: 'shelf' is silent: its material is not given"),

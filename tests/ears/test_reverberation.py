@@ -150,9 +150,9 @@ def test_a_seed_gives_the_same_tail() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"seconds": 0.0, "volume": 1.0}, "seconds in s is 0.0"),
-        ({"seconds": {1000: math.nan}, "volume": 1.0}, "seconds in s is nan"),
-        ({"seconds": {-1.0: 1.0}, "volume": 1.0}, "seconds in Hz is -1.0"),
+        ({"seconds": 0.0, "volume": 1.0}, "reverberation in s is 0.0"),
+        ({"seconds": {1000: math.nan}, "volume": 1.0}, "reverberation in s is nan"),
+        ({"seconds": {-1.0: 1.0}, "volume": 1.0}, "reverberation in Hz is -1.0"),
         ({"seconds": {}, "volume": 1.0}, "names no band"),
         ({"seconds": 1.0}, "give one of them"),
         ({"seconds": 1.0, "volume": 1.0, "level": 0.0}, "give one of them"),

@@ -157,5 +157,5 @@ def test_softer_strikers_touch_for_longer() -> None:
 def test_unknown_strikers_are_refused_with_the_nearest_names() -> None:
     with pytest.raises(OptionError, match=r"'wod'.*did you mean wood"):
         Striker.named("wod")
-    with pytest.raises(OptionError, match="there are fingertip, felt"):
+    with pytest.raises(OptionError, match="give one of fingertip, felt"):
         Striker.named("xylophone")

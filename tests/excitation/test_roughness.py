@@ -91,5 +91,5 @@ def test_impossible_profiles_are_refused() -> None:
         Profile(heights=np.ones(30), pitch=1e-5).roughness()
     with pytest.raises(OptionError, match="did you mean sandpaper"):
         Roughness.named("sandpapr")
-    with pytest.raises(OptionError, match="no profile is called 'steel'"):
+    with pytest.raises(OptionError, match="profile is 'steel': give one of"):
         Profile.named("steel")

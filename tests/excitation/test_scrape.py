@@ -266,7 +266,7 @@ def test_a_block_takes_little_time() -> None:
         ({"seconds": -1.0}, r"seconds is -1\.0"),
         ({"patch": -1e-3}, r"patch is -0\.001"),
         ({"time": np.nan}, "time is nan"),
-        ({"roughness": "sand"}, "no roughness is called"),
+        ({"roughness": "sand"}, "roughness is"),
         ({"striker": "stel"}, "did you mean steel"),
         ({"repeat": "twice"}, "repeat is 'twice'"),
         ({"path": [(0, 0, TOP)]}, "two places or more"),

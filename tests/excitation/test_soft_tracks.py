@@ -125,7 +125,7 @@ def test_a_kernel_of_a_tool_is_short() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kernel": "gausian"}, "no kernel is called 'gausian': did you mean gaussian"),
+        ({"kernel": "gausian"}, "kernel is 'gausian': did you mean gaussian"),
         ({"kernel": "gaussian", "softness": 0.0}, r"softness is 0\.0: .*above 0"),
         ({"kernel": "gaussian", "softness": -1e-3}, r"softness is -0\.001"),
         ({"kernel": "gaussian", "softness": np.nan}, "softness is nan"),

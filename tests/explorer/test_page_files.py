@@ -55,7 +55,7 @@ def test_a_large_body_is_sent_with_audible_modes_on_fewer_vertices_and_says_so(
 
 
 def test_an_unknown_head_is_refused_with_those_there_are() -> None:
-    with pytest.raises(OptionError, match="no head is called 'dummy': give one of kemar, exact"):
+    with pytest.raises(OptionError, match="head is 'dummy': give one of kemar, exact"):
         head_bytes("dummy", 48000)
     with pytest.raises(OptionError, match="sample_rate 100 Hz"):
         head_bytes("exact", 100)

@@ -98,7 +98,7 @@ def test_up_can_be_given(tmp_path: Path) -> None:
         ({"units": "mile"}, "units is 'mile': give one of m, cm, mm, in, ft"),
         ({"size": 0.0}, "size is 0.0: give the longest edge"),
         ({"size": float("nan")}, "size is nan"),
-        ({"up": "-z"}, "up is '-z': give x, y or z"),
+        ({"up": "-z"}, "up is '-z': did you mean z. give one of x, y, z"),
     ],
 )
 def test_options_out_of_bounds(tmp_path: Path, options: dict[str, object], message: str) -> None:
@@ -182,7 +182,7 @@ def test_parts_by_name(tmp_path: Path, kind: str) -> None:
     assert load_mesh(path, part="bell").volume == pytest.approx(8)
     assert load_mesh(path, part="clapper").bounds[0, 0] == pytest.approx(4.5)
     assert load_mesh(path, part="1").volume == pytest.approx(1)
-    assert "no part 'rim': choose one of 'bell', 'clapper'" in refused(path, part="rim")
+    assert "no part 'rim': give one of 'bell', 'clapper'" in refused(path, part="rim")
 
 
 def test_parts_are_listed_with_size_and_volume(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_disconnected_pieces_by_number(tmp_path: Path) -> None:
     assert "holds 15 bodies" in message
     assert message.endswith("'10', '11' ... and 3 more")
     assert load_mesh(path, part="14").extent == pytest.approx(1.14)
-    assert "no part '15': choose one of '0', '1'" in refused(path, part="15")
+    assert "no part '15': give one of '0', '1'" in refused(path, part="15")
 
 
 def test_obj_groups_that_are_patches_are_one_body(tmp_path: Path) -> None:
@@ -301,7 +301,7 @@ def test_parts_of_a_dirty_file_by_number(tmp_path: Path) -> None:
     path = written(trimesh.util.concatenate([ball, apart]), tmp_path / "a.off")
     assert load_mesh(path, part="0").extent == pytest.approx(2, rel=1e-3)
     assert load_mesh(path, part="1").extent == pytest.approx(4, rel=1e-3)
-    with pytest.raises(MeshError, match="no part '2': choose one of '0', '1'"):
+    with pytest.raises(MeshError, match="no part '2': give one of '0', '1'"):
         load_mesh(path, part="2")
 
 

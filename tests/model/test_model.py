@@ -187,7 +187,7 @@ def test_contacts_snap_and_tell_how_far(block: ModalModel) -> None:
     with pytest.raises(ContactError, match=r"nearest point is \(0, 0, 0.0215\)"):
         block.contact((0.0, 0.0, 0.05))
     assert block.contact("vertex:5").point == pytest.approx(block.geometry.points[5])
-    with pytest.raises(ContactError, match="no place is called 'knob'"):
+    with pytest.raises(ContactError, match="the place is 'knob'"):
         block.contact("knob")
 
 

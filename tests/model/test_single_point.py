@@ -70,7 +70,7 @@ def test_a_strike_rings_as_recorded_at_one_metre() -> None:
 
 def test_the_recorded_place_has_a_name_and_others_have_none() -> None:
     assert model().contact("recorded").point.shape == (0,)
-    with pytest.raises(ContactError, match="no place is called 'rim': give one of recorded"):
+    with pytest.raises(ContactError, match="the place is 'rim': give one of recorded"):
         model().contact("rim")
     with pytest.raises(ContactError, match=r"recorded at one place.*strike 'recorded'"):
         model().contact((0.0, 0.0, 0.1))

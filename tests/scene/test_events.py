@@ -272,7 +272,10 @@ def test_forces_of_2002_stay_by_name() -> None:
         assert len(actions) == rows
         assert {each.duration for each in actions} == {duration}
         assert sum(each.impulse for each in actions) == pytest.approx(contacts.impulse[:, 2].sum())
-    with pytest.raises(OptionError, match="forces is 'gauss': give one of events, impulses2002"):
+    with pytest.raises(
+        OptionError,
+        match="forces is 'gauss': did you mean gaussian2002",
+    ):
         events.on(forces="gauss")
 
 

@@ -153,5 +153,5 @@ def test_who_comes_too_near_is_told_how() -> None:
 
 
 def test_a_way_to_hear_fields_is_one_of_two() -> None:
-    with pytest.raises(OptionError, match="field is 'nose': give 'head', 'ears' or None"):
+    with pytest.raises(OptionError, match="field is 'nose': give one of head, ears, or None"):
         Stereo(field="nose")

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import struck
 from struck import Material
 from struck.errors import OptionError
+from struck.shapes import RectangularPlate
 from struck.shapes.circular_membrane import RoundForms
 from struck.shapes.circular_plate import EDGES, CircularPlate
 from tests.shapes.test_membranes import closed, disk_rule, from_identity
@@ -96,9 +98,26 @@ def test_modes_go_with_stiffness(edge: str) -> None:
 def test_thick_plate_is_warned_of(edge: str) -> None:
     thick = plate(edge, 0.03).vibration(STEEL, 20_000.0)
     said = str(thick.details["caution"])
-    assert "thickness is 0.15 of the radius, above 0.1" in said
+    assert "thickness is 0.15 of the radius or half side, above 0.1" in said
     assert "overstates the lowest frequency by about" in said
     assert "caution" not in plate(edge).vibration(STEEL, 5000.0).details
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        CircularPlate(radius=0.1, thickness=0.03),
+        RectangularPlate(length=0.12, width=0.1, thickness=0.02),
+    ],
+)
+def test_errors_of_thick_plates_are_those_against_elements(
+    body: CircularPlate | RectangularPlate,
+) -> None:
+    thin = struck.analyze(body, "steel", recoil=False)
+    solid = struck.analyze(body, "steel", method="fem", accuracy="preview", recoil=False)
+    off = thin.frequencies[:3] / solid.frequencies[:3] - 1
+    assert thin.errors is not None
+    assert (off / thin.errors[:3]).tolist() == pytest.approx([1, 1, 1], abs=0.6)
 
 
 def test_what_shear_takes_away_is_about_what_it_takes_in_mindlins_plate() -> None:

@@ -20,7 +20,14 @@ from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.discretisation import Source as ElementsSource
 from struck.core.machine import in_few_threads
-from struck.errors import NoModeError, OptionError, ScaleWarning, StruckError
+from struck.errors import (
+    NoModeError,
+    OptionError,
+    ScaleWarning,
+    StruckError,
+    kind_of,
+    require_choice,
+)
 from struck.files.cache import opened
 from struck.model.arrays import Array, Mask, checked, numbers, require_numbers
 from struck.model.damping import Band, require_band
@@ -62,7 +69,7 @@ if TYPE_CHECKING:
 
 Source: TypeAlias = "ElementsSource | Shape"
 Fixed = ArrayLike | Callable[[Array], Mask]
-METHODS = "formula (of shapes), fem (of all others), obrien2002 or obrien2002-consistent"
+METHODS = ("formula", "fem", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
 _WIDER = 1.15
@@ -121,7 +128,7 @@ def analyze(
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
     if is_shape(body):
-        file.refuse("a body of struck.shapes is no file, and has its own size, axes and one piece")
+        file.refuse(f"{kind_of(body)} is no file, and has its own size, axes and one piece")
         if method in {None, "formula"}:
             band = lowest, highest
             recoil = recoil and not body.supported
@@ -206,7 +213,7 @@ def _by_formula(
     for name, value in given.items():
         if value is not None:
             told = f"{name}={'' if name == 'fixed' else repr(value)} does not apply to "
-            told += f"{type(shape).__name__}, which is computed by a formula: leave it out"
+            told += f"{kind_of(shape)}, which is computed by a formula: leave it out"
             raise OptionError(told + (", or take method='fem'" if _by_fem(shape, name) else ""))
     modes = shape.modes(material, band, none=recoil)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
@@ -382,10 +389,11 @@ class _Work:
 
 
 def _solver(method: str, backend: str) -> Solver:
-    if method not in {"quadratic", "obrien2002", "obrien2002-consistent"}:
-        none = "this body has none, as it is no shape: leave method= out, or "
-        why = none if method == "formula" else ""
-        raise OptionError(f"method is {method!r}: {why}give {METHODS}")
+    if method == "formula":
+        raise OptionError(
+            "method is 'formula': this body has none, as it is no shape: leave method= out"
+        )
+    require_choice("method", method, ("quadratic", *METHODS))
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 
@@ -407,7 +415,8 @@ def _held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
         low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
         raise OptionError(
             f"fixed= holds {held.sum()} of {len(held)} nodes: the body reaches from "
-            f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m"
+            f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m; give a box that holds "
+            "a part of it"
         )
     return held
 

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from struck.analysis.cached_steps import Stage, Stages, holding
-from struck.errors import MeshError, OptionError, RepairWarning, article
+from struck.errors import MeshError, OptionError, RepairWarning, kind_of
 from struck.model.arrays import Array
 from struck.model.mesh import Arrays, Mesh
 from struck.model.provenance import Provenance
@@ -312,6 +312,15 @@ def _repair_details(repair: Repair) -> dict[str, object]:
 Discretisation = GivenElements | StructuredSolid | FilledSurface
 
 
+def _require_thin(wall: float | None, extent: float) -> None:
+    """Refuse a wall that no body of that longest edge, m, can have."""
+    if wall is not None and wall > extent / 2:
+        raise OptionError(
+            f"wall is {wall:g} m, and the longest edge of the body is {extent:.4g} m: give at most "
+            f"{extent / 2:.3g} m, or leave it out for a solid body; 1 mm is wall=0.001"
+        )
+
+
 def discretise(
     body: Source,
     file: FileOptions,
@@ -328,6 +337,7 @@ def discretise(
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
     source = _load(body, file, stages, wall=wall, repair=repair is not False, holes=holes)
     if isinstance(source, Repair):
+        _require_thin(wall, source.mesh.extent)
         _warn_of(body, source)
         from struck.files.meshes import units_of, up_of
 
@@ -339,16 +349,15 @@ def discretise(
         return FilledSurface(repair=source, wall=wall, accuracy=level, units=units, up=up)
     for name, value in {"wall": wall, "holes": holes, "repair": repair}.items():
         if value is not None:
-            kind = getattr(source, "of", type(source).__name__)
+            kind = kind_of(getattr(source, "of", source))
             raise OptionError(
-                f"{name}= applies to surfaces, and {article(kind)} has its own "
-                "dimensions: leave it out, or for a hollow body give its surface, as a Mesh or a "
-                "file"
+                f"{name}= applies to surfaces, and {kind} has its own dimensions: leave it out, or "
+                "for a hollow body give a mesh of its surface"
             )
     if accuracy is not None and getattr(source, "elements", None) is not None:
         raise OptionError(
-            f"accuracy={accuracy!r} chooses elements, and this {type(source).__name__} brings its "
-            "own: leave one of them out"
+            f"accuracy={accuracy!r} chooses elements, and {kind_of(source)} brings its own: "
+            "leave one of them out"
         )
     if isinstance(source, VolumeMesh):
         mine = isinstance(body, VolumeMesh)

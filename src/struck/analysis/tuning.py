@@ -17,7 +17,7 @@ import numpy as np
 from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
 from struck.core.machine import in_few_threads
-from struck.errors import MeshError, NoModeError, OptionError, article, nearest
+from struck.errors import MeshError, NoModeError, OptionError, kind_of, nearest
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
@@ -243,12 +243,12 @@ def tune(
     if chosen.family and not _is_long(body):
         raise OptionError(
             f"mode is {mode!r}, but {', '.join(FAMILIES)} are families of bars, blocks and long "
-            f"tubes alone, and this is {article(type(body).__name__)}: give a number, as mode=2"
+            f"tubes alone, and this is {kind_of(body)}: give a number, as mode=2"
         )
     if accuracy is not None and is_shape(body) and chosen.family in {"", "bending"}:
         raise OptionError(
-            f"accuracy={accuracy!r} does not apply to {type(body).__name__}, which is computed by "
-            "a formula: leave it out"
+            f"accuracy={accuracy!r} does not apply to {kind_of(body)}, which is computed by a "
+            "formula: leave it out"
         )
     material = Material.of(material)
 

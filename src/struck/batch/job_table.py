@@ -192,7 +192,8 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
     ]
     try:
         pickle.dumps(told)
-        own = [each for each in told if callable(each) and not _is_of_a_module(each)]
+        made = [each for each in told if callable(each)]  # functions of a module have a name
+        own = [f for f in made if not inspect.isfunction(f) or f.__module__ == "__main__"]
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         own = [error]
     if own:
@@ -200,10 +201,6 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
             f"other processes cannot be told of {own[0]!r}: give numbers, texts, or a function of "
             "a module that they can import"
         )
-
-
-def _is_of_a_module(value: object) -> bool:
-    return inspect.isfunction(value) and value.__module__ != "__main__"
 
 
 def _require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:

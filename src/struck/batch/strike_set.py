@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from struck.errors import OptionError, StruckError, nearest
+from struck.errors import OptionError, StruckError, nearest, require_choice
 from struck.excitation.hertz import strikers
 from struck.excitation.strike import Strike
 from struck.files.atomic import write_bytes
@@ -69,8 +69,7 @@ class StrikeSet:
                 )
             named_strikes(self.strikes)
         require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
-        if self.sounds not in SOUNDS:
-            raise OptionError(f"sounds is {self.sounds!r}: give one of {', '.join(SOUNDS)}")
+        require_choice("sounds", self.sounds, SOUNDS)
         if self.sounds == "flac":
             chosen("sound.flac")
 

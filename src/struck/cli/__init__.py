@@ -224,6 +224,7 @@ _ARGUMENT = re.compile(
     rf"""\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
     rf"""(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|({_CALL}|[\w.]*\w))?"""
 )
+_NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 _PHRASES: Mapping[str, str] = {
     r", as in model\.\w+\([^)]*\)": "",
     r"\b(?:model|ModalModel)\.radiating\(\)": "struck radiate",
@@ -263,7 +264,11 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
                 return " ".join([*words, *([f"of struck {name}"] if name else ())])
         return f"{found[0]} (in Python)"
 
-    return _ARGUMENT.sub(option, text)
+    def plain(found: re.Match[str]) -> str:
+        return ",".join(f"{float(each):g}" for each in re.split(r"[, ]+", found[1]))
+
+    text = _ARGUMENT.sub(option, text).replace("(x, y, z)", "x,y,z")
+    return re.sub(rf"(?<= )[(\[] *({_NUMBER}(?:[, ]+{_NUMBER})+),? *[)\]]", plain, text)
 
 
 def _action(parser: argparse.ArgumentParser, name: str) -> argparse.Action | None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import struck
-from struck.analysis.analysis import METHODS
 from struck.cli import Result
 from struck.cli.info import described
 from struck.cli.options import (
@@ -76,7 +75,10 @@ def add_how(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-recoil", dest="recoil", action="store_false", help="modes alone, no click of the body"
     )
-    parser.add_argument("--method", help=METHODS)
+    parser.add_argument(
+        "--method",
+        help="formula (of shapes), fem (of all others), obrien2002 or obrien2002-consistent",
+    )
     add_cache(parser)
 
 

@@ -23,7 +23,7 @@ from struck.report.fit_page import save_report
 
 _SAME = (
     *("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache"),
-    *("pitch", "geometry"),
+    *("pitch", "geometry", "onsets"),
 )
 
 
@@ -48,6 +48,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
         type=numbers(2),
         metavar="N_S,SECONDS",
         help="impulse and duration of the blows, to be divided out",
+    )
+    parser.add_argument(
+        "--onsets",
+        type=numbers(*range(1, 1000), form="seconds with commas between"),
+        action="append",
+        metavar="S,S",
+        help="times of a recording's hits, s, found unless given; once for each recording",
     )
     parser.add_argument("--way", default="field", help="field (default) or table")
     parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")

@@ -20,7 +20,7 @@ from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
-    from struck.model.recoil import Recoil
+    pass
 
 LISTED = 6  # modes, unless asked for more or fewer
 PARTS = 20  # of a mesh file
@@ -136,7 +136,9 @@ def described(
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
-        recoil=None if model.recoil is None else _lists(model.recoil),
+        # Axes, levels in Pa s/N at 1 m, corners in Hz and damping ratios.
+        recoil=model.recoil
+        and {each.name: getattr(model.recoil, each.name).tolist() for each in fields(model.recoil)},
         places=sorted(model.places),
         provenance={
             "method": model.provenance.method,
@@ -146,11 +148,6 @@ def described(
         },
         **facts,
     )
-
-
-def _lists(recoil: Recoil) -> dict[str, list]:
-    """Return recoil for JSON: axes, levels in Pa s/N at 1 m, corners in Hz and damping ratios."""
-    return {each.name: getattr(recoil, each.name).tolist() for each in fields(recoil)}
 
 
 def or_null(values: np.ndarray) -> list[float | None]:

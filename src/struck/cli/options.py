@@ -187,9 +187,12 @@ def maker_named(text: str) -> str | partial[Body]:
     try:
         maker(**given)
     except ArgumentError as error:
+        told, _, _ = str(error).rpartition(": ")  # the rest speaks of Python's types
+        name = told.partition(" is ")[0]
+        stiff = isinstance(signature(maker).parameters[name].default, bool)
+        wanted = "0 or 1" if stiff else "lengths as 0.5, 50cm, 500mm or 20in"
         tension = "a tension in N as 60N, in membranes in N/m as 60N/m"
-        told = tension if "tension" in str(error) else "lengths as 0.5, 50cm, 500mm or 20in"
-        raise OptionError(f"{error}; give {told}") from None
+        raise OptionError(f"{told}: give {tension if name == 'tension' else wanted}") from None
     except OptionError as error:
         two = f", two as {ENDS}" if str(error).startswith("ends are") else ""
         raise type(error)(f"{error}{two}") from None
@@ -204,7 +207,8 @@ def _given(text: str, tension: str) -> dict[str, Any]:
         name = before.strip() if equals else name
         tense = name == "tension"
         words = value.strip().removesuffix(tension if tense else "")
-        found.setdefault(name, []).append(_value(words, float if tense else metres))
+        read = _value(words, float if tense else metres)
+        found.setdefault(name, []).append(value.strip() if isinstance(read, str) else read)
     return {name: each[0] if len(each) == 1 else tuple(each) for name, each in found.items()}
 
 
@@ -242,10 +246,13 @@ def material_of(text: str) -> Material | str:
             f"{text!r} is no material: {why}give {'=...,'.join(wanted)}=... and, if known, one of "
             f"loss_tangent=... or {'=...,'.join(law)}=..."
         )
-    try:
-        values = {name: float(value) for name, value in given.items()}
-    except ValueError:
-        raise MaterialError(f"{text!r} holds no numbers: give SI units, as 7.2e10") from None
+    values = {}
+    for name, value in given.items():
+        try:
+            values[name] = float(value)
+        except ValueError:
+            told = f"{name} is {value!r}: give a number in SI units, as 7.2e10"
+            raise MaterialError(told) from None
     rayleigh = Rayleigh(mass=values[law[0]], stiffness=values[law[1]]) if law[0] in values else None
     constants: dict[str, Any] = {name: values[name] for name in wanted}
     damping_law = rayleigh or InternalFriction(loss_tangent=values.get("loss_tangent", 0.0))

@@ -82,7 +82,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     others = ("log", "output", "rate", "ring", "stems") if options.play else ("device",)
     without = "a file: leave out --play" if options.play else "playing: give --play"
     refuse(options, others, f"is for {without}")
-    require_seconds(options.seconds)
+    require_seconds(options.seconds, options.ring)
     if options.play:
         return _heard_live(options, progress)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))

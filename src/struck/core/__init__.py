@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import CoreWarning, DeviceError, OptionError
+from struck.errors import CoreWarning, DeviceError, require_choice
 
 _LIBRARIES = Path(__file__).parent / "libraries"
 CHOICES = ("v2", "v3", "v4", "off")
@@ -113,10 +113,8 @@ SIGNATURES: dict[str, str] = {
 def library() -> ctypes.CDLL | None:
     """Return the library of this processor; None, with one warning, where there is none."""
     chosen = os.environ.get("STRUCK_CORE", "")
-    if chosen not in {"", *CHOICES}:
-        raise OptionError(
-            f"STRUCK_CORE is {chosen!r}: give one of {', '.join(CHOICES)}, or leave it out"
-        )
+    if chosen:
+        require_choice("STRUCK_CORE", chosen, CHOICES, more=", or leave it out")
     if chosen == "off":
         return None
     try:

@@ -6,13 +6,14 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.ears.sphere import HEAD_RADIUS
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.model.arrays import Array, Single, brief, checked, numbers
 
 if TYPE_CHECKING:
@@ -304,11 +305,12 @@ class Binaural:
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
         """Return the filters of the measured head; brief ones last 5 ms, 256 samples at 48 kHz."""
-        from struck.ears.measured_head import MeasuredHead
+        from struck.ears.measured_head import BUNDLED, MeasuredHead
 
-        if str(self.hrtf) == "kemar":
-            return MeasuredHead.named("kemar").prepared(sample_rate, brief=brief)
-        return MeasuredHead.read(os.fspath(self.hrtf)).prepared(sample_rate, brief=brief)
+        name = os.fspath(self.hrtf)
+        if name in BUNDLED or not Path(name).exists():
+            return MeasuredHead.named(name).prepared(sample_rate, brief=brief)
+        return MeasuredHead.read(name).prepared(sample_rate, brief=brief)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -338,7 +340,7 @@ def axes(facing: Array, up: Array) -> Array:
     forward = _normal("facing", facing)
     across = _across(_normal("up", up), forward)
     if np.abs(across).max(axis=1).min() < 1e-9:
-        raise OptionError("facing lies along up, z by default: give another, or both (in Python)")
+        raise OptionError("facing lies along up, z by default: tilt one of them a little")
     left = _normal("left", across)
     return np.stack([forward, left, _across(forward, left)], axis=1)
 
@@ -364,8 +366,7 @@ def _ball(name: str, radius: float) -> Head:
     from struck.ears.heads import SimpleHead, SphereHead, WoodworthHead
 
     heads = {"exact": SphereHead, "woodworth": WoodworthHead, "simple1998": SimpleHead}
-    if name not in heads:
-        raise OptionError(f"head is {name!r}: give one of {', '.join(heads)}")
+    require_choice("head", name, heads)
     return heads[name](radius=radius)
 
 
@@ -381,5 +382,5 @@ def _require_head(listener: Stereo | Binaural) -> None:
         raise OptionError(
             f"radius is {listener.radius} m: a head's lies above 0 and at most at 0.5"
         )
-    if listener.field not in {None, "head", "ears"}:
-        raise OptionError(f"field is {listener.field!r}: give 'head', 'ears' or None")
+    if listener.field is not None:
+        require_choice("field", listener.field, ("head", "ears"), more=", or None")

@@ -26,7 +26,7 @@ from struck.ears.heads import (
     require_rate,
 )
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, require_choice
 from struck.files.sofa import Container, opened
 from struck.model.arrays import Array, Complex, Single, checked
 from struck.model.material import AIR
@@ -53,11 +53,7 @@ class HrtfSet:
 @cache
 def bundled(name: str) -> HrtfSet:
     """Return a set that comes with struck; OptionError on another name."""
-    if name not in BUNDLED:
-        raise OptionError(
-            f"no head called {name!r} is bundled: use one of {', '.join(BUNDLED)}, or the path of "
-            "a .sofa file"
-        )
+    require_choice("hrtf", name, BUNDLED, more=", or the path of a .sofa file")
     with (
         resources.files("struck.ears").joinpath(f"{name}.npz").open("rb") as file,
         np.load(file, allow_pickle=False) as stored,

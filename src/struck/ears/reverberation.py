@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.model.arrays import (
     Array,
     Complex,
@@ -80,10 +80,12 @@ class Reverberation:
         bands = self.bands()
         if not len(bands):
             raise OptionError("seconds names no band: give a time for one at least, as {1000: 0.6}")
-        wanted = "frequencies and times are positive and finite"
+        wanted = "give one above 0, and finite"
         for name, column, most in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
             for value in column:
-                require_number(f"seconds in {name}", value, 0, most, above=True, wanted=wanted)
+                require_number(
+                    f"reverberation in {name}", value, 0, most, above=True, wanted=wanted
+                )
         require_number("seed", self.seed, 0, 2.0**63)
 
     def bands(self) -> Array:
@@ -193,8 +195,7 @@ def statistical_time(
     nothing; Sabine's holds where little is absorbed (Kuttruff 2009, chapter 5).
     """
     mean = areas @ absorptions / areas.sum()
-    if formula not in {"eyring", "sabine"}:
-        raise OptionError(f"no formula is called {formula!r}: there are eyring and sabine")
+    require_choice("formula", formula, ("eyring", "sabine"))
     with np.errstate(divide="ignore"):
         lost = mean if formula == "sabine" else -np.log1p(-mean)
         return SABINE * volume / (areas.sum() * lost)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
-from struck.errors import MissingDependencyError, OptionError, nearest
+from struck.errors import MissingDependencyError, OptionError, require_choice
 from struck.model.arrays import (
     Array,
     Index,
@@ -57,6 +57,7 @@ def pyroomacoustics() -> ModuleType:
     return found
 
 
+_LARGEST = 1000.0  # m, an edge of a room
 _MOST_ORDERS = 24  # some 20,000 images
 _LOWEST_FULL_RATE = 4000.0  # Hz: below it there is no band of the walls to filter by
 _MOST_FULL_ORDERS = 60  # of whole responses, computed once
@@ -121,8 +122,11 @@ class Room:
     corner: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if len(self.size) != 3 or not all(0 < edge < math.inf for edge in self.size):
-            raise OptionError(f"a room of size {self.size}: give three positive lengths, m")
+        if len(self.size) != 3 or not all(0 < edge <= _LARGEST for edge in self.size):
+            raise OptionError(
+                f"a room of size {self.size}: give three lengths above 0 and at most {_LARGEST:g}, "
+                "in m, as 5, 4, 3"
+            )
         if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
             raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
         wanted = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
@@ -301,12 +305,9 @@ def wall_materials() -> Mapping[str, Mapping[str, Any]]:
 def _absorption(wall: Wall) -> Array:
     """Return the absorbed share of the energy of a wall in each band (7,)."""
     if isinstance(wall, str):
-        entry = wall_materials().get(wall.strip().lower())
-        if entry is None:
-            known = wall_materials()
-            offer = f"{nearest(wall, known)}there are {', '.join(known)}"
-            raise OptionError(f"no wall is called {wall!r}: {offer}")
-        return np.array(entry["absorption"])
+        known = wall_materials()
+        require_choice("walls", wall.strip().lower(), known)
+        return np.array(known[wall.strip().lower()]["absorption"])
     if not 0 <= wall <= 1:
         raise OptionError(f"a wall that absorbs {wall} of the energy: give 0 to 1, or a name")
     return np.full(len(BANDS), float(wall))

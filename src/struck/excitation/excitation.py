@@ -15,7 +15,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from struck.errors import OptionError, nearest
+from struck.errors import OptionError, require_choice
 from struck.excitation.pulses import SPECTRA, Samples
 from struck.model.arrays import Array, Index, brief, checked, require_number
 from struck.model.contact import Contact, Place
@@ -436,7 +436,5 @@ def require_kernel(
 def require_known(name: str, table: Mapping[str, object], noun: str) -> str:
     """Return the key of a table for a name in any case, or raise an OptionError."""
     key = name.strip().lower()
-    if key not in table:
-        offer = nearest(key, table)
-        raise OptionError(f"no {noun} is called {name!r}: {offer}there are {', '.join(table)}")
+    require_choice(noun, key, table)
     return key

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, require_choice
 from struck.excitation.excitation import coordinates
 from struck.model.arrays import Array, Mask
 from struck.model.chart import Chart
@@ -151,8 +151,7 @@ def require_waypoints(places: Waypoints, repeat: str) -> None:
     """Raise an OptionError on fewer than two places or an unknown way to repeat."""
     if isinstance(places, str) or len(places) < 2:
         raise OptionError(f"the path is {places!r}: give two places or more, such as [p, q]")
-    if repeat not in REPEATS:
-        raise OptionError(f"repeat is {repeat!r}: give one of {', '.join(REPEATS)}")
+    require_choice("repeat", repeat, REPEATS)
     for place in places:
         if not isinstance(place, str):
             coordinates("a place of the path", place)

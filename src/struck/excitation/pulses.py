@@ -20,7 +20,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import erf, gamma, gammaln, rgamma, wofz
 
-from struck.errors import OptionError
+from struck.errors import require_choice
 from struck.model.arrays import Array, Complex
 
 LEAD = 7  # samples that a sampled pulse begins before its onset
@@ -42,19 +42,13 @@ class Samples:
     force: Array  # (n,), N
 
 
-def require_shape(shape: str) -> None:
-    """Raise an OptionError unless `shape` is a known pulse."""
-    if shape not in SPECTRA:
-        raise OptionError(f"shape is {shape!r}: give one of {', '.join(SPECTRA)}")
-
-
 def sampled(
     shape: str, *, impulse: float, onset: float, duration: float, sample_rate: float
 ) -> Samples:
     """Return the band-limited samples of a pulse of area `impulse`, N s, at any onset, s."""
     # True to the analytic spectrum within 0.1 dB to a third of the rate; what folds below that lies
     # at least 60 dB under the impulse.
-    require_shape(shape)
+    require_choice("shape", shape, SPECTRA)
     length = duration * sample_rate
     first = int(np.floor(onset * sample_rate)) - LEAD
     begin = onset * sample_rate - first

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.excitation.excitation import (
     Burst,
     freeze_place,
@@ -20,7 +20,7 @@ from struck.excitation.hertz import (
     effective_mass,
     joint_mass,
 )
-from struck.excitation.pulses import Samples, require_shape, sampled
+from struck.excitation.pulses import SPECTRA, Samples, sampled
 from struck.model.arrays import checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
@@ -105,7 +105,7 @@ class Strike:
         freeze_place(self, "direction")
         if self.striker is not None:
             Striker.named(self.striker)
-        require_shape(self.shape)
+        require_choice("shape", self.shape, SPECTRA)
         self._require_one_strength()
         require_positive(impulse=self.impulse, speed=self.speed, energy=self.energy)
         require_at_least_zero(

@@ -13,7 +13,7 @@ import numpy as np
 
 from struck.ears import heads, measured_head
 from struck.ears.sphere import HEAD_RADIUS
-from struck.errors import OptionError
+from struck.errors import require_choice
 from struck.files.container import Arrays, pack
 from struck.files.model_file import to_bytes
 from struck.model.gains import ShapeGains
@@ -123,8 +123,7 @@ def head_bytes(name: str, sample_rate: int) -> bytes:
         On another name, or a sample rate that no head has.
     """
     makers = {"kemar": _measured, "exact": _ball}
-    if name not in makers:
-        raise OptionError(f"no head is called {name!r}: give one of {', '.join(makers)}")
+    require_choice("head", name, makers)
     text, tables = makers[name](sample_rate)
     metadata = {"format": "struck-head", "version": "1", "json": json.dumps(text)}
     return pack(tables, metadata)

@@ -115,12 +115,18 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         ) from error
 
 
+def ended(path: str | os.PathLike[str]) -> str:
+    """Return how a file's name ends, in words."""
+    ending = Path(path).suffix
+    return f"ends in {ending!r}" if ending else "has no ending"
+
+
 def require_ending(path: str | os.PathLike[str], endings: Sequence[str], kind: str) -> None:
     """Raise FileFormatError where a name does not end as files of that `kind` do."""
     ending = Path(path).suffix.lower()
     if ending not in endings:
         raise FileFormatError(
-            f"{os.fspath(path)} ends in {ending!r}: {kind} end in {', '.join(endings)}, as "
+            f"{os.fspath(path)} {ended(path)}: {kind} end in {', '.join(endings)}, as "
             f"{Path(path).stem or 'file'}{endings[0]}"
         )
 

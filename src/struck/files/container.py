@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from struck.errors import FileFormatError
+from struck.errors import FileFormatError, require_choice
 from struck.model.arrays import AnyArray, Array, Complex
 from struck.model.gains import Gains
 from struck.model.mesh import Mesh
@@ -348,6 +348,5 @@ def texts(value: object, name: str) -> tuple[str, ...]:
 
 def one_of(value: object, name: str, choices: tuple[str, ...]) -> str:
     """Return a text that is one of the choices."""
-    if not isinstance(value, str) or value not in choices:
-        raise FileFormatError(f"its {name} is {value!r}: give one of {', '.join(choices)}")
-    return value
+    require_choice(f"its {name}", value, choices, FileFormatError)
+    return str(value)

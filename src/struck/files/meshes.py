@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, MeshError, OptionError, counted
+from struck.errors import FileFormatError, MeshError, OptionError, counted, nearest, require_choice
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
@@ -399,12 +399,12 @@ def _in_metres(body: Mesh, units: str | None, size: float | None, up: str) -> Me
 def _require_options(units: str | None, size: float | None, up: str | None) -> None:
     if units is not None and size is not None:
         raise OptionError(f"units={units!r} and size={size} both set the scale: give one of them")
-    if units is not None and units not in UNITS:
-        raise OptionError(f"units is {units!r}: give one of {', '.join(UNITS)}")
+    if units is not None:
+        require_choice("units", units, UNITS)
     if size is not None and not (np.isfinite(size) and size > 0):
         raise OptionError(f"size is {size}: give the longest edge of the body in m, above 0")
-    if up is not None and up not in {"x", "y", "z"}:
-        raise OptionError(f"up is {up!r}: give x, y or z")
+    if up is not None:
+        require_choice("up", up, ("x", "y", "z"))
 
 
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
@@ -459,7 +459,7 @@ def _chosen(
     if part not in choices:
         numbers = list(_numbered(found))
         offer = _listed(names or [*numbers, *(each.name for each in parts if len(parts) > 1)])
-        raise MeshError(f"it has no part {part!r}: choose one of {offer}")
+        raise MeshError(f"it has no part {part!r}: {nearest(part, choices)}give one of {offer}")
     return choices[part]
 
 

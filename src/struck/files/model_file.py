@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import FileFormatError, OptionError, StruckError, article
-from struck.files.atomic import is_file, read_bytes, writable, write_bytes
+from struck.files.atomic import ended, is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
     FARTHEST,
     Arrays,
@@ -439,7 +439,7 @@ def _require_ending(path: str | os.PathLike[str]) -> None:
     if not is_model(path):
         path = Path(path)
         raise OptionError(
-            f"{path} ends in {path.suffix!r}: models end in .struck, as {path.stem or 'model'}"
+            f"{path} {ended(path)}: models end in .struck, as {path.stem or 'model'}"
             ".struck, or in .sofa for their gains alone; `struck export` writes shapes, as .vtu"
         )
 
@@ -562,12 +562,13 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
     kind = kind_named(text["gains"]["kind"])
     require_layout(tensors, {**_LAYOUT, **kind.layout})
     surface, provenance = _given_surface(text, tensors), text["provenance"]
+    given = text["material"]
     return ModalModel(
         frequencies=tensors["frequencies"],
         natural_frequencies=tensors["natural_frequencies"],
         decays=tensors["decays"],
         gains=kind.make(text["gains"], tensors, surface),
-        material=_material(text["material"]),
+        material=given and Material(**{**given, "damping": _damping(given["damping"])}),
         mass=text["mass"],
         centre=_array(text["centre"]),
         inertia=_array(text["inertia"]),
@@ -622,10 +623,6 @@ def _chart(text: Text | None) -> Chart | None:
 def _array(value: object) -> Any:  # noqa: ANN401  None, or an array that the model checks
     """Return a JSON list of numbers as an array; null as None."""
     return None if value is None else np.array(value, np.float64)
-
-
-def _material(text: Text | None) -> Material | None:
-    return None if text is None else Material(**{**text, "damping": _damping(text["damping"])})
 
 
 def _damping(text: Text) -> Damping:

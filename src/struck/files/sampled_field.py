@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Place
 from struck.model.gains import ExpandedGains, Gains, ShapeGains
@@ -187,8 +187,7 @@ class SampledField:
     def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
         """Return the modal model: a product of contact and listener patterns, or a linear table."""
         chosen = self.way if way is None else way
-        if chosen not in WAYS:
-            raise OptionError(f"way is {chosen!r}: give one of {', '.join(WAYS)}")
+        require_choice("way", chosen, WAYS)
         natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
         order = np.argsort(natural, kind="stable")
         ordered = replace(

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, LossWarning, OptionError, counted
+from struck.errors import FileFormatError, LossWarning, OptionError, counted, require_choice
+from struck.files.atomic import ended
 from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.files.sofa import (
     CONVENTIONS,
@@ -381,8 +382,7 @@ def _radius_of(file: Container) -> float:
 def _choice(file: Container, name: str, choices: Sequence[str]) -> str:
     """Return an attribute that is one of some words; the first of them where it is missing."""
     found = file.text(name) or choices[0]
-    if found not in choices:
-        raise FileFormatError(f"its {name} is {found!r}: give one of {', '.join(choices)}")
+    require_choice(f"its {name}", found, choices, FileFormatError)
     return found
 
 
@@ -473,9 +473,8 @@ def export(
 ) -> int:
     """Write the gains of a model as a SOFA file; return how many modes its responses lack."""
     if Path(path).suffix.lower() != ".sofa":
-        raise OptionError(f"{path} ends in {Path(path).suffix!r}: SOFA files end in '.sofa'")
-    if convention not in CONVENTIONS:
-        raise OptionError(f"convention is {convention!r}: give one of {', '.join(CONVENTIONS)}")
+        raise OptionError(f"{path} {ended(path)}: SOFA files end in '.sofa'")
+    require_choice("convention", convention, CONVENTIONS)
     told = {"title": title, "author": author, "licence": licence}
     if convention == CONVENTIONS[0]:
         if seconds is not None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError
 from struck.files import wav
+from struck.files.atomic import ended
 
 # By ending: the format's name, and its encodings as libsndfile calls them, the best one first.
 _INTEGERS = {"int24": "PCM_24", "int16": "PCM_16"}
@@ -45,7 +46,7 @@ def chosen(path: str | os.PathLike[str], encoding: str | None = None) -> tuple[s
     ending = Path(path).suffix.lower()
     if ending not in _FORMATS:
         raise OptionError(
-            f"{os.fspath(path)} ends in {ending!r}: sounds end in {', '.join(ENDINGS)}, as "
+            f"{os.fspath(path)} {ended(path)}: sounds end in {', '.join(ENDINGS)}, as "
             f"{Path(path).stem or 'sound'}.wav"
         )
     name, encodings = _FORMATS[ending]

@@ -151,7 +151,7 @@ def _require_levels(
         most = _CODED if Path(file).suffix in {".ogg", ".mp3"} else _KEPT
         if abs(off) > most:
             below = 20 * np.log10(level / sound.peak)
-            change = f"change its level by {off:+.2g} dB, more than {most:g}"
+            change = f"change its level by {off:+.3g} dB, more than {most:g}"
             raise OptionError(
                 f"{file} peaks {below:.1f} dB below full scale ({level:.3g} Pa), and {encoding} "
                 f"would {change if after else 'leave silence of it'}: save the set as WAV in "

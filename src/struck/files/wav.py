@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, require_choice
 
 ENCODINGS = ("float32", "int24", "int16")
 
@@ -31,8 +31,7 @@ class Recording:
 
 def encode(recording: Recording, encoding: str = "float32") -> bytes:
     """Return the bytes of a WAV file; integers are rounded to the nearest, without dither."""
-    if encoding not in ENCODINGS:
-        raise OptionError(f"encoding is {encoding!r}: give one of {', '.join(ENCODINGS)}")
+    require_choice("encoding", encoding, ENCODINGS)
     channels, length = recording.samples.shape
     size = channels * length * (_BITS[encoding] // 8)
     if size + len(recording.comment) + 128 > _LARGEST_FILE:

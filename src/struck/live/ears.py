@@ -141,7 +141,9 @@ class LiveEars:
         self._emitters = [body.emitter for body in bodies]
         self.fields = [number for number, each in enumerate(self._emitters) if each.field]
         self._told: dict[int, _Told] = {}
-        self._centres = [_middle(body) for body in bodies]
+        # A coordinate that is a rounding error is 0.
+        centres = [centre_of(body.model) for body in bodies]
+        self._centres = [np.where(np.abs(c) < _NOTHING, 0.0, c) for c in centres]
         start = np.zeros(1)
         self._courses = [Course(b.origin.at(start)[0], b.orientation.at(start)[0]) for b in bodies]
         self._moved = set(range(len(bodies)))
@@ -319,9 +321,3 @@ class LiveEars:
             record.responses[:, : paths.after.shape[1]] = paths.after
         record.stretch[SINCE] = self._since
         self._since += self._block
-
-
-def _middle(body: Body) -> Array:
-    """Return a body's centre, m (3,), with coordinates that are rounding errors set to 0."""
-    centre = centre_of(body.model)
-    return np.where(np.abs(centre) < _NOTHING, 0.0, centre)

@@ -154,6 +154,8 @@ _HINTS = {
     "gains, each (M,), as types.SimpleNamespace(frequencies=...)",
     ("youngs_modulus", "a number"): " in Pa",
     ("density", "a number"): " in kg/m^3",
+    ("part", "text"): ", as part='1'",
+    ("up", "text"): ", as up='z'",
 }
 _BITS = 1023  # of the largest whole number that fits one of double precision
 

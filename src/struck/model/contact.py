@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import ContactError, counted
+from struck.errors import ContactError, counted, require_choice
 from struck.model.arrays import Array, Index, numbers
 from struck.model.mesh import Mesh, Surface
 
@@ -75,8 +75,8 @@ class Contact:
             )
         if at is None and places:
             at = next(iter(places))
-        if isinstance(at, str) and at not in places:
-            raise ContactError(f"no place is called {at!r}: give one of {', '.join(places)}")
+        if isinstance(at, str):
+            require_choice("the place", at, places, ContactError)
         point = np.asarray(places[at] if isinstance(at, str) else at, dtype=np.float64)
         if point.shape != (len(coordinates),) or not np.isfinite(point).all():
             raise ContactError(f"contact is {at!r}: {_choice(coordinates, places)}")
@@ -139,10 +139,8 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
     if kind == "vertex" and number.isdecimal() and int(number) < len(mesh.points):
         return mesh.points[int(number)]
     if at not in places:
-        raise ContactError(
-            f"no place is called {at!r}: give one of {', '.join(sorted(places))}, loudest, "
-            f"vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
-        )
+        more = f", vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
+        require_choice("the place", at, (*sorted(places), "loudest"), ContactError, more=more)
     return places[at]
 
 

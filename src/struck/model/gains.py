@@ -459,7 +459,7 @@ class ShapeGains(Gains):
         distances = np.linalg.norm(places - self.centre, axis=1)
         close = places[distances < self.radius]
         if len(close) and (held := self.locator.holds(close)).any():
-            place = close[int(np.argmax(held))]
+            place = tuple(close[int(np.argmax(held))].tolist())
             raise ContactError(
                 f"a listener is at {place} m, inside the body's surface: move it outside"
             )

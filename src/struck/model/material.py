@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import MaterialError, nearest
+from struck.errors import MaterialError, nearest, require_choice
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 from struck.model.provenance import table_of
@@ -230,8 +230,7 @@ def _unknown(name: str) -> str:
 
 def require_damping(damping: str) -> None:
     """Raise MaterialError on the name of a damping that no material has."""
-    if damping not in {"own", "heard", "heard_bowl"}:
-        raise MaterialError(f"damping is {damping!r}: give 'own', 'heard' or 'heard_bowl'")
+    require_choice("damping", damping, ("own", "heard", "heard_bowl"), MaterialError)
 
 
 def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.model.arrays import Array, Complex, Index, checked
 
 _ROUNDS = 30
@@ -190,8 +190,7 @@ def distinct(places: Array) -> tuple[Array, Index]:
 
 
 def _require_places(survey: Survey) -> None:
-    if survey.symmetry not in SYMMETRIES:
-        raise OptionError(f"symmetry is {survey.symmetry!r}: give one of {', '.join(SYMMETRIES)}")
+    require_choice("symmetry", survey.symmetry, SYMMETRIES)
     contacts, listeners = survey.contacts, survey.listeners
     if contacts.ndim != 2 or contacts.shape[1] not in {1, 2} or not len(contacts):
         raise OptionError(f"contacts have shape {contacts.shape}: give one or two coordinates each")

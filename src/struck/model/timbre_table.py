@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, require_choice
 from struck.model.arrays import Array, Complex, Index, Mask, brief, checked
 from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
@@ -200,8 +200,7 @@ class TimbreTable(RecordedGains):
         OptionError
             When contacts or listeners form no grid, or pairs are missing.
         """
-        if system not in SYSTEMS:
-            raise OptionError(f"system is {system!r}: give one of {', '.join(SYSTEMS)}")
+        require_choice("system", system, SYSTEMS)
         folded = survey.folded()
         mirrored = survey.symmetry == "axial"
         if system == "spherical":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, require_choice
 from struck.model.arrays import Array, Complex, checked, require_number
 from struck.model.contact import Place
 from struck.model.mesh import Mesh
@@ -148,8 +148,7 @@ def sonic_distance(
     method: str = "erb",
 ) -> float:
     """Return the difference between two impacts as heard, dB (see `struck.sonic_distance`)."""
-    if method not in METHODS:
-        raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
+    require_choice("method", method, METHODS)
     hearing = HeardModel.at(a, listener, level)
     other = hearing if a is b else HeardModel.at(b, listener, level)
     first, second = _struck(hearing, at), _struck(other, at if against is None else against)

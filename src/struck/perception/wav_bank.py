@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError, article
+from struck.errors import FileFormatError, OptionError, article, require_choice
 from struck.files import wav
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
@@ -63,8 +63,7 @@ def write_bank(
     FileFormatError
         When a file cannot be written.
     """
-    if encoding not in wav.ENCODINGS:
-        raise OptionError(f"encoding is {encoding!r}: give one of {', '.join(wav.ENCODINGS)}")
+    require_choice("encoding", encoding, wav.ENCODINGS)
     pushes = zip(sound_map.contacts, sound_map.directions, strict=True)
     sounds = [_rendered(render, contact, direction) for contact, direction in pushes]
     factor = PEAK / _peak(sounds)

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError, RecordingError
+from struck.errors import FileFormatError, OptionError, RecordingError, require_choice
 from struck.files.atomic import real
 from struck.model import arrays
 from struck.model.arrays import Array, Complex, Index, brief, checked
@@ -471,7 +471,8 @@ def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
 
 def _plan(table: TomlTable, folder: Path) -> CapturePlan:
     hooks = read_hooks(table.table("hooks"), folder)
-    listeners = _listeners(table)
+    given = enumerate(table.list("listeners"), 1)
+    listeners = tuple(_listener(table, number, each) for number, each in given)
     hits = table.count("hits", 1, MOST_HITS, default=1)
     return CapturePlan(
         seconds=table.number("seconds", SHORTEST, LONGEST),
@@ -531,12 +532,6 @@ def _contacts(table: TomlTable) -> tuple[PlannedContact, ...]:
     return tuple(found)
 
 
-def _listeners(table: TomlTable) -> tuple[PlannedListener, ...]:
-    """Return the listeners: lists of x, y, z, or tables."""
-    given = enumerate(table.list("listeners"), 1)
-    return tuple(_listener(table, number, each) for number, each in given)
-
-
 def _listener(table: TomlTable, number: int, given: Any) -> PlannedListener:  # noqa: ANN401 - of TOML
     usual = f"listener{number}"
     if not isinstance(given, dict):
@@ -565,8 +560,8 @@ def _pivot(table: TomlTable, listeners: tuple[PlannedListener, ...]) -> int | No
     """Return the number of the listener that is called as `pivot` says."""
     name = table.text("pivot", "")
     names = [listener.name for listener in listeners]
-    if name and name not in names:
-        raise table.error(f"pivot is {name!r}: give one of {', '.join(names) or 'no listeners'}")
+    if name:
+        require_choice("pivot", name, names or ("no listeners",), table.error)
     return names.index(name) if name else None
 
 

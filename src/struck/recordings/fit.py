@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.analysis.cached_steps import Stages, fingerprint, holding
-from struck.errors import OptionError, RecordingError, counted
+from struck.errors import OptionError, RecordingError, counted, require_choice
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
@@ -30,7 +30,7 @@ from struck.recordings.disturbances import without_hum
 from struck.recordings.gain_control import GainControl
 from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, manifest_in, read_manifest
-from struck.recordings.poles.search import CLEAR, Fitted, fit_poles
+from struck.recordings.poles.search import CLEAR, METHODS, Fitted, fit_poles
 from struck.recordings.poles.selection import hidden, raised
 from struck.recordings.residual_sound import (
     SHORT,
@@ -124,7 +124,7 @@ def fit_recordings(
     -------
     Fitting
     """
-    _require(way, radius, modes)
+    _require(way, method, radius, modes)
     _require_blow(blow, residual=residual)
     surface = geometry if isinstance(geometry, Mesh | None) else _surface(geometry)
     recorded = Recorded.of(
@@ -141,7 +141,9 @@ def fit_recordings(
     told = {"method": method, "budget": modes, "onsets": onsets}
     fitted = _fitted(recorded.takes, told, cache, progress)
     _require_modes(fitted, recorded, told, force=force)
-    fitted = _by_natural_frequency(_with_room_note(fitted, seconds, measured=modes is None))
+    fitted = _with_room_note(fitted, seconds, measured=modes is None)
+    natural = np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi))
+    fitted = fitted.of(np.argsort(natural, kind="stable"))
     asked = residual if blow is None else False
     made = _made(fitted, recorded, seconds, way, radius, method, residual=asked)
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
@@ -166,11 +168,11 @@ def _fitted(
     return fit_poles(takes, **told, progress=progress, kept=kept)
 
 
-def _require(way: str, radius: float, modes: int | None) -> None:
+def _require(way: str, method: str, radius: float, modes: int | None) -> None:
     if modes is not None and not (isinstance(modes, int | np.integer) and modes >= 1):
         raise OptionError(f"modes is {modes!r}: give a whole number of at least 1, or None for all")
-    if way not in WAYS:
-        raise OptionError(f"way is {way!r}: give one of {', '.join(WAYS)}")
+    require_choice("way", way, WAYS)
+    require_choice("method", method, METHODS)
     if not (np.isfinite(radius) and radius >= 0):
         raise OptionError(f"radius is {radius}: give that of a ball around the body, m, at least 0")
 
@@ -272,11 +274,6 @@ def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
     if len(modal) == len(takes):
         return " Each alone is modal: they are not of one object, or it changed; fit them apart."
     return f" Alone {', '.join(modal) or 'none'} of them would be modal."
-
-
-def _by_natural_frequency(fitted: Fitted) -> Fitted:
-    natural = np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi))
-    return fitted.of(np.argsort(natural, kind="stable"))
 
 
 def _with_room_note(fitted: Fitted, seconds: float | None, *, measured: bool) -> Fitted:

@@ -16,7 +16,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from struck.errors import FileFormatError, RecordingError
+from struck.errors import FileFormatError, RecordingError, require_choice
 from struck.files.atomic import is_file, read_bytes, real
 from struck.model.arrays import Array, Index, checked
 from struck.model.survey import SYMMETRIES, from_spherical
@@ -376,8 +376,7 @@ class TomlTable:
     def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
         """Return the value of a key, if it is one of some names."""
         found = self.text(key, default)
-        if found not in names:
-            raise self.error(f"{key} is {found!r}: give one of {', '.join(names)}")
+        require_choice(key, found, names, self.error)
         return found
 
     def numbers(self, key: str, *counts: int) -> tuple[float, ...]:

@@ -59,7 +59,8 @@ def find_hits(take: Take) -> list[Hit]:
     hits = [hit_at(take, onset, end) for onset, end in zip(onsets, ends, strict=True)]
     if not hits or hits[0].onset >= _EDGE * take.sample_rate:
         return hits
-    loudness = [_energy(take, hit.start, _USUAL / 10) for hit in hits]
+    length = round(_USUAL / 10 * take.sample_rate)
+    loudness = [float((take.samples[:, h.start : h.start + length] ** 2).sum()) for h in hits]
     begun = loudness[0] >= _FAINT * max(loudness) and _decays(take, hits[0])
     return hits if begun else hits[1:]
 
@@ -149,10 +150,6 @@ def _risen(energy: Array, onset: int, end: int, size: int) -> int:
     risen = int(np.argmax(following >= 0.5 * following.max(initial=0.0)))
     loudest = int(uniform_filter1d(energy[onset:last], max(1, size // 2)).argmax())
     return min(onset + max(risen, loudest) + size, end)
-
-
-def _energy(take: Take, start: int, seconds: float) -> float:
-    return float((take.samples[:, start : start + round(seconds * take.sample_rate)] ** 2).sum())
 
 
 def _rises(take: Take) -> Index:
@@ -313,7 +310,8 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
 
 def _ending(take: Take, before: Array) -> Iterator[str]:
     """Yield faults that a take's end shows next to its lead-in: cut short, or gain control."""
-    softest = _softest(take)
+    # The level of rounding errors of 24 bits under the peak, dB.
+    softest = float(20 * np.log10(np.abs(take.samples).max() * _QUANTUM / np.sqrt(12)))
     levels = np.maximum(_levels(take.samples, take.sample_rate), softest)
     quiet = float(10 * np.log10((before**2).mean() + 1e-30))
     end = float(levels[-3:].mean())
@@ -413,8 +411,3 @@ def _levels(samples: Array, sample_rate: int) -> Array:
     count = samples.shape[1] // size
     blocks = samples[:, : count * size].reshape(len(samples), count, size)
     return 10 * np.log10((blocks**2).mean(axis=(0, 2)) + 1e-30)
-
-
-def _softest(take: Take) -> float:
-    """Return the level of rounding errors of 24 bits under the peak, dB."""
-    return float(20 * np.log10(np.abs(take.samples).max() * _QUANTUM / np.sqrt(12)))

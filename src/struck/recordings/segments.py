@@ -134,7 +134,7 @@ def cut(
         if not own:
             raise RecordingError(
                 f"no hit was found in {take.name}: no moment at which many frequencies rise at "
-                "once; give onsets=, or leave it out"
+                "once; record single hits after some silence, or give the times of hits by onsets="
             )
         # Of a blow with two contacts the first is left out: no free decay explains both.
         begun = [replace(h, start=h.arrival) if attack and not h.again else h for h in own]

@@ -10,7 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, MissingDependencyError, OptionError, RecordingError
+from struck.errors import (
+    FileFormatError,
+    MissingDependencyError,
+    OptionError,
+    RecordingError,
+    require_choice,
+)
 from struck.files import wav
 from struck.files.atomic import is_file, is_folder, read_bytes, real
 from struck.files.sound import Sound
@@ -254,8 +260,7 @@ class Recorded:
     symmetry: str = "none"  # "none" or "axial", as in `Survey`
 
     def __post_init__(self) -> None:
-        if self.symmetry not in SYMMETRIES:
-            raise OptionError(f"symmetry is {self.symmetry!r}: give one of {', '.join(SYMMETRIES)}")
+        require_choice("symmetry", self.symmetry, SYMMETRIES)
         if self.centre.shape != (3,) or not np.isfinite(self.centre).all():
             raise OptionError(f"centre is {self.centre.tolist()}: give x, y, z, m")
         _require_contacts(self)

@@ -194,7 +194,8 @@ def _draw_modes(
     modes = range(count)
     shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in modes]
     titles = [f"{mode + 1}:  {_hertz(model.frequencies[mode])}" for mode in modes]
-    captions = [_ringing_time(model.decays[mode]) for mode in modes]
+    times = [np.log(1000) / decay if decay else None for decay in model.decays[modes]]
+    captions = [f"T60 {time:.2g} s" if time else "undamped" for time in times]
     painter.paint_modes(figure, shapes, titles, captions)
 
 
@@ -266,10 +267,6 @@ def _heading(sound: Sound) -> str:
 
 def _hertz(frequency: float) -> str:
     return f"{frequency:.1f} Hz" if frequency < 1000 else f"{frequency / 1000:.3f} kHz"
-
-
-def _ringing_time(decay: float) -> str:
-    return f"T60 {np.log(1000) / decay:.2g} s" if decay else "undamped"
 
 
 def _dimensions(gains: ShapeGains) -> str:

@@ -77,7 +77,9 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines += _method(model) if whole else []
-    return lines + [f"dropped   {loss}" for loss in model.provenance.dropped]
+    lines += [f"dropped   {loss}" for loss in model.provenance.dropped]
+    caution = model.provenance.details.get("caution")
+    return [*lines, f"caution   {caution}"] if caution else lines
 
 
 def _method(model: ModalModel) -> list[str]:
@@ -85,7 +87,7 @@ def _method(model: ModalModel) -> list[str]:
     details = [
         f"          {name}: {len(value) if isinstance(value, list) else value}"
         for name, value in model.provenance.details.items()
-        if name not in {"blow", "up"}  # which have their own lines
+        if name not in {"blow", "up", "caution"}  # which have their own lines
     ]
     papers = [f"cite      {paper}" for paper in model.cite().splitlines()]
     return [f"method    {model.provenance.method}", *details, *papers]

@@ -21,7 +21,7 @@ import numpy as np
 
 from struck.analysis.analysis import analyze
 from struck.ears.listeners import Binaural
-from struck.errors import OptionError
+from struck.errors import require_choice
 from struck.files.atomic import write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
@@ -158,8 +158,7 @@ def scene2002(
     MissingDependencyError
         Without MuJoCo.
     """
-    if name not in SCENES:
-        raise OptionError(f"name is {name!r}: give one of {', '.join(SCENES)}")
+    require_choice("name", name, SCENES)
     folder.mkdir(parents=True, exist_ok=True)
     played = _played(SCENES[name](folder, accuracy), folder, accuracy, progress)
     return _saved(played, folder, stems=stems)

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError, counted
+from struck.errors import ContactError, OptionError, counted, require_choice
 from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
 from struck.excitation.pulses import SOFTNESS
 from struck.excitation.strike import Strike
@@ -141,8 +141,7 @@ class Events:
         ContactError
             On contacts that are nowhere near their body.
         """
-        if forces not in FORCES:
-            raise OptionError(f"forces is {forces!r}: give one of {', '.join(FORCES)}")
+        require_choice("forces", forces, FORCES)
         require_number("seed", seed, 0, 2.0**63, whole=True)
         if forces == "events":
             impacts, lasting = self.impacts, self.sustained

@@ -157,7 +157,7 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
             stacklevel=4,
         )
     late = [each for each in actions if _is_late(each, seconds)]
-    kinds = " and ".join(sorted({type(each).__name__ for each in late}))
+    kinds = " and ".join(sorted({type(each).__name__.lower() for each in late}))
     note = (
         f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
         "and are not heard: give more seconds, or times in s"

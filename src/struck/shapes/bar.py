@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, require_choice
 from struck.model.arrays import Array, checked, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -306,11 +306,11 @@ class Bar(Shape):
                 f"length of the bar is {self.length} m: at least its radius of gyration, "
                 f"{self._gyration:.4g} m; take a Block or Tube of struck.solids"
             )
-        one = isinstance(self.ends, str)
-        if (not one and len(self.ends) != 2) or not set(self.pair) <= set(ENDS):
+        if not isinstance(self.ends, str) and len(self.ends) != 2:
             raise OptionError(f"ends are {self.ends!r}: give one or two of {', '.join(ENDS)}")
-        if self.theory not in THEORIES:
-            raise OptionError(f"theory is {self.theory!r}: give one of {', '.join(THEORIES)}")
+        for end in self.pair:
+            require_choice("ends", end, ENDS, more=", or two of them")
+        require_choice("theory", self.theory, THEORIES)
 
     def _require_one_section(self) -> None:
         lengths = (self.width, self.thickness)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import require_choice
 from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.bessel import (
@@ -24,8 +23,10 @@ from struck.shapes.shape import (
     Counterpart,
     Shape,
     Vibration,
+    overstated,
     require_clamped_or_free,
     require_countable,
+    thinness,
 )
 from struck.shapes.skins import Disk, Sheet
 from struck.solids import Tube
@@ -187,8 +188,6 @@ def _twisting(m: Array, deflection: Array, slope: Array) -> Array:
 
 
 _ROUNDING = 1e-12
-# Thickness over radius beyond which a caution says what thin-plate theory leaves out.
-_THIN = 0.1
 
 
 @checked
@@ -233,8 +232,7 @@ class CircularPlate(Shape):
     def __post_init__(self) -> None:
         require_length("radius of the plate", self.radius)
         require_length("thickness of the plate", self.thickness)
-        if self.edge not in EDGES:
-            raise OptionError(f"edge of the plate is {self.edge!r}: give one of {', '.join(EDGES)}")
+        require_choice("edge of the plate", self.edge, EDGES)
 
     @property
     def supported(self) -> bool:
@@ -258,16 +256,18 @@ class CircularPlate(Shape):
         limit = math.sqrt(highest / unit)
         require_countable("plate", math.pi, limit, highest)
         orders, sines, roots = with_pairs(plate_roots(self.edge, limit, nu))
+        shares = overstated(roots * self.thickness / self.radius, nu)
         forms, slopes = plate_forms(self.edge, self.radius, (orders, sines), roots, nu)
         return Vibration(
             frequencies=unit * roots**2,
             forms=forms,
             poisson_slopes=slopes + nu / (1 - nu**2),
             errors=np.full(len(roots), _ROUNDING),
+            overstated=shares,
             half_wave=math.pi * self.radius / float(roots.max(initial=math.pi)),
             method=f"circular plate, {self.edge}: Kirchhoff's theory, roots counted by their signs",
             references=("leissa1969", "mindlin1951"),
-            details=self._details(roots, nu),
+            details=thinness(self.thickness, self.radius, shares),
         )
 
     def solid(self) -> Counterpart:
@@ -289,20 +289,3 @@ class CircularPlate(Shape):
         inertia = 12 * (1 - material.poisson_ratio**2) * material.density
         speed = math.sqrt(material.youngs_modulus / inertia)
         return speed * self.thickness / (2 * math.pi * self.radius**2)
-
-    def _details(self, roots: Array, poisson_ratio: float) -> Mapping[str, object]:
-        thinness = self.thickness / self.radius
-        details: dict[str, object] = {"thickness over radius": thinness}
-        if not len(roots):
-            return details
-        squares = (roots[[0, -1]] * thinness) ** 2
-        low, high = np.sqrt(1 + squares * (1 / 12 + 1 / (5 * (1 - poisson_ratio)))) - 1
-        details["lowest frequency overstated by"] = float(low)
-        details["highest frequency overstated by"] = float(high)
-        if thinness > _THIN:
-            details["caution"] = (
-                f"thickness is {thinness:.3g} of the radius, above {_THIN:g}: the theory of thin "
-                f"plates leaves shear out and overstates the lowest frequency by about {low:.1%}, "
-                f"the highest by about {high:.1%}; elements do not"
-            )
-        return details

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import NoModeError, OptionError
+from struck.errors import NoModeError, OptionError, kind_of
 from struck.model.arrays import Array, require_number
 from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
@@ -33,6 +33,34 @@ _MOST_MODES = 3000
 _MOST_PLAN_MODES = 100_000
 
 
+# Thickness over half the shortest side beyond which a caution says what thin plates leave out.
+_THIN = 0.1
+
+
+def overstated(phases: Array, poisson_ratio: float) -> Array:
+    """Return by how much a thin plate's frequencies lie too high, relative (Mindlin 1951).
+
+    `phases` are wavenumbers times the thickness; the theory of thin plates leaves out shear and
+    the inertia of rotation.
+    """
+    return np.sqrt(1 + phases**2 * (1 / 12 + 1 / (5 * (1 - poisson_ratio)))) - 1
+
+
+def thinness(thickness: float, half: float, shares: Array) -> dict[str, object]:
+    """Return details of a plate, with its radius or half side, m, and how much is overstated."""
+    details: dict[str, object] = {"thickness over radius or half side": thickness / half}
+    ends = dict(zip(("lowest", "highest"), shares[[0, -1]] if len(shares) else (), strict=False))
+    details |= {f"{end} frequency overstated by": float(each) for end, each in ends.items()}
+    if thickness > _THIN * half:
+        told = [f"the {end} frequency by about {each:.1%}" for end, each in ends.items()]
+        details["caution"] = (
+            f"thickness is {thickness / half:.3g} of the radius or half side, above {_THIN:g}: the "
+            f"theory of thin plates overstates {', '.join(told) or 'frequencies'}; finite elements "
+            "do not, with method='fem'"
+        )
+    return details
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Vibration:
     """Natural modes of a body that moves along z, over its plan."""
@@ -40,9 +68,10 @@ class Vibration:
     frequencies: Array  # (M,), Hz, ascending: all up to the asked-for highest
     forms: Forms  # Psi_n of 1998, eq. 3, each with a mean square of 1 over the mass
     poisson_slopes: Array  # (M,), d ln f / d(Poisson's ratio) at constant Young's modulus
-    errors: Array  # (M,), bounds or estimates of the relative errors of the frequencies
+    errors: Array  # (M,), bounds or estimates of the relative errors of the theory's frequencies
     half_wave: float  # about the shortest distance between nodal lines, m
     method: str  # in a line
+    overstated: Array | float = 0.0  # (M,), by how much the theory's frequencies lie too high
     references: tuple[str, ...] = ()  # keys in references.toml
     details: Mapping[str, object] = field(default_factory=dict)  # figures for the reader
 
@@ -105,8 +134,8 @@ class Shape(ABC):
             Where no solid vibrates alike.
         """
         raise OptionError(
-            f"{type(self).__name__} is held by its tension, which solid elements do not have: "
-            "take method='formula'"
+            f"{kind_of(self)} is held by its tension, which solid elements do not have: take "
+            "method='formula'"
         )
 
     def modes(
@@ -142,7 +171,7 @@ class Shape(ABC):
             inertia=mass * gyration,
             complete_to=band[1],
             poisson_slopes=vibration.poisson_slopes,
-            errors=vibration.errors,
+            errors=vibration.errors + vibration.overstated,
             supported=self.supported,
             tensioned=self.tensioned,
             provenance=Provenance(
@@ -158,7 +187,8 @@ def _require_few(frequencies: Array, highest: float) -> None:
     if len(frequencies) > _MOST_MODES:
         raise OptionError(
             f"the body has {len(frequencies)} modes up to {highest:g} Hz: a model takes at most "
-            f"{_MOST_MODES}; end the band at {np.floor(frequencies[_MOST_MODES]):g} Hz"
+            f"{_MOST_MODES}; check the lengths (m), or end the band at "
+            f"{np.floor(frequencies[_MOST_MODES]):g} Hz"
         )
 
 

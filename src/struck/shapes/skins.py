@@ -272,8 +272,11 @@ def sleeve(
         parts = [outer, inner], [outside, inside[:, ::-1], first, last[:, ::-1]]
     else:
         middles = np.array([[0, 0, 0], [length, 0, 0]], dtype=float)
-        first, last = (_fan(sides[k], sides.size + number) for number, k in enumerate((0, -1)))
-        parts = [outer, middles], [outside, first, last[:, ::-1]]
+        caps = [
+            np.column_stack([sides[k], np.roll(sides[k], -1), np.full(around, sides.size + number)])
+            for number, k in enumerate((0, -1))
+        ]
+        parts = [outer, middles], [outside, caps[0], caps[1][:, ::-1]]
     return Mesh(points=np.vstack(parts[0]), faces=np.vstack(parts[1]))
 
 
@@ -295,7 +298,3 @@ def _between_rings(first: Index, second: Index) -> Index:
     following, across = np.roll(first, -1), np.roll(second, -1)
     halves = [np.column_stack([first, following, across]), np.column_stack([first, across, second])]
     return np.vstack(halves)
-
-
-def _fan(ring: Index, middle: int) -> Index:
-    return np.column_stack([ring, np.roll(ring, -1), np.full(len(ring), middle)])

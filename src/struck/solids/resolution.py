@@ -24,7 +24,7 @@ from typing import Self
 
 import numpy as np
 
-from struck.errors import NoModeError, OptionError
+from struck.errors import NoModeError, OptionError, require_choice
 from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -39,8 +39,7 @@ ACCURACIES = ("preview", "standard", "fine")
 
 def level(accuracy: str) -> int:
     """Return 0, 1 or 2 for "preview", "standard" or "fine"; OptionError on any other."""
-    if accuracy not in ACCURACIES:
-        raise OptionError(f"accuracy is {accuracy!r}: give one of {', '.join(ACCURACIES)}")
+    require_choice("accuracy", accuracy, ACCURACIES)
     return ACCURACIES.index(accuracy)
 
 

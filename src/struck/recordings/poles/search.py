@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from struck.core.machine import in_few_threads
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, require_choice
 from struck.model.arrays import AnyComplex, Array, Index, Mask, brief, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
@@ -501,8 +501,7 @@ def fit_poles(
         When there is no take, the budget is below 1, onsets are none of the takes', or the method
         is unknown.
     """
-    if method not in METHODS:
-        raise OptionError(f"method is {method!r}: give one of {', '.join(METHODS)}")
+    require_choice("method", method, METHODS)
     takes = [takes] if isinstance(takes, Take) else list(takes)
     if not takes or (budget is not None and budget < 1):
         raise OptionError(f"{len(takes)} takes, budget {budget}: give at least 1 of each")

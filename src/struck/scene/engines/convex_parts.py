@@ -19,7 +19,6 @@ import numpy as np
 
 from struck.analysis.cached_steps import Stages, holding
 from struck.errors import MissingDependencyError
-from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.scene.engines.links import PART, file_coordinates, touches, triangles
 
@@ -82,7 +81,8 @@ def cut(spec: mujoco.MjSpec, model: mujoco.MjModel, stages: Stages) -> list[str]
         if model.geom_dataid[geom] < 0 or not touches(model, geom) or _fitted(model, geom):
             continue
         whole = spec.geom(model.geom(geom).name)
-        points, faces = _as_in_file(model, geom)
+        points, faces = triangles(model, geom)
+        points = file_coordinates(model, geom).apply(points)
         mesh = Mesh(points=points, faces=faces)
         if concave(mesh):
             parts = convex_parts(mesh, stages)
@@ -116,12 +116,6 @@ def _fitted(model: mujoco.MjModel, geom: int) -> bool:
     import mujoco
 
     return model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH
-
-
-def _as_in_file(model: mujoco.MjModel, geom: int) -> tuple[Array, Index]:
-    """Return vertices and faces of a geom's mesh in the coordinates of its file."""
-    points, faces = triangles(model, geom)
-    return file_coordinates(model, geom).apply(points), faces
 
 
 def _version() -> str:

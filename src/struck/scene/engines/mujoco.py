@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, require_choice
 from struck.model.arrays import Array, Index
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
@@ -202,9 +202,8 @@ class MujocoEngine:
         if keyframe is not None:
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
             if number < 0:
-                known = [model.key(each).name for each in range(model.nkey)]
-                there = f"give one of {', '.join(known)}, or" if known else "the file has none:"
-                raise OptionError(f"keyframe is {keyframe!r}: {there} leave keyframe= out")
+                known = [model.key(each).name for each in range(model.nkey)] or ["none"]
+                require_choice("keyframe", keyframe, known, more=", or leave keyframe= out")
             mujoco.mj_resetDataKeyframe(model, self.data, number)
         mujoco.mj_forward(model, self.data)
         self.recorder = MujocoRecorder(model, links=links)

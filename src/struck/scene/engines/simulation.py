@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from struck.analysis.cached_steps import Stages
-from struck.errors import OptionError, SimulationError
+from struck.errors import SimulationError, require_choice
 from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
@@ -41,10 +41,11 @@ _LONGEST = 3600.0  # s
 _TOLD = 50  # steps between two words of progress
 
 
-def require_seconds(seconds: float) -> None:
+def require_seconds(seconds: float, ring: float = 0.0) -> None:
     """Refuse lengths that no simulation has; before bodies are analyzed, which takes longer."""
     wanted = "it must lie above 0 and at most at 3600"
     require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
+    require_number("ring", ring, 0, _LONGEST - seconds, wanted="give 0 s or more", unit=" s")
 
 
 @checked
@@ -237,10 +238,8 @@ class Simulation:
 
 
 def _require_choices(engine: str, convex: str, step: float | None) -> None:
-    if engine not in ENGINES:
-        raise OptionError(f"engine is {engine!r}: give one of {', '.join(ENGINES)}")
-    if convex not in {"parts", "hull"}:
-        raise OptionError(f'convex is {convex!r}: give "parts" or "hull"')
+    require_choice("engine", engine, ENGINES)
+    require_choice("convex", convex, ("parts", "hull"))
     if step is not None:
         require_number("step", step, 1e-6, 0.1, wanted="it must lie from 1e-6 to 0.1 s")
 
@@ -277,7 +276,9 @@ def _give_masses(
             continue
         body = spec.body(model.body(link.frame).name)
         weighing = [spec.geom(model.geom(int(geom)).name) for geom in link.geoms]
-        if body.explicitinertial or any(_weighs(geom) for geom in weighing):
+        if body.explicitinertial or any(
+            np.isfinite(each.mass) or each.density not in {0.0, _DENSITY} for each in weighing
+        ):
             continue
         if len({model.geom_bodyid[geom] for geom in link.geoms}) > 1:
             continue
@@ -286,8 +287,3 @@ def _give_masses(
         body.fullinertia = own.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         notes.append(f"{link.name!r} weighs {own.mass:.3g} kg, as its elements do")
     return notes
-
-
-def _weighs(geom: mujoco.MjsGeom) -> bool:
-    """Return whether the file gives a geom's mass or density."""
-    return np.isfinite(geom.mass) or geom.density not in {0.0, _DENSITY}

@@ -15,7 +15,7 @@ import numpy as np
 from struck.analysis.analysis import Fixed, analyze
 from struck.analysis.cached_steps import fingerprint
 from struck.analysis.discretisation import Solid
-from struck.errors import MaterialError, OptionError, StruckError
+from struck.errors import MaterialError, OptionError, StruckError, nearest
 from struck.files.model_file import load_model
 from struck.model.arrays import Array, checked
 from struck.model.damping import Band
@@ -71,8 +71,8 @@ class SoundOptions:
                 fitting = [name for name in names if fnmatchcase(name, pattern)]
                 if not fitting:
                     raise OptionError(
-                        f"{option} names {pattern!r}, and there are {', '.join(map(repr, names))}: "
-                        "give one of them, or a pattern as 'mug*'"
+                        f"{option} names {pattern!r}: {nearest(pattern, names)}give one of "
+                        f"{', '.join(names)}, or a pattern as 'mug*'"
                     )
                 if option in _ANALYZED and set(fitting) <= set(finished):
                     raise OptionError(

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from struck.core.machine import GIB, available, thread_count
-from struck.errors import OptionError, SolverError
+from struck.errors import SolverError, require_choice
 from struck.model.arrays import Array
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ class Factoriser:
     """Factorises symmetric matrices of one pattern of entries; rslab orders them only once."""
 
     def __init__(self, backend: str = "auto") -> None:
-        if backend not in _BACKENDS:
-            raise OptionError(f"backend is {backend!r}: give one of {', '.join(_BACKENDS)}")
+        require_choice("backend", backend, _BACKENDS)
         self._backend = _found() if backend == "auto" else backend
         self._analysis: LdltSymbolic | None = None
 

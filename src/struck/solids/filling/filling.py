@@ -316,7 +316,8 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     found = cells_in(
         seen.depths, seen.bounds, spacing, halved=int(halved), judge=seen.judge, widest=widest
     )
-    if cubic and _functions(found) > _SLACK * goal.crowded:
+    functions = FUNCTIONS_A_NODE * (len(found.points) + len(found.edges())) if cubic else 0.0
+    if functions > _SLACK * goal.crowded:
         from struck.solids.filling.membership import mended  # few bodies need it
 
         found = mended(found)
@@ -336,11 +337,6 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
         unreached=_uncovered_share(body.mesh, mesh, spacing),
         crumbs=crumbs,
     )
-
-
-def _functions(cells: Cells) -> float:
-    """Return about how many functions cubic elements of these cells have."""
-    return FUNCTIONS_A_NODE * (len(cells.points) + len(cells.edges()))
 
 
 def _stiffened(body: Body, spacing: float) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import MeshError, OptionError, counted
+from struck.errors import MeshError, OptionError, counted, require_choice
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
@@ -93,8 +93,8 @@ class Repair:
 
 def require_holes(holes: str | None, wall: float | None) -> None:
     """Refuse unknown values of `holes`, and all of them in a solid without a wall."""
-    if holes not in {None, "keep", "fill"}:
-        raise OptionError(f"holes is {holes!r}: give 'keep' or 'fill'")
+    if holes is not None:
+        require_choice("holes", holes, ("keep", "fill"))
     if holes is not None and wall is None:
         raise OptionError(
             f"holes={holes!r} without a wall: a surface with holes bounds no solid, and those of a "
@@ -165,7 +165,9 @@ def _result(
     # Of a sheet that is open anyway the longest rim is its own, and others are left by default.
     kept = _openings_kept(surface, holes or (None if whole else "keep"))
     if not whole and holes == "fill":
-        kept = [max(surface.closed.rims, key=lambda rim: _length(surface.open.points[rim]))]
+        lines = [surface.open.points[rim] for rim in surface.closed.rims]
+        lengths = [np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum() for p in lines]
+        kept = [surface.closed.rims[int(np.argmax(lengths))]]
     return _sheet(surface, kept, wall, record), True
 
 
@@ -309,11 +311,6 @@ def _openings_kept(surface: Mended, holes: str | None) -> list[Index]:
     return [
         rim for rim in surface.closed.rims if is_feature(surface.open.points[rim], extent=extent)
     ]
-
-
-def _length(rim: Array) -> float:
-    """Return the length of a closed line through points (n, 3)."""
-    return float(np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).sum())
 
 
 def _say_of_holes(surface: Mended, kept: list[Index], record: RepairLog) -> None:

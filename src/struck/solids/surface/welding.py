@@ -227,7 +227,8 @@ def single(mesh: Mesh) -> tuple[Mesh, int]:
     if len(first) == len(mesh.faces):
         return mesh, 0
     choices = [first, first[(repeats == 1) | (net != 0)]]
-    kept = min((each for each in choices if len(each)), key=lambda each: _bad(mesh.faces[each]))
+    known = (each for each in choices if len(each))
+    kept = min(known, key=lambda each: np.count_nonzero(edges_of(mesh.faces[each]).faces_at != 2))
     return submesh(mesh, np.sort(kept)), len(mesh.faces) - len(kept)
 
 
@@ -244,10 +245,6 @@ def _repeats(faces: Index) -> tuple[Index, Index, Index]:
     )
     net = np.bincount(inverse.ravel(), weights=np.where(even, 1, -1)).astype(np.int64)
     return first, repeats, net
-
-
-def _bad(faces: Index) -> int:
-    return int(np.count_nonzero(edges_of(faces).faces_at != 2))
 
 
 def lines(mesh: Mesh) -> Mask:
