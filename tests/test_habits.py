@@ -161,7 +161,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "23 a hold alone": (
         lambda: struck.render(model(), struck.Hold(at="top"), seconds=0.1),
-        ("1 Hold", "nothing that strikes", "at least one Strike"),
+        ("1 hold", "nothing that strikes", "at least one strike"),
     ),
     "24 --accuracy high": (
         shell("analyze", "no_file.stl", "--material", "steel", "--accuracy", "high"),

@@ -148,8 +148,8 @@ def test_what_is_not_reached_tells_what_was_tried(monkeypatch: pytest.MonkeyPatc
         tune(tube, STEEL, vary="wall", frequency="D6", mode=5)
     told = re.fullmatch(
         r"wall cannot bring mode 5 to 1174.659 Hz: between wall = 0.001 and (0.01\d+) it rings at "
-        r"(\d+\.?\d*) to (\d+\.?\d*) Hz, nearest at (\S+) Hz with wall = (0.01\d+); vary another "
-        r"dimension, or tune another mode",
+        r"(\d+\.?\d*) to (\d+\.?\d*) Hz, nearest at (\S+) Hz with wall = (0.01\d+); check the "
+        r"lengths \(m\), or vary another dimension or mode",
         str(refused.value),
     )
     assert told is not None

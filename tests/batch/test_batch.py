@@ -24,7 +24,7 @@ import struck
 from struck.batch import BatchReport, analyze_many
 from struck.batch.job_table import jobs_of
 from struck.cli import main
-from struck.errors import FileFormatError, OptionError
+from struck.errors import FileFormatError, OptionError, StruckError
 from tests.batch.bodies import PAPER, QUICK, TABLE, bar, box, eight, many
 from tests.folders import closed_to_writing
 
@@ -238,7 +238,11 @@ def test_tables_tell_options_of_single_files(tmp_path: Path) -> None:
 WRONG = {
     "no mesh file has the name": {"files": "nowhere/*.obj"},
     "(none)": {"files": []},
-    "analyze has no color": {"color": 1},
+    "analyze_many has no color": {"color": 1},
+    "did you mean strikes?": {"striks": 3},
+    "did you mean steel": {"material": "stel"},
+    "did you mean preview?": {"accuracy": "previw"},
+    "did you mean mm or": {"units": "mmm"},
     "has no material": {"material": None},
     "would both become a.struck": {"files": ["in/a.obj", "in/a.stl"]},
     "names no file": {"table": [{"size": 1}]},
@@ -263,7 +267,7 @@ def test_what_concerns_all_is_refused_before_anything_is_done(told: str, tmp_pat
     before = Path.cwd()
     os.chdir(tmp_path)
     try:
-        with pytest.raises(OptionError) as refused:
+        with pytest.raises(StruckError) as refused:
             analyze_many(given.pop("files"), given.pop("material"), out="out", **given)
     finally:
         os.chdir(before)

@@ -327,7 +327,7 @@ def test_tables_have_commas_or_semicolons_or_tabs(bar: str, between: str) -> Non
         ("--walls brick", "--walls brick needs a room: give --room x,y,z, or leave it out"),
         ("--sounds flac", "--sounds flac is for --strikes"),
         ("--position 1,1,1", "--position 1.0,1.0,1.0 needs a room"),
-        ("--hold end", "1 Hold and nothing that strikes: give at least one Strike"),
+        ("--hold end", "1 hold and nothing that strikes: give at least one strike"),
     ],
 )
 def test_options_that_say_nothing_here_are_refused(

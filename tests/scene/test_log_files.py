@@ -113,6 +113,7 @@ def test_poses_and_units_stand_in_the_same_file(tmp_path: Path) -> None:
             BY_HAND.replace("position_", "").replace("body0", "first"),
             r"first, body1, .*: body0, position are missing; give .* \(in CSV position_x, .* dt",
         ),
+        ("a.csv", BY_HAND.replace("impulse_x", "impuls_x"), "lack impulse_x: is it impuls_x"),
         ("a.npz", "x", "a.npz is no contact log"),
         ("a.txt", "x", "a contact log is .csv"),
     ],

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import oaconvolve
 
 from struck.analysis.analysis import model_of_modes
+from struck.ears import Stereo
 from struck.errors import ContactError, OptionError
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
@@ -253,8 +254,10 @@ def test_a_sound_is_calibrated_where_its_model_is() -> None:
         ({"sample_rate": 44100.5}, "whole number"),
         ({"listener": (1, 2)}, "one position"),
         ({"listener": (1, 2, np.inf)}, "one position"),
-        ({"excitations": []}, "at least one Strike"),
+        ({"excitations": []}, "at least one strike"),
         ({"excitations": [0.3]}, r"0\.3 is no excitation"),
+        ({"excitations": Strike}, r"Strike is a class: give Strike\(...\)"),
+        ({"listener": Stereo}, r"Stereo is a class: give Stereo\(...\)"),
     ],
 )
 def test_impossible_requests_are_refused(arguments: dict[str, object], message: str) -> None:

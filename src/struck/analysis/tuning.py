@@ -266,7 +266,7 @@ def tune(
         raise OptionError(
             f"{vary} cannot bring {chosen} to {wanted:.7g} Hz: between {vary} = {low:.5g} and "
             f"{high:.5g} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at {best[1]:.7g} Hz "
-            f"with {vary} = {best[0]:.7g}; vary another dimension, or tune another mode"
+            f"with {vary} = {best[0]:.7g}; check the lengths (m), or vary another dimension or mode"
         )
     made = _made(_with(given, vary, best[0]))
     found = Tuning(body=made, vary=vary, mode=f"{chosen}", before=points[0], after=best)

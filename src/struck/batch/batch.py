@@ -8,12 +8,22 @@ import secrets
 from collections import deque
 from collections.abc import Iterable
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
 from struck.batch.job import Facts, kept
-from struck.batch.job_table import FACTS, BodyJob, Files, Table, jobs_of, table_rows
+from struck.batch.job_table import (
+    FACTS,
+    OPTIONS,
+    BodyJob,
+    Files,
+    Table,
+    jobs_of,
+    require_known,
+    table_rows,
+)
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.core import machine
@@ -115,6 +125,7 @@ def analyze_many(
         cannot be written, a missing package. What is wrong with one file is told in its row.
     """
     wanted = None
+    require_known(options, "analyze_many", (*OPTIONS, *signature(analyze_many).parameters))
     usual = {"seed": (seed, 0), "seconds": (seconds, 1.0), "sample_rate": (sample_rate, 48_000)}
     usual |= {"sounds": (sounds, "wav"), "labels": (labels, "labels.csv")}
     for name, (given, default) in ({} if strikes is not None else usual).items():

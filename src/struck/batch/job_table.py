@@ -26,21 +26,30 @@ import numpy as np
 from struck.analysis.analysis import analyze
 from struck.analysis.cached_steps import fingerprint, method
 from struck.batch.strike_set import StrikeSet
-from struck.errors import ArgumentError, FileFormatError, OptionError, article
+from struck.errors import (
+    ArgumentError,
+    FileFormatError,
+    OptionError,
+    article,
+    nearest,
+    require_choice,
+)
 from struck.files.atomic import is_file, is_folder, open_ordinary, read_bytes
 from struck.files.messages import FORMATS, READERS, ReadingLimits
+from struck.model.arrays import UNITS
 from struck.model.damping import require_band
 from struck.model.material import Material
+from struck.solids.resolution import level
 
 MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
 _KINDS = {*FORMATS, *(suffix[1:] for suffix in READERS)}
 _PACKED = {".gz", ".bz2", ".xz", ".zip"}
-_OPTIONS = {  # of `analyze`, with what they are unless given
+OPTIONS = {  # of `analyze`, with what they are unless given
     name: each.default
     for name, each in inspect.signature(analyze).parameters.items()
     if name not in {"body", "material", "cache", "progress"}
 } | {"modes": None}
-_COLUMNS = {"file", "output", "material", *_OPTIONS}
+_COLUMNS = {"file", "output", "material", *OPTIONS}
 Files = str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None
 Table = str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None
 
@@ -66,7 +75,7 @@ class BodyJob:
         options = {
             name: inspect.getsource(value) if inspect.isfunction(value) else value
             for name, value in sorted(self.options.items())
-            if value is not _OPTIONS[name] and name != "damping"
+            if value is not OPTIONS[name] and name != "damping"
         }
         key = fingerprint((method(), content, material, options, strikes))
         return replace(self, content=content, key=key)
@@ -111,7 +120,11 @@ def jobs_of(
     make: Callable[..., BodyJob] = BodyJob,
 ) -> list[BodyJob]:
     """Return the jobs of patterns and a table; OptionError on none, or two of one name."""
-    _require_known(options, "analyze", _OPTIONS)
+    # What is wrong with all files is refused at once.
+    if material is not None:
+        Material.of(material, options.get("damping", "own"))
+    level(options.get("accuracy") or "standard")
+    require_choice("units", options.get("units") or "m", UNITS)
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files or ())
     others = [type(each).__name__ for each in patterns if not isinstance(each, str | os.PathLike)]
     if others:
@@ -203,11 +216,14 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
         )
 
 
-def _require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:
+def require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:
+    """Refuse names that are not known, with the nearest."""
     unknown = {str(each) for each in names} - {*known}
     if unknown:
+        offers = "".join(nearest(each, known) for each in sorted(unknown))
         raise OptionError(
-            f"{where} has no {', '.join(sorted(unknown))}: give some of {', '.join(sorted(known))}"
+            f"{where} has no {', '.join(sorted(unknown))}: {offers}give some of "
+            f"{', '.join(sorted(known))}"
         )
 
 
@@ -224,7 +240,7 @@ def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
         where = f"row {number} of {name}"
         if not isinstance(row, Mapping) or not row.get("file"):
             raise OptionError(f"{where} names no file: it is needed in each row")
-        _require_known(row, where, _COLUMNS)
+        require_known(row, where, _COLUMNS)
         given = {key: value for key, value in row.items() if value is not None and value != ""}
         try:
             read = {key: _READ[key](value) for key, value in given.items() if key in _READ}

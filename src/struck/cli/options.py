@@ -338,7 +338,7 @@ def listener(
     for one, other, what in (("listener", "walk", "places"), ("hrtf", "head", "heads")):
         first, second = getattr(options, one), getattr(options, other)
         if first and second:
-            raise OptionError(f"--{one} {first} and --{other} {second} are two {what}: give one")
+            raise OptionError(f"--{one} and --{other} {second} are two {what}: give one")
     walk = options.walk if place is None else None
     course = _walk(walk) if walk else place or options.listener
     standing = {"position": course, "facing": options.facing}

@@ -153,6 +153,8 @@ class Listener(Protocol):
 
 def is_listener(listener: object) -> TypeGuard[Listener]:
     """Return whether an object is a listener, and not a bare position."""
+    if isinstance(listener, type):
+        raise OptionError(f"{listener.__name__} is a class: give {listener.__name__}(...)")
     return callable(getattr(listener, "filters", None))
 
 

@@ -327,5 +327,7 @@ def unknowns(model: ModalModel, kinds: Iterable[type]) -> tuple[str, ...]:
 
 def _require_actions(actions: Sequence[object]) -> None:
     for each in actions:
+        if isinstance(each, type):
+            raise OptionError(f"{each.__name__} is a class: give {each.__name__}(...)")
         if not (isinstance(each, Hold) or callable(getattr(each, "begin", None))):
             raise OptionError(f"{each!r} is no excitation: give Strike(...) or several of them")

@@ -134,10 +134,22 @@ def _csv_lines(text: str) -> Iterator[Line]:
             continue
         if not columns:
             columns = [each.strip() for each in cells]
+            _require_axes(columns)
         elif len(cells) != len(columns):
             raise ValueError(f"line {number} has {len(cells)} cells, and there are {len(columns)}")
         else:
             yield number, _gathered(columns, cells)
+
+
+def _require_axes(columns: Sequence[str]) -> None:
+    """Refuse columns of which a vector lacks some axes."""
+    for name, axes in _WIDTHS.items():
+        lacking = [f"{name}_{axis}" for axis in axes if f"{name}_{axis}" not in columns]
+        if 0 < len(lacking) < len(axes):
+            others = [each for each in columns if each.rpartition("_")[0] not in _WIDTHS]
+            offer = nearest(lacking[0], [each for each in others if each not in _COLUMNS])
+            offer = offer.replace("did you mean", "is it").strip()
+            raise ValueError(f"its columns lack {', '.join(lacking)}: {offer or 'give all'}")
 
 
 def _gathered(columns: Sequence[str], cells: Sequence[str]) -> Mapping[str, Any]:

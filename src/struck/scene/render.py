@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
 from struck.ears.propagation import Pose
-from struck.errors import OptionError, ScaleWarning
+from struck.errors import OptionError, ScaleWarning, counted
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.strike import Strike, after_attack, residual_of
@@ -135,8 +135,10 @@ def _bodies(
             raise OptionError("a Body brings its own excitations: give them there")
     actions = [action for body in bodies for action in body.actions]
     if all(isinstance(action, Hold) for action in actions):
-        held = f"{len(actions)} Hold and nothing that strikes" if actions else "nothing to render"
-        raise OptionError(f"there is {held}: give at least one Strike")
+        held = f"{counted(len(actions), 'hold')} and nothing that strikes"
+        raise OptionError(
+            f"there is {held if actions else 'nothing to render'}: give at least one strike"
+        )
     return [body for body in bodies if not body.silent]
 
 

@@ -347,7 +347,8 @@ class PolygonMembrane(Shape):
         if count > _MOST_MODES:
             raise OptionError(
                 f"about {count:.0f} modes lie below {highest:g} Hz, and {_MOST_MODES} can be had: "
-                f"end the band at {highest * np.sqrt(_MOST_MODES / count):.3g} Hz or lower"
+                f"check the lengths (m), or end the band at "
+                f"{highest * np.sqrt(_MOST_MODES / count):.3g} Hz or lower"
             )
         found = spectrum(self._loop, bound)
         wavenumbers = np.sqrt(found.values)

@@ -127,7 +127,7 @@ class Simulation:
         **sounds: Any,  # noqa: ANN401 - of `SoundOptions`
     ) -> None:
         _require_choices(engine, convex, step)
-        own = [*signature(Simulation).parameters][:-1]
+        own = ["seconds", "control", *signature(Simulation).parameters][:-1]  # as of `simulate`
         known = list(dict.fromkeys([*own, *(each.name for each in fields(SoundOptions))]))
         if not sounds.keys() <= {*known}:
             refuse_names("simulate", 1, known, (), sounds)
