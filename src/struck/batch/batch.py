@@ -125,7 +125,7 @@ def analyze_many(
         cannot be written, a missing package. What is wrong with one file is told in its row.
     """
     wanted = None
-    require_known(options, "analyze_many", (*OPTIONS, *signature(analyze_many).parameters))
+    require_known(options, "analyze_many", (*OPTIONS, *[*signature(analyze_many).parameters][:-1]))
     usual = {"seed": (seed, 0), "seconds": (seconds, 1.0), "sample_rate": (sample_rate, 48_000)}
     usual |= {"sounds": (sounds, "wav"), "labels": (labels, "labels.csv")}
     for name, (given, default) in ({} if strikes is not None else usual).items():

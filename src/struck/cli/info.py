@@ -6,7 +6,6 @@ import argparse
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,6 @@ from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
 from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
-
-if TYPE_CHECKING:
-    pass
 
 LISTED = 6  # modes, unless asked for more or fewer
 PARTS = 20  # of a mesh file

@@ -153,13 +153,13 @@ class Listener(Protocol):
 
 def is_listener(listener: object) -> TypeGuard[Listener]:
     """Return whether an object is a listener, and not a bare position."""
-    if isinstance(listener, type):
-        raise OptionError(f"{listener.__name__} is a class: give {listener.__name__}(...)")
-    return callable(getattr(listener, "filters", None))
+    return callable(getattr(listener, "filters", None)) and not isinstance(listener, type)
 
 
 def position_of(listener: Any) -> Array:  # noqa: ANN401 - whatever is no listener
     """Return a listener's bare position (3,), m; OptionError on other values."""
+    if isinstance(listener, type):
+        raise OptionError(f"{listener.__name__} is a class: give {listener.__name__}(...)")
     if isinstance(listener, str):
         raise OptionError(f"listener is {listener!r}: give one position (x, y, z) in m, or Stereo")
     position = numbers("listener", listener)
