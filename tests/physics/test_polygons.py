@@ -17,7 +17,7 @@ from skfem.helpers import dot, grad
 
 from struck import Material
 from struck.shapes import PolygonMembrane
-from struck.shapes.particular_solutions import Trial
+from struck.shapes.particular_solutions import Trial, refined
 from struck.shapes.polygon import plan_of
 from struck.shapes.polygon_membrane import _all, _candidates
 from struck.shapes.shape import Vibration
@@ -82,6 +82,26 @@ def test_l_shape_has_the_modes_of_its_squares(wide_l_shape: Vibration) -> None:
     found = eigenvalues(wide_l_shape) / np.pi**2
     for whole, times in ((2, 1), (5, 2), (8, 1), (10, 2)):
         assert np.count_nonzero(np.abs(found / whole - 1) < 1e-12) == times
+
+
+@pytest.mark.parametrize("offset", [-3.2e-4, 3.2e-4])
+def test_waves_of_many_periods_are_refined_to_the_end(offset: float) -> None:
+    """A square's sines of 24 half waves a side, from as far off as elements leave a value."""
+    exact = np.pi**2 * (24**2 + 24**2)
+    corners = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
+    trial = Trial(next(_candidates(plan_of(corners), 1.05 * exact**0.5)))
+    (found,) = refined(trial, exact * (1 + offset), 1, 1e-8)
+    assert found.value == pytest.approx(exact, rel=1e-12)
+    assert found.error < 1e-11
+
+
+@pytest.mark.prove
+def test_three_hundred_modes_of_the_l_shape_are_proved() -> None:
+    found = eigenvalues(l_shape_up_to(1370.0)) / np.pi**2
+    assert len(found) > 300
+    squares = [m * m + n * n for m in range(1, 12) for n in range(1, 12) if m * m + n * n < 138]
+    for whole in squares:
+        assert np.count_nonzero(np.abs(found / whole - 1) < 1e-10) == squares.count(whole)
 
 
 @pytest.mark.prove

@@ -134,7 +134,7 @@ def analyze(
             recoil = recoil and not body.supported
             told = {"wall": wall, "fixed": fixed, "holes": holes, "accuracy": accuracy}
             told |= {"repair": repair, "backend": backend}
-            return _by_formula(body, chosen, heard, band, recoil=recoil, **told)
+            return _by_formula(body, chosen, heard, band, progress, recoil=recoil, **told)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
@@ -205,6 +205,7 @@ def _by_formula(
     material: Material,
     radiation: Radiation,
     band: tuple[float, float],
+    progress: Progress,
     *,
     recoil: bool,
     **given: object,
@@ -215,7 +216,7 @@ def _by_formula(
             told = f"{name}={'' if name == 'fixed' else repr(value)} does not apply to "
             told += f"{kind_of(shape)}, which is computed by a formula: leave it out"
             raise OptionError(told + (", or take method='fem'" if _by_fem(shape, name) else ""))
-    modes = shape.modes(material, band, none=recoil)
+    modes = shape.modes(material, band, none=recoil, progress=progress)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
     provenance = modes.provenance.extended(body=repr(shape), versions=versions)
     model = ModalModel.of(

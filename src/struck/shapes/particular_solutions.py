@@ -186,7 +186,7 @@ class PolygonForms:
 _DEPENDENT = 1e-13
 _INSIDE = 200  # places
 _STEADY = 1e-13  # relative step at which an eigenvalue stands still
-_IDLE = 0.1  # share of the tension: smaller steps would not lower it
+_IDLE = 0.5  # share of the tension over the waves' phase: smaller steps would not lower it
 _ROUNDS = 12
 _UNSURE = 100.0  # times the square of a relative step: how unsure a value still is
 
@@ -218,6 +218,10 @@ class Trial:
         near = np.bincount(plan.nearest_edges(self._basis.sources), minlength=len(plan.corners))
         waves = self._basis.highest * plan.lengths
         return 40 + 0.7 * self._basis.steepest + 1.5 * waves + 3.5 * near
+
+    def phase(self, value: float) -> float:
+        """Return the phase of a value's waves along the root of the area, radians."""
+        return float(np.sqrt(value * self._basis.plan.area))
 
     @cached_property
     def _everywhere(self) -> tuple[BasisAtPoints, Array]:
@@ -288,6 +292,7 @@ def refined(trial: Trial, value: float, count: int, apart: float) -> list[Found]
     steps, values, functions = np.zeros(count), np.full(count, value), np.zeros((0, count))
     for _ in range(_ROUNDS):
         tensions, functions = trial.smallest(value, count)
+        idle = _IDLE * tensions[0] / trial.phase(value)
         values, functions = trial.improved(value, functions)
         steps = np.abs(values / value - 1)
         groups = _parted(values, max(apart, _UNSURE * float(steps.max()) ** 2))
@@ -297,7 +302,7 @@ def refined(trial: Trial, value: float, count: int, apart: float) -> list[Found]
             if min(gaps) > apart * value:
                 return [found for part in parts for found in part]
             apart = np.inf  # they ran into each other
-        if abs(values.mean() / value - 1) <= max(_STEADY, _IDLE * tensions[0]):
+        if abs(values.mean() / value - 1) <= max(_STEADY, idle):
             break
         value = float(values.mean())
     errors = trial.error(value, functions) + steps

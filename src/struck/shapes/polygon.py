@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from struck.model.arrays import Array, Index
+from struck.model.provenance import Progress, silent
 from struck.shapes.skins import INSET
 from struck.solids.fem.factorisation import Factoriser
 from struck.solids.fem.lanczos import Mass, block_lanczos
@@ -175,13 +176,16 @@ class Pencil:
         """Return how many eigenvalues lie below a value: the inertia of K - value M."""
         return self.factorise(self._shifted(value)).negative
 
-    def below(self, value: float) -> Array:
+    def below(self, value: float, progress: Progress = silent) -> Array:
         """Return all eigenvalues below a value, ascending; counted by inertia, none is missed."""
         total = self.count(value)
         ends = value * np.linspace(0, 1, -(-total // _AT_ONCE) + 1)
         counts = [0, *(self.count(end) for end in ends[1:-1]), total]
         slices = zip(ends[:-1], ends[1:], counts[:-1], counts[1:], strict=True)
-        found = [self._slice(*each) for each in slices] if total else [np.zeros(0)]
+        found = [np.zeros(0)]
+        for number, each in enumerate(slices):
+            progress("finding about where the modes lie", number * _AT_ONCE / max(total, 1))
+            found.append(self._slice(*each))
         return np.concatenate(found)
 
     def _slice(self, low: float, high: float, under: int, up_to: int) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from struck.errors import MeshError, OptionError, SolverError
 from struck.model.arrays import Array, checked
 from struck.model.material import Material
+from struck.model.provenance import Progress, silent
 from struck.shapes.particular_solutions import Basis, Found, PolygonForms, Trial, refined
 from struck.shapes.polygon import Polygon, Triangulation, around, edge_for, plan_of
 from struck.shapes.shape import Shape, Vibration, require_tension
@@ -35,17 +36,18 @@ class LaplacianSpectrum:
     proved_to: float  # no eigenvalue is missing below, 1/m^2; 0 where that is not proved
 
 
-def spectrum(corners: Array, highest: float) -> LaplacianSpectrum:
+def spectrum(corners: Array, highest: float, progress: Progress = silent) -> LaplacianSpectrum:
     """Return all eigenvalues up to `highest`, 1/m^2, of a polygon (n, 2), m."""
     plan = plan_of(corners)
-    rough = _upper_bounds(plan, highest)
+    rough = _upper_bounds(plan, highest, progress)
     rough = rough[: _cut(rough, highest) + 2]
     if len(rough) < 2:
         none = np.zeros(0, np.int64)
         empty = Basis(plan=plan, centres=none, counts=none, sources=np.zeros((0, 2)), highest=0.0)
         return _packed(empty, [], 0.0)
     basis, trial = _chosen(plan, rough[:-1])
-    found = _all(trial, rough[:-1])
+    found = _all(trial, rough[:-1], progress)
+    progress("proving that no mode is missing", 0.0)
     proved_to = _proved(plan, found, highest, float(rough[-1]))
     return _packed(basis, [each for each in found if each.value <= highest], proved_to)
 
@@ -61,13 +63,13 @@ _SPARE = 4  # eigenvalues above the bound, and a twentieth: the widest gap there
 _PHASE = 1.3  # of a wave along the longest edge of an element, for a hundred eigenvalues
 
 
-def _upper_bounds(plan: Polygon, highest: float) -> Array:
+def _upper_bounds(plan: Polygon, highest: float, progress: Progress) -> Array:
     """Return eigenvalues of quadratic elements up to somewhat above a value."""
     count = max(expected(plan, highest), 1.0)
     above = highest + (_SPARE + count / 20 + 3) * 4 * np.pi / plan.area
     finer = min(1.0, (100 / count) ** 0.25)
     longest = min(_PHASE * finer / np.sqrt(above), float(plan.reaches.max()) / 16)
-    return Triangulation.of(plan.corners, longest).quadratic().below(above)
+    return Triangulation.of(plan.corners, longest).quadratic().below(above, progress)
 
 
 def _cut(rough: Array, highest: float) -> int:
@@ -140,12 +142,13 @@ _MOST_ERROR = 1e-3  # beyond, what was found is no mode
 _NEAR = 5e-3  # relative distance of rough eigenvalues that are refined together at first
 
 
-def _all(trial: Trial, rough: Array) -> list[Found]:
+def _all(trial: Trial, rough: Array, progress: Progress = silent) -> list[Found]:
     """Refine all rough eigenvalues, near ones together; where two meet, both together again."""
     groups, apart = _grouped(rough), _LEAST_APART
     done: dict[tuple[int, int], list[Found]] = {}
     for _ in range(_ATTEMPTS):
         for group in groups:
+            progress("refining the modes", group[0] / len(rough))
             if group not in done:
                 middle = float(rough[slice(*group)].mean())
                 done[group] = refined(trial, middle, group[1] - group[0], apart)
@@ -156,8 +159,9 @@ def _all(trial: Trial, rough: Array) -> list[Found]:
         if merged == groups and max(errors) < _MOST_ERROR:
             return [each for part in found for each in part]
         groups = merged
+    first, last = max(done, key=lambda group: max(each.error for each in done[group]))
     raise SolverError(
-        f"modes {groups[0][0] + 1} to {groups[-1][1]} of this polygon cannot be told apart: lower "
+        f"modes {first + 1} to {last} of this polygon cannot be told apart: lower "
         "the band's end, or move corners that nearly meet"
     )
 
@@ -341,6 +345,9 @@ class PolygonMembrane(Shape):
         SolverError
             When near modes cannot be told apart.
         """
+        return self._vibration(material, highest, silent)
+
+    def _vibration(self, material: Material, highest: float, progress: Progress) -> Vibration:
         speed = float(np.sqrt(self.tension / (material.density * self.thickness)))
         bound = np.square(2 * np.pi * highest / speed)
         count = expected(self._plan, bound)
@@ -348,9 +355,9 @@ class PolygonMembrane(Shape):
             raise OptionError(
                 f"about {count:.0f} modes lie below {highest:g} Hz, and {_MOST_MODES} can be had: "
                 f"check the lengths (m), or end the band at "
-                f"{highest * np.sqrt(_MOST_MODES / count):.3g} Hz or lower"
+                f"{np.floor(highest * np.sqrt(_MOST_MODES / count)):.0f} Hz or lower"
             )
-        found = spectrum(self._loop, bound)
+        found = spectrum(self._loop, bound, progress)
         wavenumbers = np.sqrt(found.values)
         shortest = np.append(np.sqrt(bound), wavenumbers)[-1]
         return Vibration(

@@ -18,7 +18,7 @@ from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.modes import Modes
-from struck.model.provenance import Provenance
+from struck.model.provenance import Progress, Provenance, silent
 from struck.shapes.skins import Rod, Sheet
 from struck.solids import Block, Tube
 from struck.solids.volume_mesh import VolumeMesh
@@ -121,6 +121,11 @@ class Shape(ABC):
             When they are more than the method takes, as more than 100,000.
         """
 
+    def _vibration(self, material: Material, highest: float, progress: Progress) -> Vibration:
+        """Return every mode, and tell of progress where that takes long."""
+        progress("computing the modes", 0.0)
+        return self.vibration(material, highest)
+
     def skin(self, spacing: float) -> Mesh:
         """Return the body's closed surface with vertices about `spacing` m apart over the plan."""
         return self.geometry.skin(spacing)
@@ -139,16 +144,23 @@ class Shape(ABC):
         )
 
     def modes(
-        self, material: Material, band: tuple[float, float] = BAND, *, none: bool = False
+        self,
+        material: Material,
+        band: tuple[float, float] = BAND,
+        *,
+        none: bool = False,
+        progress: Progress = silent,
     ) -> Modes:
         """Return the modes of a `material` within a band, Hz, and the surface; `none` allows none.
+
+        `progress` takes stages and fractions, where finding the modes takes long.
 
         Raises
         ------
         NoModeError
             When no mode lies within the band.
         """
-        vibration, dropped = self.vibration(material, band[1]), ()
+        vibration, dropped = self._vibration(material, band[1], progress), ()
         if not np.any(vibration.frequencies >= band[0]):
             told = _silent(self, material, vibration, band)
             if not none:
