@@ -37,6 +37,14 @@ def decibels(error: np.ndarray, signal: np.ndarray) -> float:
     return 20 * float(np.log10(np.abs(error).max() / np.abs(signal).max()))
 
 
+def test_scrapes_too_fast_for_samples_are_told() -> None:
+    fast = replace(SCRAPE, speed=30.0)
+    sound = render(BLOCK, [fast, SCRAPE, replace(fast, time=0.4)], seconds=0.2)
+    assert any(note.startswith("scrapes and rolls that are not heard: 1;") for note in sound.notes)
+    assert not render(BLOCK, SCRAPE, seconds=0.2).notes
+    assert not heard(fast, 0.2).any()
+
+
 @pytest.mark.parametrize("striker", ["felt", "wood", "steel"])
 def test_strikes_through_resonators_are_the_closed_form(striker: str) -> None:
     strike = Strike(at=TOP, striker=striker, speed=1.0, time=0.0103)

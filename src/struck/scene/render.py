@@ -218,6 +218,7 @@ def _arriving(
         outputs = _outputs(whole, listener[None], sample_rate)
         pushed = DrivenBody(model=whole, outputs=outputs, actions=others, sample_rate=sample_rate)
         driven = pushed.samples(seconds, at_least=natural)[0]
+        notes += pushed.notes
         length = len(driven)
     else:
         length = max(1, round((natural if seconds is None else seconds) * sample_rate))
@@ -382,6 +383,7 @@ class DrivenBody:
     # first sample and its voice, the last first, and what pushes by its voice.
     _waiting: list[tuple[int, int, Pushing]] = field(init=False)
     _pushings: dict[int, Pushing] = field(init=False, default_factory=dict)
+    _unfelt: dict[int, float] = field(init=False, default_factory=dict)  # begins, s, by voice
 
     def __post_init__(self) -> None:
         if self._silent:
@@ -406,6 +408,7 @@ class DrivenBody:
             for voice, each in enumerate(begun)
         ]
         self._waiting.sort(key=itemgetter(0), reverse=True)
+        self._unfelt = {n: e.time for n, e in enumerate(excitations) if hasattr(e, "path")}
         # Of an ideal impulse, which many blows of recordings are, nothing is steady.
         self._ideal = {n for n, e in enumerate(excitations) if _is_ideal(e, self.model)}
         self._raised = [hold.raised(self.model) for hold in self._holds]
@@ -429,6 +432,17 @@ class DrivenBody:
                 length = self._length(at_least)
         return np.concatenate(blocks, axis=1)[:, _BLOCK : _BLOCK + length]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes of the scrapes and rolls that did not push, once all samples are made."""
+        still = sum(time * self.sample_rate < self._now for time in self._unfelt.values())
+        told = (
+            f"scrapes and rolls that are not heard: {still}; they are at rest, without load, or so "
+            "fast that all roughness passes within one sample: slow them down, or give a rougher "
+            "surface"
+        )
+        return (told,) if still else ()
+
     def _next(self, *, first: bool) -> Array:
         self._take_holds()
         while self._waiting and self._waiting[-1][0] <= self._now:
@@ -440,6 +454,9 @@ class DrivenBody:
             if (push := each.advance(_BLOCK)) is not None
         ]
         self._pushings = {v: each for v, each in self._pushings.items() if not each.finished}
+        for push in pushes:
+            if push.voice in self._unfelt and push.force.any():
+                del self._unfelt[push.voice]
         self._now += _BLOCK
         if self.moving is not None:
             self.outputs = self.moving(self._now / self.sample_rate)
@@ -615,7 +632,7 @@ def _sent_around(
     _add_residuals(
         samples, residuals, lambda time: np.linalg.norm(seen(time) - centre_of(model), axis=1)
     )
-    told = _left_out(model, sample_rate)
+    told = _left_out(model, sample_rate) + driven.notes
     return samples, told + unknowns(model, map(type, body.actions))
 
 

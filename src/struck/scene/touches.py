@@ -25,7 +25,7 @@ from struck.scene.contacts import Contacts
 _APART = 3  # steps without a row that do not end a touch, nor part two hits of one blow
 _APART_SECONDS = 5e-3  # of steps longer than that, one
 # A touch of fewer steps is a blow: a soft solver takes a dozen for one, and 40 ms are no rest.
-_BRIEF_STEPS, _BRIEF_SECONDS, _FEWEST = 31, 40e-3, 4
+BRIEF_STEPS, _BRIEF_SECONDS, _FEWEST = 31, 40e-3, 4
 _FLICKER = 6  # steps over which the load of changing points of contact is averaged
 _STANDS_OUT = 3.0  # times the lasting load above it: such a step is of a blow
 _SWELLS = 0.5  # times it, on the average: such steps are, where the bodies came together
@@ -110,7 +110,7 @@ def _stepped(
     places, touch, starts, lengths = _laid_out(numbers, _apart(step))
     impulses = np.zeros(int(starts[-1] + lengths[-1]))
     np.add.at(impulses, places, strength)
-    brief = max(_FEWEST, min(_BRIEF_STEPS, int(_BRIEF_SECONDS / step)))
+    brief = max(_FEWEST, min(BRIEF_STEPS, int(_BRIEF_SECONDS / step)))
     parts = [
         _lasting(impulses[start : start + length], brief)
         for start, length in zip(starts.tolist(), lengths.tolist(), strict=True)

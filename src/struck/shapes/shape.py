@@ -122,7 +122,7 @@ class Shape(ABC):
         """
 
     def _vibration(self, material: Material, highest: float, progress: Progress) -> Vibration:
-        """Return every mode, and tell of progress where that takes long."""
+        """Return every mode as `vibration` does, while `progress` follows the work."""
         progress("computing the modes", 0.0)
         return self.vibration(material, highest)
 

@@ -310,6 +310,28 @@ def test_dead_contacts_are_told(tmp_path: Path) -> None:
     assert not any("blows are dead" in note for note in contacts.notes)
 
 
+def test_blows_of_more_steps_than_count_as_one_are_told(tmp_path: Path) -> None:
+    floor = '<geom name="floor" type="plane" size="1 1 .1"/>'
+    ball = '<body name="ball" pos="0 0 .02"><freejoint/><geom size=".01"/></body>'
+    path = written(tmp_path, floor + ball)
+    said = "a blow takes about 20 ms, or 100 steps, of which more than 31"
+    assert any(said in note for note in Simulation(path, step=2e-4).run(0.1)[1].notes)
+    assert not any("a blow takes" in note for note in Simulation(path, step=1e-3).run(0.1)[1].notes)
+    scene, _ = Simulation(path, step=1e-3, restitution="materials").run(0.1)
+    assert any("'floor', 'ball' stay as the file says" in note for note in scene.notes)
+
+
+def test_soft_contacts_that_let_go_late_are_no_explosion(tmp_path: Path) -> None:
+    """A can that falls on its rim is still pushed 24 ms after it has stopped."""
+    floor = '<geom name="floor" type="plane" size="2 2 .1"/>'
+    can = '<geom type="cylinder" size=".04 .05" mass=".3"/>'
+    body = f'<body name="can" pos="0 0 .5" euler="30 20 0"><freejoint/>{can}</body>'
+    path = written(tmp_path, floor + body, options='timestep=".001"')
+    scene, contacts = Simulation(path, friction=0.5).run(0.5)
+    assert len(contacts) > 30
+    assert list(scene.bodies) == ["floor", "can"]
+
+
 def test_a_loop_of_ones_own_gives_the_same_log(tmp_path: Path) -> None:
     bodies = FLOOR.format(3) + BALL.format(x=0, z=0.03) + BALL.format(x=0.1, z=0.04)
     path = written(tmp_path, bodies.replace('"ball"', '"mug"', 1), options='timestep=".001"')

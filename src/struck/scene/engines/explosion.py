@@ -15,6 +15,7 @@ from struck.model.arrays import Array
 from struck.scene.contacts import Contacts
 from struck.scene.engines.links import Link, mass_properties, owners, touches, triangles
 from struck.scene.engines.restitution import rebound
+from struck.scene.touches import BRIEF_STEPS
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,6 +29,7 @@ _MOST_KINDS = 8  # of contacts that are tried
 # that, and a light one at the end of a row of bodies that touch by not many times more. In one
 # step; and in a window of time, in which there may be several blows.
 _GAIN, _GAIN_IN_WINDOW, _WINDOW = 4.0, 8.0, 0.02  # 1, 1, s
+_LETS_GO = 0.1  # s, in which a soft contact (solref's 20 ms) gives back what a blow has put in
 _PUSHED_OUT = 0.5  # m/s that bodies may be pushed apart with that begin in each other
 
 
@@ -78,7 +80,7 @@ def require_no_blast(contacts: Contacts, masses: Array) -> None:
 
 def _around(times: Array, values: Array) -> Array:
     """Return the largest of values (T,) in a window about each time: springs let go late."""
-    before = np.searchsorted(times, times - _WINDOW, side="left")
+    before = np.searchsorted(times, times - _LETS_GO, side="left")
     after = np.searchsorted(times, times + _WINDOW, side="right")
     return np.array([values[a:b].max() for a, b in zip(before, after, strict=True)])
 
@@ -172,6 +174,14 @@ def dead(model: mujoco.MjModel) -> list[str]:
         notes.append(
             f"by the file's solref a ball does not rebound from {dull[0]!r} (restitution below "
             f'{_DEAD}): blows are dead; restitution="materials" lets bodies bounce'
+        )
+    step = float(model.opt.timestep)
+    slow = max(kinds, default=(0.0,))[0]
+    if slow > BRIEF_STEPS * step:
+        notes.append(
+            f"by the file's solref a blow takes about {1e3 * slow:.3g} ms, or {slow / step:.0f} "
+            f"steps, of which more than {BRIEF_STEPS} count as a load that hardly sounds: set "
+            "restitution= to the pairs, or take larger steps"
         )
     lively = [(name, value) for name, value in found if value > 1]
     if lively:

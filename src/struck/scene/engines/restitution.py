@@ -203,6 +203,17 @@ class ContactLaws:
         """Whether the options give any restitution or friction."""
         return self.restitution is not None or self.friction is not None
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Note of bodies without a material, which restitution="materials" would need."""
+        asked = [name for name in _RULES if getattr(self, name) == "materials"]
+        lacking = [name for name, material in self.materials.items() if material is None]
+        told = (
+            f"{' and '.join(asked)} of pairs with {', '.join(map(repr, lacking))} stay as the file "
+            f"says, for want of a material: give one by materials="
+        )
+        return (told,) if asked and lacking else ()
+
     def between(self, one: str, other: str) -> tuple[float | None, float | None]:
         """Return restitution and friction of two bodies; None where the file's own count."""
         made_of = self.materials[one], self.materials[other]

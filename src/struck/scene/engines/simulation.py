@@ -163,6 +163,7 @@ class Simulation:
             restitution=restitution,
             friction=friction,
         )
+        told += self._laws.notes
         model = _compiled(spec)
         if self._engine == "mujoco" and self._laws.any_given:
             self._laws.give(spec, model, links_of(model))
