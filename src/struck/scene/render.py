@@ -408,7 +408,11 @@ class DrivenBody:
             for voice, each in enumerate(begun)
         ]
         self._waiting.sort(key=itemgetter(0), reverse=True)
-        self._unfelt = {n: e.time for n, e in enumerate(excitations) if hasattr(e, "path")}
+        self._unfelt = {
+            voice: float(getattr(each, "time", 0.0))
+            for voice, each in enumerate(excitations)
+            if hasattr(each, "path")
+        }
         # Of an ideal impulse, which many blows of recordings are, nothing is steady.
         self._ideal = {n for n, e in enumerate(excitations) if _is_ideal(e, self.model)}
         self._raised = [hold.raised(self.model) for hold in self._holds]
