@@ -31,13 +31,14 @@ from struck.files.meshes import part_of
 from struck.model import Material, Measured, provenance
 from struck.model.provenance import silent
 from struck.model.residual import Residual
-from struck.shapes import Bar, CircularMembrane, RectangularPlate
+from struck.shapes import Bar, CircularMembrane, PolygonMembrane, RectangularPlate
 from struck.solids import Block, Tube, bell
 from tests.folders import closed_to_writing
 from tests.test_words import public
 
 BLOCK = Block(size=(0.1, 0.05, 0.03))
 BAR = Bar(length=0.3, width=0.03, thickness=0.005)
+MEMBRANE = CircularMembrane(radius=0.2, thickness=2e-4, tension=3000)
 TUBE = "tube:length=0.5,radius=0.0125,wall=0.001"
 
 
@@ -194,9 +195,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         ("does not apply to a bar, which is computed by a formula: leave it out ?$",),
     ),
     "a tension of some accuracy": (
-        lambda: struck.analyze(
-            CircularMembrane(radius=0.2, thickness=2e-4, tension=3000), "steel", accuracy="fine"
-        ),
+        lambda: struck.analyze(MEMBRANE, "steel", accuracy="fine"),
         ("does not apply to a circular membrane, which is computed by a formula: leave it out ?$",),
     ),
     "supported edges of some accuracy": (
@@ -306,6 +305,59 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "--impulse 0,0,-1": (
         shell("render", "b.struck", "--impulse", "0,0,-1"),
         ("--impulse", "'0,0,-1'", "give a number alone, .*, and which way by --direction x,y,z"),
+    ),
+    "cls is no argument": (
+        lambda: PolygonMembrane.l_shape(size=0.2),
+        ("did you mean side=.? it takes side=, thickness=, tension= ?$",),
+    ),
+    "Rayleigh of 2002": (
+        lambda: struck.Rayleigh(alpha1=1e-7, alpha2=1),
+        ("no alpha1= .*did you mean stiffness=",),
+    ),
+    "tan phi": (
+        lambda: struck.InternalFriction(tan_phi=1e-3),
+        ("did you mean loss_tangent=",),
+    ),
+    "a name in use elsewhere, misspelt": (
+        lambda: struck.Strike(postion="top"),
+        ("no postion= .*did you mean at=.? it",),
+    ),
+    "modes=True": (
+        lambda: struck.analyze(BAR, "steel", modes=True),
+        ("modes is True: analyze takes a whole number or None",),
+    ),
+    "part=0": (lambda: struck.analyze(BAR, "steel", part=0), ("part is 0: .* as part='0'",)),
+    "an array to fit": (
+        lambda: struck.fit(np.zeros(99)),
+        ("recordings is .*: fit takes .* an array as Sound\\(samples=array, sample_rate=48000",),
+    ),
+    "a sound saved as a model": (
+        lambda: struck.save(hit(), "a.struck"),
+        ("save takes a ModalModel; a Sound has its own save\\(path\\)",),
+    ),
+    "path and model": (
+        lambda: struck.save("a.struck", model()),
+        ("model is 'a.struck': .* give it first, and then the path",),
+    ),
+    "a path to explore": (
+        lambda: struck.explore("b.struck"),
+        ("explore takes .*, as struck.load\\('b.struck'\\)",),
+    ),
+    "a law for damping": (
+        lambda: struck.analyze(BAR, "steel", damping=struck.Rayleigh(mass=1, stiffness=0)),
+        ("takes text, own or heard; a law .* material.damped\\(law\\)",),
+    ),
+    "a membrane by an unknown method": (
+        lambda: struck.analyze(MEMBRANE, "nylon", method="formulas"),
+        ("method is 'formulas': did you mean formula",),
+    ),
+    "memory=1GB": (
+        lambda: struck.analyze_many("x.obj", "steel", out="o", memory="1GB"),
+        ("memory is '1GB': .* in bytes, as 2e9",),
+    ),
+    "samples last": (
+        lambda: struck.Sound(samples=np.zeros((48000, 2)), sample_rate=48000),
+        ("shape \\(48000, 2\\), and channels come first: give samples.T",),
     ),
     "times of another number": (
         lambda: Measured(frequencies=(100, 200), t60=(3,)),

@@ -110,6 +110,12 @@ _CALLED = {
     **dict.fromkeys(("e", "young", "youngs"), ("youngs_modulus",)),
     **dict.fromkeys(("nu", "poisson"), ("poisson_ratio",)),
     **dict.fromkeys(("rho",), ("density",)),
+    **dict.fromkeys(("alpha1", "alpha_1", "beta"), ("stiffness",)),  # of O'Brien et al. 2002
+    **dict.fromkeys(("alpha2", "alpha_2", "alpha"), ("mass",)),
+    **dict.fromkeys(("tan_phi", "tanphi", "phi", "eta", "loss_factor"), ("loss_tangent",)),
+    **dict.fromkeys(("lam", "lambda", "lambda_"), ("first",)),
+    **dict.fromkeys(("fixed", "held", "built-in"), ("clamped",)),
+    **dict.fromkeys(("pinned", "simply-supported"), ("hinged", "supported")),
     **dict.fromkeys(("out", "output_file", "file"), ("output", "path")),
 }
 
@@ -118,7 +124,9 @@ def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
     """Return "did you mean ...? " with the known names nearest to a name, or "" if none is near."""
     names = list(known)
     plain = name.strip().lower()
-    found = [each for each in _CALLED.get(plain, ()) if each in names][:1]
+    like = difflib.get_close_matches(plain, [*names, *_CALLED], n=1, cutoff=0.85)
+    other = like[0] if like and like[0] not in names else plain
+    found = [each for each in _CALLED.get(other, ()) if each in names][:1]
     if plain.isdigit():  # a number that is near another one is not meant for it
         return ""
     found = found or difflib.get_close_matches(plain, names, n=3, cutoff=0.5)

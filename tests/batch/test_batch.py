@@ -220,7 +220,7 @@ def test_tables_tell_options_of_single_files(tmp_path: Path) -> None:
     assert (again.computed, again.rows) == (0, report.rows)
     assert (tmp_path / "out/fourth.struck").read_bytes() == steel
     told = {row.failure: row.message for row in report.failed}
-    assert "cannot be read" in told["FileFormatError"]
+    assert "there is no file of that name" in told["FileFormatError"]
     assert "unobtainium" in told["MaterialError"]
     glass = struck.load(tmp_path / "out/first.struck")
     assert glass.material is not None

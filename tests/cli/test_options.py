@@ -350,6 +350,32 @@ IDLE = {
     ),
     "analyze box.stl --material steel --band 5000,50": "--band is 5000,50: give two",
     "analyze string:length=1,radius=1mm,tension=60kN --material steel": "tension is '60kN': give",
+    "analyze block:size=10cm --material ice": "size is '10cm': give three lengths, as size=0.1,",
+    "analyze block:size=1,2,3,4 --material ice": "is 1,2,3,4: give its edges along x, y and z\n",
+    "analyze block:size=30x3x2cm --material ice": "'30x3x2cm': give each length its unit, as 30cmx",
+    "analyze bar:length=1,width=0.1,thickness=0.1,ends=free,free,free --material ice": (
+        "ends are free,free,free: give one or two of free, clamped, hinged, sliding, two as ends="
+    ),
+    "analyze rod:length=1,radius=1cm,ends=fixed --material ice": "'fixed': did you mean clamped?",
+    "analyze polygon-membrane:corners=(0,0),(3,0),(0,2),thickness=1mm,tension=3 --material ice": (
+        "corners is '(0,0),(3,0),(0,2)': give the corners' x and y with 'x' between, as corners=0x"
+    ),
+    "analyze circular-membrane:radius=10cm,thickness=1mm,tension=3kN/m --material ice": (
+        "tension is '3kN/m': give a tension in N as 60N, in membranes in N/m as 60N/m, without k or"
+    ),
+    "export BAR --contacts end --listeners 1,0": "--listeners 1,0: give x,y,z of each, m, as 1,0,0",
+    "export BAR --contacts end,middle": "--contacts end,middle: part them by blanks, as end mid",
+    "analyze-many box.stl --material ice -o n --strikes three": (
+        "--strikes three is neither a number nor a file: give how many of each model, or a table"
+    ),
+    "render BAR --rate 44": "--rate 44: all modes lie at or above half of it, the lowest at ",
+    "render BAR --hold middle@-1": "--hold middle@-1 ends in '-1': give seconds after @, of at ",
+    "render BAR --walk back.csv": "back.csv has times 2,0: they must be finite and ascend, in s",
+    "render BAR --room 5,4,3 --walls floor=wood": "--walls is 'floor=wood': did you mean wood?",
+    "compare BAR none.wav --at ende": "on the model, the place is 'ende': did you mean end",
+    "compare BAR BAR --against ende": "on the other model, the place is 'ende': did you mean end",
+    "fit none.wav --residual --no-residual": "--residual/--no-residual: both: give it once",
+    "simulate none.xml --restitution material": "material: did you mean materials? give mat",
     "fit box.stl --way tabel": "--way is 'tabel': did you mean table?",
     "fit box.stl --method corbet2007": "--method is 'corbet2007': did you mean corbett2007?",
     "render BAR --head exakt -o a.wav": "--head is 'exakt': did you mean exact?",
@@ -367,7 +393,10 @@ IDLE = {
     "analyze block:size=1cmx1cmx1cm --material ice --method formula": "this body has none, as it",
     "analyze block:size=1cmx1cmx1cm --material ice --part 2": "this body is no file, and has",
     "render BAR --strike 0.1,0.2 -o n.wav": "give 1 coordinate or x, y, z, in m",
-    "render BAR --walk none.csv -o n.wav": "none.csv cannot be read (No such file",
+    "render BAR --walk none.csv -o n.wav": "none.csv is missing, there is no file of that name: ",
+    "render BAR --strikes hit.csv -o n": "no file of that name: did you mean hits.csv",
+    "render BAR --hrtf bx.sofa -o n.wav": "bx.sofa is missing, there is no file of that name: did",
+    "info bx.sofa": "bx.sofa is missing, there is no file of that name: did you mean box.st",
     "render BAR --strikes comma.csv -o n": "row 1 of comma.csv: speed is 0,5: give one numb",
     "fit BAR": "bar.struck is a model, not a recording of one: give sound files",
     "simulate BAR": "bar.struck is no text: give a scene in MJCF or URDF",
@@ -410,6 +439,7 @@ def test_options_of_another_use_of_a_command_are_refused(
 ) -> None:
     trimesh.creation.box((0.1, 0.05, 0.03)).export("box.stl")
     Path("hits.csv").write_text('name,at,listener\nsoft,end,"0,1,0"\n')
+    Path("back.csv").write_text("2,1,0,0\n0,1,0,0\n")
     Path("comma.csv").write_text("name;at;speed\na;end;0,5\n")
     before = {*Path().iterdir()}
     assert main(words.replace("BAR", bar).split()) == 2
@@ -445,7 +475,7 @@ def test_yes_and_no_are_taken_in_all_spellings(words: str, *, meant: bool) -> No
     for word in words.split():
         string = body_named(f"string:length=0.6,radius=2e-4,tension=1,stiff={word}")
         assert string == String(length=0.6, radius=2e-4, tension=1.0, stiff=meant)
-    with pytest.raises(OptionError, match=r"stiff is 2.0: give 0 or 1"):
+    with pytest.raises(OptionError, match=r"stiff is '2': give 0 or 1"):
         body_named("string:length=0.6,radius=2e-4,tension=1,stiff=2")
 
 

@@ -81,12 +81,12 @@ def test_machines_are_told_what_was_recorded_kept_and_refused(plan: Path) -> Non
 def test_bad_input_is_named(plan: Path) -> None:
     with pytest.raises(OptionError, match="nothing to record: give a plan"):
         struck_record()
-    with pytest.raises(FileFormatError, match=r"none\.toml cannot be read"):
+    with pytest.raises(FileFormatError, match=r"none\.toml is missing"):
         struck_record(plan.with_name("none.toml"))
     with pytest.raises(RecordingError, match=r"files called contact1_1\.wav, contact2_1\.wav$"):
         struck_record(plan, "--simulate", plan.parent)
     (plan.parent / "simulated" / "contact2_1.wav").unlink()
-    with pytest.raises(RecordingError, match=r"contact2_1\.wav cannot be read"):
+    with pytest.raises(RecordingError, match=r"contact2_1\.wav is missing"):
         struck_record(plan, "--simulate", plan.parent / "simulated")
 
 

@@ -102,7 +102,7 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--material", "cup=steel"], "--material names 'cup'"),
         (["--wall", "0.1"], "PATTERN=VALUE"),
         (["--restitution", "tile=0.3"], "give two patterns"),
-        (["--restitution", "often"], "give a number"),
+        (["--restitution", "often"], "often: give materials, pairs as ball,floor*=0.8, or a numb"),
         (["--restitution", "1.5"], "restitution is 1.5: it must be at most 1"),
         (["--seconds", "0"], "seconds is 0.0"),
         (
@@ -116,10 +116,8 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--accuracy", "fin"], "accuracy is 'fin'"),
         (["--model", "tile=no.struck", "--wall", "tile=2mm"], "--wall names 'tile', whose modes"),
         (["--model", "t*=no.struck", "--material", "tile=oak"], "--material names 'tile', whose"),
-        (
-            ["--keyframe", "start"],
-            "--keyframe is 'start': give one of none, or leave --keyframe out",
-        ),
+        (["--keyframe", "start"], "is 'start': the scene has no keyframes: leave --keyframe out"),
+        (["--friction", "tile,shlf=1"], "no two of 'shelf', 'tile', 'ghost': did you mean shelf?"),
         (["--log", "log.txt"], "npz"),
         ([], "nothing sounds: 'shelf' is silent: its material is not given"),
     ],

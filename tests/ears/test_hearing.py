@@ -175,16 +175,19 @@ def test_nobody_gets_inside_a_body() -> None:
 @pytest.mark.parametrize(
     ("listener", "message"),
     [
-        (Stereo(position=HERE, facing=(0, 0, 1)), "facing lies along up"),
-        (Stereo(position=HERE, facing=(0, 0, 0)), "facing is"),
-        (Mono(position=(20_000.0, 0.0, 0.0)), "at most 10000 m"),
+        (lambda: Stereo(position=HERE, facing=(0, 0, 1)), "facing lies along up"),
+        (lambda: Stereo(position=HERE, facing=(0, 0, 0)), "facing is .0"),
+        (lambda: Binaural(facing=([0, 1], [(0, 0, 0), (1, 0, 0)])), "facing is .* length"),
+        (lambda: Stereo(position=HERE, facing=lambda _: (0, 0, 0)), "facing is"),
+        (lambda: Binaural(hrtf="kemer"), "did you mean kemar. .*or the path of a .sofa file"),
+        (lambda: Mono(position=(20_000.0, 0.0, 0.0)), "at most 10000 m"),
     ],
 )
 def test_directions_and_distances_that_cannot_be_are_refused(
-    listener: Listener, message: str
+    listener: Callable[[], Listener], message: str
 ) -> None:
     with pytest.raises(OptionError, match=message):
-        Hearing([body((1, 0, 0))], listener, sample_rate=RATE)
+        Hearing([body((1, 0, 0))], listener(), sample_rate=RATE)
 
 
 def test_a_place_outside_the_room_is_refused() -> None:

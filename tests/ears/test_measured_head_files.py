@@ -178,7 +178,7 @@ def test_what_is_no_hdf5_file_is_said_to_be_none(content: bytes, tmp_path: Path)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match=r"nowhere\.sofa"):
+    with pytest.raises(FileFormatError, match=r"here\.sofa is missing, there is no file"):
         read_sofa(tmp_path / "nowhere.sofa")
 
 

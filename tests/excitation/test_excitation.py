@@ -153,7 +153,7 @@ def test_a_track_reads_a_file(tmp_path: Path) -> None:
     file.write_bytes(encode(Recording(samples=stereo, sample_rate=48000)))
     with pytest.raises(FileFormatError, match="2 channels"):
         ForceTrack(at=PLACE, force=file)
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="is missing, there is no file"):
         ForceTrack(at=PLACE, force=tmp_path / "none.wav")
 
 

@@ -443,6 +443,8 @@ def test_other_formats(tmp_path: Path) -> None:
 def test_huge_header_is_not_believed(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes((2**63).to_bytes(8, "little") + b"{}")
     assert "a header of 9223372036854775808 bytes" in refused(tmp_path / "a")
+    (tmp_path / "a").write_bytes(b"abcd")
+    assert "too short for a model file, 4 bytes: copy" in refused(tmp_path / "a")
 
 
 def test_deep_nesting_is_not_followed(tmp_path: Path) -> None:
@@ -452,7 +454,8 @@ def test_deep_nesting_is_not_followed(tmp_path: Path) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
-    assert "No such file" in refused(tmp_path / "a.struck")
+    assert "is missing, there is no file" in refused(tmp_path / "a.struck")
+    assert "is missing, as there is no folder" in refused(tmp_path / "nix/a.struck")
     assert "cannot be read" in refused(tmp_path)
 
 

@@ -398,9 +398,10 @@ def test_unknown_extension_names_the_known(tmp_path: Path) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
-    assert "No such file" in refused(tmp_path / "missing.stl")
+    (tmp_path / "missing.obj").touch()
+    assert "no file of that name: did you mean missing.obj" in refused(tmp_path / "missing.stl")
     (tmp_path / "folder.obj").mkdir()
-    assert "cannot be opened" in refused(tmp_path / "folder.obj")
+    assert "cannot be read (Is a" in refused(tmp_path / "folder.obj")
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])

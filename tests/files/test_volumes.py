@@ -259,9 +259,9 @@ def test_reader_that_leaves_the_program(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_missing_file_folder_and_extension(tmp_path: Path) -> None:
-    assert "No such file" in refused(tmp_path / "a.vtk")
+    assert "there is no file of that name: check" in refused(tmp_path / "a.vtk")
     (tmp_path / "b.inp").mkdir()
-    assert "cannot be opened" in refused(tmp_path / "b.inp")
+    assert "cannot be read (Is a" in refused(tmp_path / "b.inp")
     assert "use one of vtk, vtu, msh, inp" in refused(tmp_path / "a.med")
 
 

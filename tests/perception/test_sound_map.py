@@ -138,7 +138,7 @@ def test_parameters_come_back_from_a_file(bar_map: SoundMap, tmp_path: Path) -> 
 
 def test_files_that_are_no_maps_are_refused(bar_map: SoundMap, tmp_path: Path) -> None:
     path = tmp_path / "bar.map"
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="is missing, there is no file"):
         SoundMap.load(path)
     bar_map.save(path)
     data = bytearray(path.read_bytes())

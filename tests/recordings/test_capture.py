@@ -434,5 +434,5 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path, simulation: Path) 
 
 def test_a_missing_rehearsal_file_is_named(tmp_path: Path, simulation: Path) -> None:
     (simulation / NAMES[1]).unlink()
-    with pytest.raises(RecordingError, match=r"contact1_listener1_2\.wav cannot be read"):
+    with pytest.raises(RecordingError, match=r"contact1_listener1_2\.wav is missing"):
         run(plan(tmp_path), tmp_path / "takes", simulation)

@@ -439,7 +439,7 @@ def test_a_folder_without_a_manifest_and_missing_files_are_named(tmp_path: Path)
             (tmp_path / name).write_text("file\n")
         with pytest.raises(RecordingError, match=said):
             fit_recordings(tmp_path, cache=False)
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="is missing, there is no file"):
         fit_recordings(tmp_path / "none.wav", cache=False)
 
 

@@ -130,11 +130,12 @@ def analyze(
     if is_shape(body):
         file.refuse(f"{kind_of(body)} is no file, and has its own size, axes and one piece")
         if method in {None, "formula"}:
-            band = lowest, highest
             recoil = recoil and not body.supported
             told = {"wall": wall, "fixed": fixed, "holes": holes, "accuracy": accuracy}
             told |= {"repair": repair, "backend": backend}
+            band = lowest, highest
             return _by_formula(body, chosen, heard, band, progress, recoil=recoil, **told)
+        require_choice("method", method, ("quadratic", *METHODS))
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method

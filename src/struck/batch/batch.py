@@ -28,7 +28,7 @@ from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.core import machine
 from struck.errors import FileFormatError, OptionError, SolverError, StruckError
-from struck.files.atomic import read_bytes, real, sweep, write_bytes
+from struck.files.atomic import read_bytes, real, sweep, unread, write_bytes
 from struck.model.arrays import checked, require_number
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
@@ -208,9 +208,7 @@ class _Batch:
             self._end(job, failure(type(error).__name__, str(error)))
             return
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            message = f"{job.file} cannot be read ({reason}): check its name and the permissions"
-            self._end(job, failure("FileFormatError", message))
+            self._end(job, failure("FileFormatError", f"{job.file} {unread(job.file, error)}"))
             return
         alike = self._alike.setdefault(job.key, [])
         alike.append(job)

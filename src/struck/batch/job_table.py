@@ -251,8 +251,9 @@ def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
 
 def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the rows of a CSV file with names in its first line, or of the one array of a TOML."""
+    data = read_bytes(path)
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
         if Path(path).suffix.lower() != ".toml":
             named = text.partition("\n")[0]
             between = next((each for each in ";\t" if each in named and "," not in named), ",")

@@ -128,11 +128,16 @@ class Once(argparse.Action):
     ) -> None:
         """Keep the value; ArgumentError if there is one."""
         given = namespace.given
+        values = values if self.nargs != 0 else not str(option_string).startswith("--no-")
         if option_string is not None and self.dest in given:
-            told = f"it is {given[self.dest]!r}, and {values!r} too: give it once"
-            raise argparse.ArgumentError(self, told)
+            both = f"it is {given[self.dest]!r}, and {values!r} too" if self.nargs != 0 else "both"
+            raise argparse.ArgumentError(self, f"{both}: give it once")
         given[self.dest] = values
         setattr(namespace, self.dest, values)
+
+
+class OnOff(Once, argparse.BooleanOptionalAction):
+    """Action of an option and its --no-, of which one is given."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -218,15 +223,17 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 _OTHERS = ("analyze", "radiate", "fit")  # whose options are named where a command lacks them
 _CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
 _CALLED |= {"at": "strike", "out": "output", "path": "output", "threshold_db": "threshold"}
-# An argument with or without a value; calls, as in what a body is printed as, are passed over.
+# An argument with or without a value; calls, as in what a body is printed as, and what is quoted
+# are passed over.
 _CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
+_QUOTED = r"(?<=[ (])'[^']*'"
 _ARGUMENT = re.compile(
-    rf"""\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
+    rf"""{_QUOTED}|\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
     rf"""(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|({_CALL}|[\w.]*\w))?"""
 )
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 _PHRASES: Mapping[str, str] = {
-    r", as in model\.\w+\([^)]*\)": "",
+    r", as in model\.\w+\([^)]*\)|: struck\.scene\.infer_contacts finds them": "",
     r"\b(?:model|ModalModel)\.radiating\(\)": "struck radiate",
     r"\bstruck\.(\w+)\((\w+)=\)": r"struck \1 --\2",
     r"of struck\.solids(?: or struck\.shapes)?": "of 'struck analyze --list'",

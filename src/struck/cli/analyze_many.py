@@ -9,7 +9,8 @@ from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
 from struck.cli.options import add_budget, material_of
-from struck.errors import counted
+from struck.errors import OptionError, counted
+from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
 
 EXAMPLES = (
@@ -43,6 +44,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck analyze-many`."""
     named, number = options.material, options.strikes or ""
+    if number and not number.isdecimal() and not is_file(number):
+        raise OptionError(
+            f"--strikes {number} is neither a number nor a file: give how many of each model, or a "
+            "table, as strikes.csv"
+        )
     same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
     report = analyze_many(
         options.files,

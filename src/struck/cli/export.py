@@ -68,10 +68,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     if output.suffix.lower() == SHAPES:
         return _shapes(options, output)
+    _require_places(options)
     listeners = options.listeners
-    for each in listeners or ():
-        if isinstance(each, str) or len(each) != 3:
-            raise OptionError(f"--listeners {each!r}: give x,y,z of each, m, as 1,0,0 0,1,0")
     model = struck.load(options.model)
     convention = options.convention or CONVENTIONS[0]
     if convention == CONVENTIONS[0]:
@@ -95,6 +93,19 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         left_out=lost,
         without=list(left_out(model)),
     )
+
+
+def _require_places(options: argparse.Namespace) -> None:
+    """Refuse listeners that are no places, and contacts with commas between."""
+    for each in options.listeners or ():
+        if isinstance(each, str) or len(each) != 3:
+            told = each if isinstance(each, str) else ",".join(map("{:g}".format, each))
+            raise OptionError(f"--listeners {told}: give x,y,z of each, m, as 1,0,0 0,1,0")
+    for each in options.contacts or ():
+        if isinstance(each, str) and "," in each:
+            raise OptionError(
+                f"--contacts {each}: part them by blanks, as {each.replace(',', ' ')}"
+            )
 
 
 def _shapes(options: argparse.Namespace, output: Path) -> Result:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import struck
-from struck.cli import Result
+from struck.cli import OnOff, Result
 from struck.cli.info import described, or_null
 from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
 from struck.errors import OptionError
@@ -62,7 +62,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
     parser.add_argument(
         "--residual",
-        action=argparse.BooleanOptionalAction,
+        action=OnOff,
         help="keep attack and noise too; by default where their loss would be heard",
     )
     parser.add_argument(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.ears.listeners import Binaural, Listener, Mono, Stereo
+from struck.ears.listeners import Binaural, Listener, Mono, Stereo, ascending
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
 from struck.errors import ArgumentError, FileFormatError, MaterialError, OptionError, nearest
@@ -32,6 +32,7 @@ BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck an
 ENDS = "ends=clamped,free"
 CORNERS = "0x0,0.3x0,0x0.2"
 _FORMS = {"size": "0.1,0.05,0.03", "corners": CORNERS}  # of arguments of several numbers
+_ONE_UNIT = re.compile(r"(?:[\d.]+[x,])+[\d.]+[a-z]+")  # for several lengths
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
 MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
@@ -184,19 +185,30 @@ def maker_named(text: str) -> str | partial[Body]:
     for name, value in given.items():
         if isinstance(signature(maker).parameters[name].default, bool) and value in (0, 1):
             given[name] = bool(value)
+    _require_possible(maker, given, rest)
+    return partial(maker, **given)
+
+
+def _require_possible(maker: Callable[..., Body], given: dict[str, Any], text: str) -> None:
+    """Refuse arguments of which no body can be made, as they were typed in a text."""
+    typed = dict(re.findall(r"(?:^|,)(\w+)=(.*?)(?=,\w+=|$)", text))
+    for name in [name for name, text in typed.items() if _ONE_UNIT.fullmatch(text)]:
+        raise OptionError(f"{name} is {typed[name]!r}: give each length its unit, as 30cmx3cmx2cm")
     try:
         maker(**given)
     except ArgumentError as error:
-        told, _, _ = str(error).rpartition(": ")  # the rest speaks of Python's types
-        name = told.partition(" is ")[0]
+        name = str(error).partition(" is ")[0]  # the rest speaks of Python's types
         stiff = isinstance(signature(maker).parameters[name].default, bool)
-        wanted = "0 or 1" if stiff else "lengths as 0.5, 50cm, 500mm or 20in"
-        tension = "a tension in N as 60N, in membranes in N/m as 60N/m"
-        raise OptionError(f"{told}: give {tension if name == 'tension' else wanted}") from None
+        wanted = {
+            "size": "three lengths, as size=0.1,0.05,0.03 or size=10cmx5cmx3cm",
+            "corners": f"the corners' x and y with 'x' between, as corners={CORNERS}",
+            "tension": "a tension in N as 60N, in membranes in N/m as 60N/m, without k or M before",
+        }.get(name, "0 or 1" if stiff else "lengths as 0.5, 50cm, 500mm or 20in")
+        raise OptionError(f"{name} is {typed.get(name)!r}: give {wanted}") from None
     except OptionError as error:
-        two = f", two as {ENDS}" if str(error).startswith("ends are") else ""
-        raise type(error)(f"{error}{two}") from None
-    return partial(maker, **given)
+        if not str(error).startswith("ends are"):
+            raise
+        raise OptionError(f"{error}, two as {ENDS}") from None
 
 
 def _given(text: str, tension: str) -> dict[str, Any]:
@@ -367,7 +379,7 @@ def _walk(path: str) -> tuple[Array, Array]:
             "0.5,0,2,0, without a line of names"
         ) from error
     table = np.array(rows, np.float64).reshape(len(rows), 4)
-    return table[:, 0], table[:, 1:]
+    return ascending(path, table[:, 0]), table[:, 1:]
 
 
 def room(options: argparse.Namespace) -> Room | None:

@@ -210,6 +210,11 @@ def _require_folder(options: argparse.Namespace, table: str) -> None:
 def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, ...]]:
     """Return the model within its budget of modes, and notes of the modes left out."""
     model, lost = with_fewer_modes(struck.load(options.model), options.modes)
+    if options.rate / 2 <= (lowest := model.frequencies.min(initial=np.inf)) < np.inf:
+        raise OptionError(
+            f"--rate {options.rate}: all modes lie at or above half of it, the lowest at "
+            f"{lowest:.4g} Hz: give a higher one, as 44100"
+        )
     return model if options.pitch is None else model.charted(pitch=options.pitch), lost
 
 
@@ -321,10 +326,10 @@ def _hold(text: str, options: argparse.Namespace) -> Hold:
 
 def _timed(option: str, text: str) -> tuple[str, float]:
     what, at_sign, time = text.partition("@")
-    try:
-        return what, float(time) if at_sign else 0.0
-    except ValueError:
-        raise OptionError(f"{option} {text} ends in {time!r}: give seconds after @") from None
+    with suppress(ValueError):
+        if 0 <= (seconds := float(time) if at_sign else 0.0) < math.inf:
+            return what, seconds
+    raise OptionError(f"{option} {text} ends in {time!r}: give seconds after @, of at least 0")
 
 
 def _way(option: str, text: str) -> tuple[_Spot, ...]:

@@ -21,7 +21,7 @@ from struck.cli.options import add_listener, add_room, listener, metres, refuse,
 from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, nearest
 from struck.files.atomic import writable, write_bytes
 from struck.files.sound import Sound
 from struck.files.sound_formats import chosen
@@ -161,7 +161,7 @@ def _sound(scene: Scene, heard: Mapping[str, Any], options: argparse.Namespace) 
     """Return the sound of a scene."""
     bodies = [body for body in scene.bodies.values() if not body.silent]
     if not any(body.actions for body in bodies):
-        notes = options.in_shell_words("; ".join(scene.notes))
+        notes = options.in_shell_words("; ".join(dict.fromkeys(scene.notes)))
         raise OptionError(f"nothing sounds: {notes or 'no contact is strong enough to hear'}")
     sound = struck.render(bodies, **heard)
     return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
@@ -234,11 +234,11 @@ def _measures(option: str, texts: Sequence[str]) -> dict[str, float]:
         raise OptionError(f"{option}: {error}: give m, or a unit, as mug*=3mm") from None
 
 
-def _number(option: str, text: str) -> float:
+def _number(option: str, text: str, many: str = "give") -> float:
     try:
         return float(text)
     except ValueError:
-        raise OptionError(f"{option} {text}: give a number") from None
+        raise OptionError(f"{option} {text}: {many} a number") from None
 
 
 def _pairs(option: str, texts: Sequence[str]) -> PairValues | None:
@@ -246,7 +246,8 @@ def _pairs(option: str, texts: Sequence[str]) -> PairValues | None:
     if not texts:
         return None
     if len(texts) == 1 and "=" not in texts[0]:
-        return texts[0] if texts[0] == "materials" else _number(option, texts[0])
+        many = f"{nearest(texts[0], ['materials'])}give materials, pairs as ball,floor*=0.8, or"
+        return texts[0] if texts[0] == "materials" else _number(option, texts[0], many)
     found: dict[tuple[str, str], float] = {}
     for pair, value in _table(option, texts, whole=False).items():
         one, comma, other = pair.partition(",")

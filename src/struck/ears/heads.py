@@ -285,14 +285,12 @@ def _rounded_arrival(radius: float, distance: float) -> Array:
     edge = math.acos(nearness(distance, radius))
     opposite = np.pi - ANGLES
     rounded = np.hypot(opposite, ROUNDING) - np.hypot(np.pi - edge, ROUNDING) + np.pi - edge
-    angles = np.where(edge <= ANGLES, np.pi - rounded, ANGLES)
-    return arrival_delay(angles, distance, radius)
+    return arrival_delay(np.where(edge <= ANGLES, np.pi - rounded, ANGLES), distance, radius)
 
 
 def fading(frequencies: Array, first: float, last: float) -> Array:
     """Return a gain of one up to `first`, then half a cosine down to zero at `last`."""
-    along = np.clip((frequencies - first) / (last - first), 0, 1)
-    return 0.5 + 0.5 * np.cos(np.pi * along)
+    return 0.5 + 0.5 * np.cos(np.pi * np.clip((frequencies - first) / (last - first), 0, 1))
 
 
 def minimum_phase(logarithms: Array) -> Array:

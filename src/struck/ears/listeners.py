@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeGuard
 
 import numpy as np
@@ -94,7 +93,8 @@ def ascending(name: str, times: ArrayLike) -> Array:
     moments = np.atleast_1d(np.asarray(times, np.float64))
     ascend = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
     if not (len(moments) and ascend):
-        raise OptionError(f"{name} has times {times}: they must be finite and ascend, in s")
+        told = " ".join(str(times).split())
+        raise OptionError(f"{name} has times {told:.60}: they must be finite and ascend, in s")
     return moments
 
 
@@ -299,6 +299,9 @@ class Binaural:
 
     def __post_init__(self) -> None:
         _require_head(self)
+        from struck.ears.measured_head import require_set
+
+        require_set(os.fspath(self.hrtf))
 
     @property
     def ear_points(self) -> Array:
@@ -310,9 +313,8 @@ class Binaural:
         from struck.ears.measured_head import BUNDLED, MeasuredHead
 
         name = os.fspath(self.hrtf)
-        if name in BUNDLED or not Path(name).exists():
-            return MeasuredHead.named(name).prepared(sample_rate, brief=brief)
-        return MeasuredHead.read(name).prepared(sample_rate, brief=brief)
+        head = MeasuredHead.named(name) if name in BUNDLED else MeasuredHead.read(name)
+        return head.prepared(sample_rate, brief=brief)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -379,7 +381,11 @@ def _require_course(**courses: Course3 | None) -> None:
 
 
 def _require_head(listener: Stereo | Binaural) -> None:
-    _require_course(position=listener.position, facing=listener.facing, up=listener.up)
+    _require_course(position=listener.position)
+    courses = {"facing": listener.facing, "up": listener.up}
+    ways = [Trajectory.of(name, each) for name, each in courses.items() if each is not None]
+    if len(ways) == 2 and all(each.function is None for each in ways):
+        axes(*(each.at(np.zeros(1)) for each in ways))
     if not 0 < listener.radius <= _LARGEST_HEAD:
         raise OptionError(
             f"radius is {listener.radius} m: a head's lies above 0 and at most at 0.5"

@@ -27,6 +27,7 @@ from struck.ears.heads import (
 )
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
 from struck.errors import FileFormatError, require_choice
+from struck.files.atomic import is_file, unread
 from struck.files.sofa import Container, opened
 from struck.model.arrays import Array, Complex, Single, checked
 from struck.model.material import AIR
@@ -50,10 +51,18 @@ class HrtfSet:
     licence: str = ""
 
 
+def require_set(name: str) -> None:
+    """Refuse all but a set that comes with struck, and a file that is there."""
+    if not is_file(name) and Path(name).suffix.lower() == ".sofa":
+        raise FileFormatError(f"{name} {unread(name, FileNotFoundError())}")
+    if not is_file(name):
+        require_choice("hrtf", name, BUNDLED, more=", or the path of a .sofa file")
+
+
 @cache
 def bundled(name: str) -> HrtfSet:
     """Return a set that comes with struck; OptionError on another name."""
-    require_choice("hrtf", name, BUNDLED, more=", or the path of a .sofa file")
+    require_choice("hrtf", name, BUNDLED)
     with (
         resources.files("struck.ears").joinpath(f"{name}.npz").open("rb") as file,
         np.load(file, allow_pickle=False) as stored,
@@ -177,8 +186,7 @@ def _low_sound(
     wanted = np.zeros((len(basis), here[..., 0].size), np.complex128)
     wanted[: len(_LOW)] = (here * factors).reshape(-1, len(_LOW)).T
     rows = np.concatenate([basis.real, basis.imag]), np.concatenate([wanted.real, wanted.imag])
-    found = np.linalg.lstsq(*rows, rcond=1e-6)[0]
-    return (found.T @ splines).reshape(responses.shape)
+    return (np.linalg.lstsq(*rows, rcond=1e-6)[0].T @ splines).reshape(responses.shape)
 
 
 def _angles(directions: Array) -> Array:

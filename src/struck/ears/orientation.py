@@ -178,8 +178,7 @@ def _within(table: Array, times: Array) -> tuple[Index, Array]:
     """Return the next rows of a table of times after some times, and how far on the way to them."""
     after = np.minimum(np.maximum(np.searchsorted(table, times), 1), len(table) - 1)
     begin = table[after - 1]
-    share = (times - begin) / (table[after] - begin)
-    return after, np.minimum(np.maximum(share, 0), 1)
+    return after, np.minimum(np.maximum((times - begin) / (table[after] - begin), 0), 1)
 
 
 def slerp(first: Array, last: Array, share: Array) -> Array:

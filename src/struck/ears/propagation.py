@@ -297,8 +297,7 @@ class Propagation:
         In its own coordinates, m (points, 3): of each image, itself first, the head's centre, or
         each ear.
         """
-        bare = self._bare[self._sources.bodies[body]]
-        points = slice(1, None) if bare else slice(0, 1)
+        points = slice(1, None) if self._bare[self._sources.bodies[body]] else slice(0, 1)
         return self._sources.heard_at(body, self._pose, time, points)
 
     @property

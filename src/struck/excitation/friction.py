@@ -365,11 +365,7 @@ def _low_passed(spectrum: Complex, highest: float) -> Array:
 
 
 def add_reading(
-    table: Levels,
-    turns: Array,
-    levels: Sequence[float],
-    weights: Sequence[float],
-    out: Array,
+    table: Levels, turns: Array, levels: Sequence[float], weights: Sequence[float], out: Array
 ) -> None:
     """Add to `out` (n,) the values of a table at `turns` (n,) of its period.
 
@@ -383,11 +379,7 @@ def add_reading(
 
 
 def add_reading_plainly(
-    table: Levels,
-    turns: Array,
-    levels: Sequence[float],
-    weights: Sequence[float],
-    out: Array,
+    table: Levels, turns: Array, levels: Sequence[float], weights: Sequence[float], out: Array
 ) -> None:
     """Add the values of a table as `add_reading` does, in plain NumPy."""
     share = np.arange(len(out)) / len(out)

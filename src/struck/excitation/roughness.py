@@ -125,8 +125,7 @@ class Roughness:
         waves = np.concatenate([[0.0], np.geomspace(1e-4 / self.longest, 1 / self.finest, 2000)])
         total = np.trapezoid(self._shape(waves), waves)
         known = np.asarray(wavenumbers, np.float64)
-        inside = known <= 1 / self.finest
-        return np.where(inside, self.rms**2 / total * self._shape(known), 0.0)
+        return np.where(known <= 1 / self.finest, self.rms**2 / total * self._shape(known), 0.0)
 
     def _shape(self, wavenumbers: Array) -> Array:
         return (1 + np.square(wavenumbers * self.longest)) ** (self.slope / 2)
@@ -217,8 +216,7 @@ class Profile:
         from scipy.signal import welch
 
         waves, power = welch(self.heights, 1 / self.pitch, nperseg=min(len(self.heights), 8192))
-        edges = np.geomspace(waves[1] / 2, waves[-1], 60)
-        bins = np.digitize(waves, edges)
+        bins = np.digitize(waves, np.geomspace(waves[1] / 2, waves[-1], 60))
         groups = [bins == number for number in np.unique(bins[1:])]
         means = np.array([(waves[group].mean(), power[group].mean()) for group in groups])
         centres, powers = means[means[:, 1] > _FAINTEST * means[:, 1].max()].T

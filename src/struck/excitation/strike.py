@@ -222,8 +222,7 @@ def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Sample
 
 def _together(one: Samples, other: Samples) -> Samples:
     first = min(one.first, other.first)
-    last = max(part.first + len(part.force) for part in (one, other))
-    force = np.zeros(last - first)
+    force = np.zeros(max(part.first + len(part.force) for part in (one, other)) - first)
     for part in (one, other):
         begin = part.first - first
         force[begin : begin + len(part.force)] += part.force

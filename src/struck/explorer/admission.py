@@ -128,8 +128,7 @@ class Admission:
 
     def _welcomed(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
         """Return the answer to a browser that brings the token, or neither token nor cookie."""
-        query = parse_qs(scope["query_string"].decode("ascii", "replace"))
-        tokens = query.get("token", [])
+        tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token", [])
         if scope["path"] == "/" and any(self._is_token(token) for token in tokens):
             answer = RedirectResponse("/", 303)
             answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")

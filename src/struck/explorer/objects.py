@@ -88,8 +88,7 @@ def turned(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
     (cx, cy, cz), (sx, sy, sz) = (np.round(f(np.radians([x, y, z])), 15) for f in (np.cos, np.sin))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
+    return np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]) @ about_y @ about_x
 
 
 def furniture(*boxes: tuple[Place, Place]) -> VolumeMesh:

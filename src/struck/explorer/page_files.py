@@ -125,8 +125,7 @@ def head_bytes(name: str, sample_rate: int) -> bytes:
     makers = {"kemar": _measured, "exact": _ball}
     require_choice("head", name, makers)
     text, tables = makers[name](sample_rate)
-    metadata = {"format": "struck-head", "version": "1", "json": json.dumps(text)}
-    return pack(tables, metadata)
+    return pack(tables, {"format": "struck-head", "version": "1", "json": json.dumps(text)})
 
 
 def _measured(sample_rate: int) -> tuple[dict[str, object], Arrays]:

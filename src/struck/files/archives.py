@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO
 
 from struck.errors import MeshError
-from struck.files.atomic import open_ordinary
+from struck.files.atomic import open_ordinary, unread
 from struck.files.messages import FORMATS, ReadingLimits
 
 PACKINGS = ("gz", "bz2", "xz", "zip")
@@ -87,10 +87,7 @@ def open_regular(path: Path, limits: ReadingLimits) -> IO[bytes]:
     try:
         file = open_ordinary(path)
     except (OSError, ValueError) as error:
-        raise MeshError(
-            f"it cannot be opened ({getattr(error, 'strerror', None) or error}): check the name "
-            "and the permissions"
-        ) from error
+        raise MeshError(f"it {unread(path, error)}") from error
     size = os.fstat(file.fileno()).st_size
     if not 0 < size <= limits.size:
         file.close()

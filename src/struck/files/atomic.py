@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from struck.errors import FileFormatError
+from struck.errors import FileFormatError, nearest
 
 # Host, process and chance: whose a hidden file is, so that those of the dead can be told.
 _PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
@@ -56,15 +56,24 @@ def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
             size = os.fstat(file.fileno()).st_size
             data = file.read(size) if size <= most else b""
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(
-            f"{path} cannot be read ({reason}): check its name and the permissions"
-        ) from error
+        raise FileFormatError(f"{path} {unread(path, error)}") from error
     if size > most:
         raise FileFormatError(
             f"{path} has {size} bytes, and at most {most} are read: split it, or give another file"
         )
     return data
+
+
+def unread(path: str | os.PathLike[str], error: Exception) -> str:
+    """Return why a file cannot be read, and the nearest name in its folder where it is missing."""
+    folder = Path(path).parent
+    if isinstance(error, FileNotFoundError) and not is_folder(folder):
+        return f"is missing, as there is no folder {folder}: check its name"
+    if isinstance(error, FileNotFoundError):
+        offer = nearest(Path(path).name, os.listdir(folder))  # noqa: PTH208 - names alone
+        return f"is missing, there is no file of that name: {offer}check its name"
+    reason = getattr(error, "strerror", None) or error
+    return f"cannot be read ({reason}): check its name and the permissions"
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
@@ -91,16 +100,15 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     # what a killed process leaves goes with the next file written there. Symbolic links are
     # followed.
     target = real(path)
+    if is_folder(target):
+        raise FileFormatError(f"{path} is a folder: add the name of a file in it")
+    if os.path.exists(target) and not is_file(target):  # noqa: PTH110 - Path raises there
+        raise FileFormatError(f"{path} is not an ordinary file: give another name")
+    if not is_folder(target.parent):
+        raise FileFormatError(
+            f"{path} cannot be written: the folder {target.parent} does not exist; make it first"
+        )
     try:
-        if target.is_dir():
-            raise FileFormatError(f"{path} is a folder: add the name of a file in it")
-        if target.exists() and not target.is_file():
-            raise FileFormatError(f"{path} is not an ordinary file: give another name")
-        if not target.parent.is_dir():
-            raise FileFormatError(
-                f"{path} cannot be written: the folder {target.parent} does not exist; make it "
-                "first"
-            )
         sweep(target.parent)
         _replace(target, blocks)
     except PermissionError as error:

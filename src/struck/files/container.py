@@ -111,7 +111,9 @@ def _read_header(data: bytes) -> tuple[int, dict[str, str]]:
             f".{kind.lower()}, which struck fit makes a model of"
         )
     length = int.from_bytes(data[:8], "little")
-    if len(data) < 8 or not 2 <= length <= _LONGEST_HEADER:
+    if len(data) < 8:
+        raise FileFormatError(f"it is too short for a model file, {len(data)} bytes: {_AGAIN}")
+    if not 2 <= length <= _LONGEST_HEADER:
         raise FileFormatError(
             f"it does not begin like a model file (a header of {length} bytes, with 2 to "
             f"{_LONGEST_HEADER} allowed): {_AGAIN}"

@@ -36,8 +36,7 @@ def recorded_contacts(gains: Gains) -> Array | None:
     part = whole.contact_part
     places = part.lowest + part.contacts * part.spans
     # Of a round body struck all around, each height once: the azimuth makes no difference.
-    azimuths = np.zeros((len(places), int(whole.listener_part.turned)))
-    return np.column_stack([places, azimuths])
+    return np.column_stack([places, np.zeros((len(places), int(whole.listener_part.turned)))])
 
 
 def recorded_listeners(gains: Gains) -> Array | None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError
-from struck.files.atomic import open_ordinary, write_bytes
+from struck.files.atomic import open_ordinary, unread, write_bytes
 from struck.model.arrays import Array
 
 if TYPE_CHECKING:
@@ -234,11 +234,13 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Container]:
             yield Container(file)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
+    except FileNotFoundError as error:
+        raise FileFormatError(f"{path} {unread(path, error)}") from error
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:160]
         raise FileFormatError(
             f"{path}: it cannot be read as HDF5, the container of SOFA files ({reason}): it is "
-            "missing, truncated, damaged or another format; fetch it again"
+            "truncated, damaged or another format; fetch it again"
         ) from error
 
 

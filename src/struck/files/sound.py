@@ -17,6 +17,7 @@ from struck.files import wav
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import Array, checked, require_number
 
+_CHANNELS = 256  # more than any sound has
 FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
 _SOFTEST_SCALE = 1e-12  # Pa, the least that may be full scale
 PEAK = 10 ** (-1 / 20)  # of level="peak": -1 dB of full scale
@@ -55,6 +56,10 @@ class Sound:
         if samples.ndim != 2 or not samples.size:
             raise OptionError(
                 f"samples have shape {samples.shape}: give (channels, n) with at least one sample"
+            )
+        if len(samples) > _CHANNELS > samples.shape[1]:
+            raise OptionError(
+                f"samples have shape {samples.shape}, and channels come first: give samples.T"
             )
         wrong = np.count_nonzero(~np.isfinite(samples))
         if wrong:

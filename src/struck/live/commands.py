@@ -563,8 +563,7 @@ class PlayedBody:
             raise OptionError(
                 "the gains are not finite: fit or analyze the body again, or look at its model file"
             )
-        away = away_from(self.model, places)
-        return with_recoil(gains, self.model.recoil, away, self._rate)
+        return with_recoil(gains, self.model.recoil, away_from(self.model, places), self._rate)
 
     def outputs_aside(self) -> Complex:
         """Return the output gain of each mode (1, M) at 1 m, the body taken as a point source."""
@@ -641,8 +640,7 @@ def listening(listener: Any) -> Array | Listener:  # noqa: ANN401 - whatever is 
 def default_listener(models: Sequence[ModalModel]) -> Array:
     """Return a position on the x axis through the first centre, 1 m or two radii of all away."""
     centre = centre_of(models[0])
-    farthest = max(radius_of(replace(model, centre=centre)) for model in models)
-    return centre + aside(farthest)
+    return centre + aside(max(radius_of(replace(model, centre=centre)) for model in models))
 
 
 def _hashable(place: Place) -> Hashable:

@@ -259,8 +259,7 @@ def _joined(old: Contacts, new: Contacts, since: float) -> Contacts:
 
 def _since(poses: Poses, since: float) -> Poses:
     """Return poses from a time on, s, and the last one before it of each body."""
-    followed = np.append((np.diff(poses.body) == 0) & (poses.time[1:] <= since), False)
-    kept = ~followed
+    kept = ~np.append((np.diff(poses.body) == 0) & (poses.time[1:] <= since), False)
     return Poses(**{name: getattr(poses, name)[kept] for name in _POSE})
 
 

@@ -94,8 +94,7 @@ class Started:
         if push is None:
             return None
         shares = np.clip((left - np.arange(1, length + 1)) / self._fade, 0.0, 1.0)
-        falling = np.square(np.sin(np.pi / 2 * shares))
-        return Push(force=push.force * falling, drive=push.drive)
+        return Push(force=push.force * np.square(np.sin(np.pi / 2 * shares)), drive=push.drive)
 
 
 class LastError:

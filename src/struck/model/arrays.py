@@ -154,9 +154,13 @@ _HINTS = {
     "gains, each (M,), as types.SimpleNamespace(frequencies=...)",
     ("youngs_modulus", "a number"): " in Pa",
     ("density", "a number"): " in kg/m^3",
-    ("part", "text"): ", as part='1'",
+    ("part", "text"): ", as part='{}'",
+    ("damping", "text"): ", own or heard; a law of one's own is a material's: material.damped(law)",
+    ("memory", "a number"): ", in bytes, as 2e9",
+    ("recordings", "text"): "; an array as Sound(samples=array, sample_rate=48000)",
     ("up", "text"): ", as up='z'",
 }
+_BOUND = {"self", "cls"}  # what nobody gives
 _BITS = 1023  # of the largest whole number that fits one of double precision
 
 
@@ -169,7 +173,7 @@ def checked(made: Made) -> Made:
         On a value of another sort.
     """
     if not isinstance(made, type):
-        return _refusing(made, made.__name__)
+        return _refusing(made, made.__name__.removesuffix("_recordings"))  # as in `struck`
     kind: Any = made
     kind.__init__ = _refusing(kind.__init__, kind.__name__)
     own = getattr(kind, "__dataclass_fields__", {})
@@ -226,7 +230,7 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
 
 
 def _taken(names: Sequence[str]) -> str:
-    return "it takes " + ", ".join(f"{name}=" for name in names if name != "self")
+    return "it takes " + ", ".join(f"{name}=" for name in names if name not in _BOUND)
 
 
 def refuse_names(
@@ -238,12 +242,12 @@ def refuse_names(
         told = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
         raise ArgumentError(
             f"{whose} was given {_shown(given[first])} without a name: give "
-            f"{whose}({'..., ' * (first > (names[0] == 'self'))}{told})"
+            f"{whose}({'..., ' * (first > (names[0] in _BOUND))}{told})"
         )
     unknown = next(name for name in named if name not in names)
     raise ArgumentError(
         f"{whose} has no {unknown}= (given as {_shown(named[unknown])}): "
-        f"{nearest(unknown, names, '{}=')}{_taken(names)}"
+        f"{nearest(unknown, [name for name in names if name not in _BOUND], '{}=')}{_taken(names)}"
     )
 
 
@@ -254,7 +258,13 @@ def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str)
     if name in {"impulse", "speed", "force"} and np.shape(np.asarray(value, object)) == (3,):
         wanted += f"; {name}= says how hard, and direction= says which way"
     if (name, wanted.partition(" or ")[0]) in _HINTS:
-        wanted += _HINTS[name, wanted.partition(" or ")[0]]
+        wanted += _HINTS[name, wanted.partition(" or ")[0]].format(value)
+    path = isinstance(value, str | os.PathLike)
+    if path and "a ModalModel" in wanted:
+        load = f", as struck.load({_shown(value)})"
+        wanted += "; give it first, and then the path" if whose == "save" else load
+    elif whose == "save" and hasattr(value, "save"):
+        wanted += f"; {article(type(value).__name__)} has its own save(path)"
     raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {wanted}")
 
 
@@ -339,7 +349,8 @@ def _is_huge(value: object) -> bool:
 
 
 def _is_whole(value: Any) -> bool:  # noqa: ANN401 - any object
-    return _is_number(value) and not _is_huge(value) and float(value).is_integer()
+    whole = _is_number(value) and not isinstance(value, bool) and not _is_huge(value)
+    return whole and float(value).is_integer()
 
 
 def _is_numbers(value: object) -> bool:

@@ -98,8 +98,7 @@ def correlations(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyCo
     folded[:, :length] = samples
     coarse = _powers(poles.conj() * (width / sample_rate), count).T
     fine = _powers(poles.conj() / sample_rate, width).T
-    rows = folded.reshape(channels, count, width)
-    inner = rows @ np.hstack((fine.real, fine.imag))
+    inner = folded.reshape(channels, count, width) @ np.hstack((fine.real, fine.imag))
     real, imaginary = inner[..., : len(poles)], inner[..., len(poles) :]
     return np.einsum("crm,rm->cm", real + 1j * imaginary, coarse)
 
@@ -131,8 +130,7 @@ def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComp
     powers = matrix.diagonal()  # none at all is what the sine of a mode at 0 Hz has
     matrix += np.diag(1e-10 * powers + 1e-14 * powers.max(initial=0.0))
     sums = correlations(poles, samples, sample_rate)
-    sides = np.hstack((-sums.imag, sums.real))
-    solved = np.linalg.solve(matrix, sides.T).T
+    solved = np.linalg.solve(matrix, np.hstack((-sums.imag, sums.real)).T).T
     return solved[:, : len(poles)] + 1j * solved[:, len(poles) :]
 
 

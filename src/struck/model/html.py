@@ -70,8 +70,7 @@ def note(frequency: float) -> str:
     """Return the nearest equal-tempered note (A4 = 440 Hz) and the distance from it in cents."""
     semitones = 69 + 12 * math.log2(frequency / 440)
     nearest = round(semitones)
-    cents = round(100 * (semitones - nearest))
-    return f"{NAMES[nearest % 12]}{nearest // 12 - 1} {cents:+d}"
+    return f"{NAMES[nearest % 12]}{nearest // 12 - 1} {round(100 * (semitones - nearest)):+d}"
 
 
 def modes_rows(

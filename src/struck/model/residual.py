@@ -83,8 +83,7 @@ class Residual:
     @property
     def size(self) -> int:
         """Size of the residual in a file, bytes."""
-        arrays = (self.attack, self.edges, self.levels, self.decays)
-        return sum(each.nbytes for each in arrays)
+        return sum(each.nbytes for each in (self.attack, self.edges, self.levels, self.decays))
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
         """Return the residual sound (n,), from `lead` before the onset of the modes on, read-only.

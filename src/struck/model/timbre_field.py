@@ -384,12 +384,7 @@ class TimbreField(RecordedGains):
     @classmethod
     @checked
     def of(
-        cls,
-        survey: Survey,
-        *,
-        radius: float = 0.0,
-        worst: float = WORST,
-        own: Mask | None = None,
+        cls, survey: Survey, *, radius: float = 0.0, worst: float = WORST, own: Mask | None = None
     ) -> TimbreField:
         """Make the timbre field of a survey.
 
@@ -411,8 +406,7 @@ class TimbreField(RecordedGains):
         """
         folded = survey.folded()
         parts = Separation.of(folded)
-        part_errors = np.maximum(parts.drive_errors, parts.output_errors)
-        unclear = np.flatnonzero(~(part_errors < worst))
+        unclear = np.flatnonzero(~(np.maximum(parts.drive_errors, parts.output_errors) < worst))
         outputs, weights = _levelled(parts, folded)
         listener_part = ListenerPart.of(
             folded.places,
@@ -453,8 +447,7 @@ class TimbreField(RecordedGains):
         """Lowest and highest contact coordinates (D,); azimuths have none."""
         part = self.contact_part
         endless = np.full(self.axes - len(part.spans), np.inf)
-        highest = part.lowest + part.spans
-        return np.append(part.lowest, -endless), np.append(highest, endless)
+        return np.append(part.lowest, -endless), np.append(part.lowest + part.spans, endless)
 
     @property
     def count(self) -> int:
@@ -512,8 +505,7 @@ class TimbreField(RecordedGains):
 
     def deconvolved(self, spectrum: Complex) -> TimbreField:
         """Return the gains with a blow of this spectrum (M,) divided out."""
-        every = np.arange(self.count)
-        part = self.listener_part.chosen(every, 1.0, 1 / spectrum)
+        part = self.listener_part.chosen(np.arange(self.count), 1.0, 1 / spectrum)
         return replace(self, listener_part=part, is_deconvolved=True)
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> TimbreField:

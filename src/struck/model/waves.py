@@ -31,8 +31,7 @@ def real_harmonics(places: Array, order: int) -> Array:
     flat = np.hypot(x, y)
     values = sph_harm_y(degree, np.abs(angular), np.arctan2(flat, z), np.arctan2(y, x))
     parts = np.where(angular < 0, values.imag, values.real)
-    scale = np.sqrt(4 * np.pi * (1 + (angular != 0)))
-    return scale * np.hypot(flat, z) ** degree * parts
+    return np.sqrt(4 * np.pi * (1 + (angular != 0))) * np.hypot(flat, z) ** degree * parts
 
 
 def near_field(order: int) -> Complex:

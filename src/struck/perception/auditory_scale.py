@@ -82,8 +82,7 @@ def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
     """Return the ear's sensitivity S(f), 1 at its best and toward 0 elsewhere (1998, section 5)."""
     # The pressure of the softest among the tones of one loudness, as a share of the tone's own.
     contour = equal_loudness(frequencies, phon)
-    best = equal_loudness(_ISO_226[0], phon).min()
-    return np.minimum(10 ** ((best - contour) / 20), 1.0)
+    return np.minimum(10 ** ((equal_loudness(_ISO_226[0], phon).min() - contour) / 20), 1.0)
 
 
 def integrated(decays: ArrayLike) -> Array:

@@ -498,8 +498,7 @@ def _widths(
     floor = ear.quiet - _levels(amplitudes.max(axis=1))[:, None, None]
     above = np.maximum(loud - ear.quiet, 0.0)
     low = np.maximum(np.minimum(least, between), floor)
-    heard = np.clip(np.maximum(most, between) - low, 0.0, above)
-    return np.linalg.norm(heard, axis=2)
+    return np.linalg.norm(np.clip(np.maximum(most, between) - low, 0.0, above), axis=2)
 
 
 def _chosen(corners: Array, widths: Array) -> Index:

@@ -228,8 +228,7 @@ def _pressures(
     matrix[count:, count:] = 0
     # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-    found = lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)
-    return found[:count]
+    return lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)[:count]
 
 
 def _blocks(first: int, end: int) -> list[slice]:

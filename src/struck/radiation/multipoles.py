@@ -91,12 +91,7 @@ class Multipoles:
 
     @classmethod
     def fitted(
-        cls,
-        pressure: Pressure,
-        *,
-        centre: Array,
-        radius: float,
-        wave_numbers: Array,
+        cls, pressure: Pressure, *, centre: Array, radius: float, wave_numbers: Array
     ) -> Multipoles:
         """Find the waves of modes whose sound around the body is known.
 
@@ -131,8 +126,7 @@ class Multipoles:
             left = left[~done]
             if not len(left):
                 break
-        nothing = np.zeros((count, 2))
-        fitted = cls.of(waves, wave_numbers, radius=radius, errors=nothing)
+        fitted = cls.of(waves, wave_numbers, radius=radius, errors=np.zeros((count, 2)))
         return replace(fitted, errors=_errors(fitted, pressure, centre))
 
     @property
@@ -245,8 +239,7 @@ def _projected(
     degree = round((len(weights) / 2) ** 0.5) - 1
     degree_of, _ = degrees(degree)
     parts = (real_harmonics(directions, degree) * weights[:, None]).T @ heard
-    squares = np.square(np.abs(parts))
-    sums = np.add.reduceat(squares, np.arange(degree + 1) ** 2, axis=0)
+    sums = np.add.reduceat(np.square(np.abs(parts)), np.arange(degree + 1) ** 2, axis=0)
     rest = np.maximum(weights @ np.square(np.abs(heard)) - sums.sum(axis=0), 0.0)
     waves = parts * np.exp(1j * arguments) / outgoing(degree, arguments)[degree_of]
     return waves, np.vstack([sums, rest])

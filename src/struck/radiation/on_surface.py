@@ -193,8 +193,7 @@ class PointSources:
         """Bundle the faces of a mesh."""
         labels = bundles(mesh.centroids, mesh.areas, _BUNDLES)
         flows = _gathering(labels, mesh.areas[:, None])
-        areas = flows.sum(axis=1)[:, None]
-        positions = np.asarray(flows @ mesh.centroids) / areas
+        positions = np.asarray(flows @ mesh.centroids) / flows.sum(axis=1)[:, None]
         arms = mesh.centroids - positions[labels]
         starts = np.arange(0, mesh.faces.size + 1, 3)
         thirds = np.full(mesh.faces.size, 1 / 3)

@@ -379,8 +379,7 @@ def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
     first = round(lead_in * rates.pop())
     shortest = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
     powers = np.array([_mean_power(hits, first, shortest) for hits in takes])
-    loudest = powers.max(axis=0)
-    lines = _maxima(loudest)
+    lines = _maxima(powers.max(axis=0))
     if not len(lines):
         raise RecordingError("no line stands out of the spectra of the takes: strike harder")
     return np.sqrt(powers[:, lines]).astype(np.complex128)

@@ -50,8 +50,7 @@ def _shared_costs(fitted: Fitted, recorded: Recorded, rows: Index, late: Array) 
         _costs(fitted, recorded, int(row), int(shift))
         for row, shift in zip(rows, shifts, strict=True)
     ]
-    shortest = min(map(len, costs))
-    return np.sum([each[:shortest] for each in costs], axis=0)
+    return np.sum([each[: min(map(len, costs))] for each in costs], axis=0)
 
 
 def _triggered(
@@ -92,8 +91,7 @@ def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
     take = recorded.takes[what.take]
     rate = take.sample_rate
     first = round((what.onset - _EARLIER) * rate) + shift
-    last = max(round(what.time * rate) + shift, first + 2)
-    inside = np.arange(first, last)
+    inside = np.arange(first, max(round(what.time * rate) + shift, first + 2))
     known = (inside >= 0) & (inside < take.samples.shape[1])
     heard = np.zeros(len(inside))
     heard[known] = take.samples[what.channel, inside[known]]
@@ -103,8 +101,7 @@ def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
     if earlier is not None:
         before = heard - fitted.ringing(earlier, first / rate, len(inside))
     noise = float(fitted.noise_in(row, np.array([20.0, 0.45 * rate]))[0])
-    gained = (before**2 - after**2) / max(noise, 1e-300)
-    return np.concatenate([[0.0], np.cumsum(gained)])
+    return np.concatenate([[0.0], np.cumsum((before**2 - after**2) / max(noise, 1e-300))])
 
 
 def _earlier(fitted: Fitted, row: int) -> int | None:
@@ -300,8 +297,7 @@ def aligned(
             strength = _strength(gains, errors, first, second, frequencies)
             gains[own] /= strength
             errors[own] /= strength
-    usual = _usual_delays(late, hits, leaders)
-    return gains * np.exp(-poles * usual[:, None]), errors
+    return gains * np.exp(-poles * _usual_delays(late, hits, leaders)[:, None]), errors
 
 
 def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:

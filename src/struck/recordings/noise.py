@@ -34,14 +34,12 @@ def frames(samples: Array, window: Array, step: int, most: int | None = None) ->
     period = size // math.gcd(step, size)
     turned = (np.arange(period)[:, None] * step * np.arange(size // 2)) % size
     back = np.exp((-2j * np.pi / size) * turned).astype(np.complex64)[np.arange(count) % period]
-    parts = [_transforms(each, window, step, count) * back for each in samples]
-    return np.stack(parts)
+    return np.stack([_transforms(each, window, step, count) * back for each in samples])
 
 
 def _transforms(channel: Array, window: Array, step: int, count: int) -> AnyComplex:
     pieces = np.lib.stride_tricks.sliding_window_view(channel, len(window))[::step][:count]
-    single = (pieces * window).astype(np.float32)
-    return fft.rfft(single, axis=1)[:, : len(window) // 2]
+    return fft.rfft((pieces * window).astype(np.float32), axis=1)[:, : len(window) // 2]
 
 
 WINDOW = 0.046  # windows of which spectra are averaged, s
@@ -140,5 +138,4 @@ def _smooth_but_for_lines(powers: Array) -> Array:
     broad = median_filter(powers, (1, 31), mode="nearest")
     toned = powers > 4 * broad
     calm = uniform_filter1d(np.where(toned, broad, powers), 9, axis=1, mode="nearest")
-    lines = maximum_filter1d(np.where(toned, powers, 0.0), 3, axis=1)
-    return np.maximum(calm, lines)
+    return np.maximum(calm, maximum_filter1d(np.where(toned, powers, 0.0), 3, axis=1))

@@ -56,8 +56,7 @@ def _reverberation_time(take: Take) -> float:
             f"the clap in {take.name} does not fall by {-_TO:g} dB before the noise: clap louder"
         )
     times = np.arange(first, last) / take.sample_rate
-    slope = np.polyfit(times, levels[first:last], 1)[0]
-    return float(-60 / slope)
+    return float(-60 / np.polyfit(times, levels[first:last], 1)[0])
 
 
 ATTACK = 0.05  # s
@@ -79,8 +78,7 @@ def band_energies(samples: Array, sample_rate: float, edges: Array) -> Array:
     heard[len(heard) - fade :] *= np.cos(np.linspace(0, np.pi / 2, fade)) ** 2
     powers = np.abs(np.fft.rfft(heard, 2 * len(heard))) ** 2 / len(heard)
     places = np.fft.rfftfreq(2 * len(heard), 1 / sample_rate)
-    sums = np.append(0, np.cumsum(powers))
-    return np.diff(sums[np.searchsorted(places, edges)])
+    return np.diff(np.append(0, np.cumsum(powers))[np.searchsorted(places, edges)])
 
 
 def ear_bands(sample_rate: float) -> Array:

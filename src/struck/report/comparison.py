@@ -214,6 +214,7 @@ def compare(
 ) -> Comparison:
     """Compare a model with a recording of the body, or another model (see `struck.compare`)."""
     blow, modes = _blow(at, strike), len(model.frequencies)
+    _require_place("model", model, blow)
     if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
         other = model_file.load_model(other)
     if isinstance(other, ModalModel):
@@ -236,6 +237,14 @@ def compare(
         by_chance = pairs_by_chance(theirs.partials, model, widest=widest)
         sure = explains(theirs.partials, model, pairing) and by_chance < len(pairing) / 2
     return replace(_compared(mine, theirs, pairing), explained=sure, by_chance=by_chance)
+
+
+def _require_place(name: str, model: ModalModel, strike: Strike) -> None:
+    """Refuse a strike at a place that the side of that name lacks."""
+    try:
+        model.contact(strike.at, strike.direction)
+    except (ContactError, OptionError) as error:
+        raise type(error)(f"on the {name}, {error}") from error
 
 
 def _blow(at: Place, strike: Strike | None) -> Strike:
@@ -352,6 +361,7 @@ class Side:
     ) -> Side:
         """Make a side of a struck model, heard at 1 m unless a listener (3,) is given."""
         # A model of recordings is as complete as a recording, no more.
+        _require_place(name, model, strike)
         beside = centre_of(model) + place_beside(model)
         place = beside if listener is None else position_of(listener)
         recorded = model.geometry is None
@@ -460,8 +470,9 @@ def _struck_at(model: ModalModel, strike: Strike) -> str:
     units = "" if model.recorded else " m"
     place = ", ".join(f"{value:.4g}" for value in np.round(contact.point, 9) + 0.0)
     known = f"{name} ({place}){units}" if place else "its one place"
-    force = f"{blow.impulse:.3g}{' N s' if model.calibrated else ''}"
-    return f"struck at {known.strip()} by {force} in {1000 * blow.duration:.3g} ms"
+    force = f"{blow.impulse:.3g} {'N s' if model.calibrated else 'of the recorded blow'}"
+    during = f" in {1000 * blow.duration:.3g} ms" if blow.duration else ""
+    return f"struck at {known.strip()} by {force}{during}"
 
 
 def _errors(model: ModalModel) -> Array:
@@ -471,8 +482,7 @@ def _errors(model: ModalModel) -> Array:
 
 
 def _shortened(sound: Sound, seconds: float) -> Sound:
-    length = max(1, round(seconds * sound.sample_rate))
-    return replace(sound, samples=sound.samples[:, :length])
+    return replace(sound, samples=sound.samples[:, : max(1, round(seconds * sound.sample_rate))])
 
 
 def _resynthesised(fitted: FittedModes, seconds: float) -> Sound:
@@ -480,8 +490,7 @@ def _resynthesised(fitted: FittedModes, seconds: float) -> Sound:
     poles = -np.asarray(fitted.decays) + 2j * np.pi * np.asarray(fitted.frequencies)
     gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))[:2]
     heard = np.flatnonzero(poles.imag < np.pi * _SAMPLE_RATE)
-    length = round(seconds * _SAMPLE_RATE)
-    sound = samples(poles[heard], gains[:, heard], length, _SAMPLE_RATE)
+    sound = samples(poles[heard], gains[:, heard], round(seconds * _SAMPLE_RATE), _SAMPLE_RATE)
     return Sound(samples=sound.astype(np.float32), sample_rate=_SAMPLE_RATE)
 
 
@@ -496,8 +505,7 @@ def _loudest(fitted: Fitted) -> list[int]:
     lasting = 1 / np.maximum(fitted.decays, 1e-3 * fitted.frequencies)
     energies = (np.square(np.abs(fitted.gains)) * lasting).sum(axis=1)
     hits = np.array([row.hit for row in fitted.rows])
-    best = int(np.argmax(np.bincount(hits, weights=energies)))
-    return np.flatnonzero(hits == best).tolist()
+    return np.flatnonzero(hits == int(np.argmax(np.bincount(hits, weights=energies)))).tolist()
 
 
 def _cut(take: Take, onset: float, rows: Sequence[Row]) -> Sound:

@@ -59,8 +59,7 @@ def _cone(points: Array, first: tuple, second: tuple) -> Array:
 
 def _smooth_minimum(a: Array, b: Array) -> Array:
     """Return the smooth minimum of two depths."""
-    blend = np.maximum(_MELT - np.abs(a - b), 0.0)
-    return np.minimum(a, b) - blend**2 / (4 * _MELT)
+    return np.minimum(a, b) - np.maximum(_MELT - np.abs(a - b), 0.0) ** 2 / (4 * _MELT)
 
 
 def _gradients(points: Array) -> Array:

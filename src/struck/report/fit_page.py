@@ -258,8 +258,7 @@ def _ranks(model: ModalModel) -> tuple[Array, Mask]:
     """Return each mode's rank error, NaN where none is known, and whether it was not measured."""
     count = len(model.frequencies)
     errors = getattr(model.gains, "rank_errors", np.full(count, np.nan))
-    lost = np.isin(np.arange(count), getattr(model.gains, "unmeasured", []))
-    return errors, lost
+    return errors, np.isin(np.arange(count), getattr(model.gains, "unmeasured", []))
 
 
 def _places(fitting: Fitting) -> Iterator[str]:

@@ -77,7 +77,7 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines += _method(model) if whole else []
-    lines += [f"dropped   {loss}" for loss in model.provenance.dropped]
+    lines += [f"note      {loss}" for loss in model.provenance.dropped]
     caution = model.provenance.details.get("caution")
     return [*lines, f"caution   {caution}"] if caution else lines
 

@@ -269,9 +269,7 @@ def _chimes(_folder: Path, accuracy: str) -> Staged:
             f'<site site="roof {name}"/><site site="hole {name}"/></spatial>'
         )
         models[name] = analyze(
-            Tube(length=length, radius=_RADIUS, wall=_WALL),
-            constants("chime"),
-            accuracy=accuracy,
+            Tube(length=length, radius=_RADIUS, wall=_WALL), constants("chime"), accuracy=accuracy
         )
     return Staged(
         name="chimes",

@@ -143,8 +143,7 @@ def shade(axes: Axes, places: Array, colours: NDArray[np.floating]) -> None:
     from matplotlib.tri import Triangulation
 
     across, upward = places.reshape(-1, 2).T
-    numbers = np.arange(len(across)).reshape(-1, 3)
-    shades = TriMesh(Triangulation(across, upward, numbers))
+    shades = TriMesh(Triangulation(across, upward, np.arange(len(across)).reshape(-1, 3)))
     shades.set(facecolor=colours, rasterized=True)
     axes.add_collection(shades, autolim=False)
 

@@ -343,8 +343,7 @@ def _length(
 
 def _ringing_time(decays: Array, strengths: Array) -> float:
     """Return how long modes ring until the slowest of the loud ones has fallen by 60 dB, s."""
-    loud = decays[strengths >= _QUIETEST * strengths.max(initial=0.0)]
-    slowest = loud.min(initial=np.inf)
+    slowest = decays[strengths >= _QUIETEST * strengths.max(initial=0.0)].min(initial=np.inf)
     if slowest * LONGEST_RING < _SILENT:
         return LONGEST_RING
     return max(_SILENT / slowest, SHORTEST_RING)

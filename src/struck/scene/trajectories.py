@@ -79,8 +79,7 @@ class _Flight:
         x = (time - self.times[near]) / (self.times[near] - self.times[far])
         centre = self.centre[near] + x * (self.centre[near] - self.centre[far])
         turns = Rotation.from_matrix(self.body.orientation.at(self.times[[far, near]]))
-        spin = (turns[1] * turns[0].inv()).as_rotvec()
-        turn = Rotation.from_rotvec(x * spin) * turns[1]
+        turn = Rotation.from_rotvec(x * (turns[1] * turns[0].inv()).as_rotvec()) * turns[1]
         place = centre + self.gravity * time**2 / 2 - turn.apply(_centre(self.body))
         return replace(self.body, position=place, rotation=turn.as_matrix())
 
@@ -425,8 +424,7 @@ def _placed(body: Body, moment: Array, points: Array) -> Array:
 
 
 def _in_body(body: Body, moment: Array, places: Array) -> Array:
-    times = np.broadcast_to(moment, len(places))
-    return seen_from(body, times, places, places)[0]
+    return seen_from(body, np.broadcast_to(moment, len(places)), places, places)[0]
 
 
 def _carried(scene: Scene, names: Sequence[str], flight: _Flight, bent: Array) -> Sequence[_Touch]:

@@ -307,7 +307,9 @@ class Bar(Shape):
                 f"{self._gyration:.4g} m; take a Block or Tube of struck.solids"
             )
         if not isinstance(self.ends, str) and len(self.ends) != 2:
-            raise OptionError(f"ends are {self.ends!r}: give one or two of {', '.join(ENDS)}")
+            raise OptionError(
+                f"ends are {','.join(map(str, self.ends))}: give one or two of {', '.join(ENDS)}"
+            )
         for end in self.pair:
             require_choice("ends", end, ENDS, more=", or two of them")
         require_choice("theory", self.theory, THEORIES)

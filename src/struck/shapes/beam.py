@@ -227,8 +227,7 @@ class Family:
         if high <= low:
             return np.empty(0)
         _require_few(float(count(high)[0]))
-        numbers = np.arange(count(low)[0], count(high)[0]) + 1
-        return _halved(count, numbers, low, high) ** 4
+        return _halved(count, np.arange(count(low)[0], count(high)[0]) + 1, low, high) ** 4
 
     def count(self, waves: StandingWaves) -> Index:
         """Return the number of natural frequencies below each wave's, rigid motions included.
@@ -246,8 +245,7 @@ class Family:
             least, step = self._count_hinged(waves), 1 if self.end == "free" else -1
         determinant = np.linalg.det(self._conditions(waves))
         upward = self.end == "clamped" and self.kind != "both"
-        even = (determinant > 0) == upward
-        return least + step * ((least % 2 == 0) != even)
+        return least + step * ((least % 2 == 0) != ((determinant > 0) == upward))
 
     def _count_hinged(self, waves: StandingWaves) -> Index:
         """Return how many frequencies lie below with the end hinged."""

@@ -54,8 +54,7 @@ def _downwards(orders: Array, x: Array, starts: NDArray[np.int64]) -> Array:
 def _owners(orders: Array, highest: int) -> list[NDArray[np.int64]]:
     """Return the indices of the arguments with each order up to `highest`."""
     ranked = np.argsort(orders, kind="stable")
-    bounds = np.searchsorted(orders[ranked], np.arange(highest + 1))
-    return np.split(ranked, bounds[1:])
+    return np.split(ranked, np.searchsorted(orders[ranked], np.arange(highest + 1))[1:])
 
 
 def ring_parts(orders: Array, inner: Array) -> tuple[Array, Array, Array]:

@@ -122,8 +122,7 @@ def series_slope(arguments: Array, table: Array) -> Array:
 
 def pair(arguments: Array, table: Array) -> Array:
     """Sum two Chebyshev series (cells, 13, 2) at arguments (K, C): (2, K, C)."""
-    sums = series(arguments.ravel(), table).reshape(*arguments.shape, 2)
-    return np.moveaxis(sums, -1, 0)
+    return np.moveaxis(series(arguments.ravel(), table).reshape(*arguments.shape, 2), -1, 0)
 
 
 def _room(arguments: Array, table: Array) -> Array:

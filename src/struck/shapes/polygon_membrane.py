@@ -170,8 +170,7 @@ def _grouped(rough: Array) -> list[tuple[int, int]]:
     """Return ranges of eigenvalues so near each other that they are refined together."""
     near = np.minimum(_NEAR, 0.25 / np.arange(2, len(rough) + 1))
     starts = np.flatnonzero(np.diff(rough) > near * rough[1:]) + 1
-    ends = [0, *starts.tolist(), len(rough)]
-    return list(pairwise(ends))
+    return list(pairwise([0, *starts.tolist(), len(rough)]))
 
 
 def _merged(

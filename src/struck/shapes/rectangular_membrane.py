@@ -30,8 +30,7 @@ class SineForms:
     def values(self, places: Array) -> Array:
         """Return the forms at places (K, 2), m: (K, M). Beyond an edge: as on it."""
         x, y = np.asarray(places, dtype=np.float64)[:, :2].T
-        first = _sines(x / self.length, self.along)
-        return 2 * first * _sines(y / self.width, self.across)
+        return 2 * _sines(x / self.length, self.along) * _sines(y / self.width, self.across)
 
     def chosen(self, modes: Index) -> Self:
         """Return the forms of some modes, in that order."""

@@ -62,8 +62,7 @@ def _norms(count: int, ends: tuple[int, int]) -> Array:
     a, b = ends
     u, weights = leggauss(count + a + b + 1)
     factor = (1 + u) ** a * (1 - u) ** b
-    values = factor[:, None] * _jacobi(count, (2 * b, 2 * a), u, 0)
-    return np.sqrt(weights @ np.square(values))
+    return np.sqrt(weights @ np.square(factor[:, None] * _jacobi(count, (2 * b, 2 * a), u, 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

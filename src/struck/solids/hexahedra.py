@@ -122,8 +122,7 @@ def merged(points: list[Array], cells: list[Index]) -> tuple[Array, Index]:
     joined = np.vstack(points)
     nodes = np.vstack([part + start for part, start in zip(cells, starts, strict=True)])
     reach = _COINCIDENT * np.ptp(joined, axis=0).max()
-    pairs = KDTree(joined).query_pairs(reach, output_type="ndarray")
-    group = components(pairs, len(joined))
+    group = components(KDTree(joined).query_pairs(reach, output_type="ndarray"), len(joined))
     _, first = np.unique(group, return_index=True)
     used, glued = np.unique(first[group[nodes]], return_inverse=True)
     return joined[used], glued.reshape(nodes.shape)
@@ -174,8 +173,7 @@ def _paired(points: Array, triangles: Index) -> tuple[Index, Index]:
 def _joined(triangles: Index, first: Index, second: Index) -> Index:
     """Return the corners around both triangles that share an edge (given by flat side numbers)."""
     a, b, opposite = (triangles[first // 3, (first + i) % 3] for i in range(3))
-    beyond = triangles[second // 3, (second + 2) % 3]
-    return np.stack([a, beyond, b, opposite], axis=1)
+    return np.stack([a, triangles[second // 3, (second + 2) % 3], b, opposite], axis=1)
 
 
 def _cut(points: Array, groups: list[Index], boundary: Boundary) -> tuple[Array, Index]:

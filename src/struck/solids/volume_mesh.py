@@ -168,8 +168,7 @@ class VolumeMesh:
         sides = [sides for sides in self.boundary_sides() if len(sides)]
         triangles = np.vstack([_triangles(each, self.nodes) for each in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)
-        points = self.nodes[numbers]
-        return Mesh(points=points, faces=faces.reshape(-1, 3), up=self.up), numbers
+        return Mesh(points=self.nodes[numbers], faces=faces.reshape(-1, 3), up=self.up), numbers
 
 
 def side_keys(corners: Index, nodes: int) -> Index:

@@ -221,8 +221,7 @@ def _spread(apart: Array) -> float:
 def _standard_errors(design: Array) -> Array:
     """Return standard errors of coefficients in any units, of equations of unit variance (n, k)."""
     sizes = np.linalg.norm(design, axis=0)
-    inverse = np.linalg.pinv((design / sizes).T @ (design / sizes))
-    return np.sqrt(np.diag(inverse)) / sizes
+    return np.sqrt(np.diag(np.linalg.pinv((design / sizes).T @ (design / sizes)))) / sizes
 
 
 def _simplest(laws: list[LossLaw], squares: Mapping[str, Array]) -> LossLaw:

@@ -86,8 +86,7 @@ def paired(
     cases, likelihoods = _likely(agreement, widest)
     best = np.argsort(-likelihoods, kind="stable")[:_RIVALS]
     cases = _improved(agreement, cases.chosen(best).and_narrower(_NARROWER), _ROUNDS)
-    order = np.argsort(partials.natural_frequencies, kind="stable")
-    return _decided(agreement, cases, order)
+    return _decided(agreement, cases, np.argsort(partials.natural_frequencies, kind="stable"))
 
 
 def first_support(partials: Partials, model: ModalModel, widest: float = 2.0) -> float:

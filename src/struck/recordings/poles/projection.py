@@ -168,8 +168,7 @@ _CHANCE = 3.0  # standard deviations of the mean energy that a bin of noise leav
 
 def misfit(projections: Sequence[Projection], cost: float) -> float:
     """Return the residual of a bin and channel, noise being 1; 1 where chance may explain it."""
-    modes = len(projections[0].triangle)
-    unknowns = sum(each.residues.size for each in projections) + modes
+    unknowns = sum(each.residues.size for each in projections) + len(projections[0].triangle)
     values = max(sum(each.left.size for each in projections) - unknowns, 1)
     left = cost / values
     return left if left > 1 + _CHANCE / np.sqrt(values) else 1.0

@@ -139,8 +139,7 @@ class Fitted:
         """Return the power of the noise of one row in bands (B,) between edges (B + 1,), Hz."""
         segment, channel = self._segment(row)
         middles = np.sqrt(edges[1:] * edges[:-1])
-        density = segment.noise.at(middles)[channel]
-        return density * 2 * np.diff(edges) / segment.sample_rate
+        return segment.noise.at(middles)[channel] * 2 * np.diff(edges) / segment.sample_rate
 
     def _segment(self, row: int) -> tuple[Segment, int]:
         place = int(self.order[row])

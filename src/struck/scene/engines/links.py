@@ -103,8 +103,7 @@ def _group(model: mujoco.MjModel, geom: int) -> tuple[bool, int]:
     if body == 0:
         whole, part, _ = model.geom(geom).name.partition(PART)
         return False, model.geom(whole).id if part else geom
-    root = int(model.body_weldid[body])
-    return True, root or body
+    return True, int(model.body_weldid[body]) or body
 
 
 def _name(model: mujoco.MjModel, number: int, *, is_body: bool) -> str:

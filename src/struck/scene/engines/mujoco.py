@@ -201,8 +201,11 @@ class MujocoEngine:
         self.data = mujoco.MjData(model)
         if keyframe is not None:
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
+            if number < 0 and not model.nkey:
+                told = "the scene has no keyframes: leave keyframe= out"
+                raise OptionError(f"keyframe is {keyframe!r}: {told}")
             if number < 0:
-                known = [model.key(each).name for each in range(model.nkey)] or ["none"]
+                known = [model.key(each).name for each in range(model.nkey)]
                 require_choice("keyframe", keyframe, known, more=", or leave keyframe= out")
             mujoco.mj_resetDataKeyframe(model, self.data, number)
         mujoco.mj_forward(model, self.data)

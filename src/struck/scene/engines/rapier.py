@@ -22,13 +22,7 @@ from struck.errors import MissingDependencyError, OptionError, SimulationError
 from struck.model.arrays import Array, Index
 from struck.scene.contacts import Contacts
 from struck.scene.engines.explosion import free_masses, require_slow
-from struck.scene.engines.links import (
-    Link,
-    geom_placement,
-    mass_properties,
-    touches,
-    triangles,
-)
+from struck.scene.engines.links import Link, geom_placement, mass_properties, touches, triangles
 from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws
 from struck.scene.engines.step_log import StepLog
@@ -47,11 +41,7 @@ class RapierEngine:
     """A simulation in Rapier from its beginning, with its log."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        links: Sequence[Link],
-        laws: ContactLaws,
-        keyframe: str | None,
+        self, model: mujoco.MjModel, links: Sequence[Link], laws: ContactLaws, keyframe: str | None
     ) -> None:
         try:
             import rapier3d
@@ -90,8 +80,7 @@ class RapierEngine:
 
     def velocity(self, name: str) -> Array:
         """Return how fast a body's centre of mass moves, m/s (3,)."""
-        names = [link.name for link in self._links]
-        return self._state()[2][names.index(name)]
+        return self._state()[2][[link.name for link in self._links].index(name)]
 
     # The world.
 

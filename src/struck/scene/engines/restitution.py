@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import OptionError, SimulationError
+from struck.errors import OptionError, SimulationError, nearest
 from struck.model.arrays import require_number
 from struck.model.material import Material, materials
 from struck.model.provenance import table_of
@@ -191,10 +191,12 @@ class ContactLaws:
                 if not _is_pair(pair) or not any(
                     _both(each, pair) for each in permutations(self.materials, 2)
                 ):
-                    named = " and ".join(map(repr, pair if isinstance(pair, tuple) else [pair]))
+                    two, known = pair if _is_pair(pair) else (str(pair),), self.materials
+                    wrong = [each for each in two if not any(fnmatchcase(k, each) for k in known)]
+                    offer = "".join(nearest(each, known) for each in wrong)
                     raise OptionError(
-                        f"{name} names {named}, which fit no two of "
-                        f"{', '.join(map(repr, self.materials))}: give two names or patterns, as "
+                        f"{name} names {' and '.join(map(repr, two))}, which fit no two of "
+                        f"{', '.join(map(repr, known))}: {offer}give two names or patterns, as "
                         "'ball*' and 'floor'"
                     )
 

@@ -137,8 +137,7 @@ class Simulation:
         if step is not None:
             spec.option.timestep = step
         self._stages = Stages(cache=opened(choice=cache), progress=progress)
-        options = SoundOptions(cache=cache, progress=progress, **sounds)
-        self._sources = SoundSources(options)
+        self._sources = SoundSources(SoundOptions(cache=cache, progress=progress, **sounds))
         self._engine, self._keyframe, self._convex = engine, keyframe, convex
         self._prepare(spec, read.notes, restitution, friction)
 

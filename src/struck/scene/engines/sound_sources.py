@@ -206,11 +206,7 @@ def _rigid(link: Link, material: Material | None, mass: MassProperties | None) -
     if mass is None or link.fixed:
         return RigidBody(geometry=shape, material=material)
     return RigidBody(
-        geometry=shape,
-        material=material,
-        mass=mass.mass,
-        centre=mass.centre,
-        inertia=mass.inertia,
+        geometry=shape, material=material, mass=mass.mass, centre=mass.centre, inertia=mass.inertia
     )
 
 

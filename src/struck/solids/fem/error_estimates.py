@@ -190,8 +190,7 @@ def stated_errors(modes: Modes, coarse: Modes | None, finer: float) -> Array:
 def _levelled(errors: Array) -> Array:
     spans = [errors[max(i - _BESIDE, 0) : i + _BESIDE + 1] for i in range(len(errors))]
     beside = np.array([np.median(span) for span in spans])
-    believed = np.where(errors < _OUTLYING * beside, _SHARE * beside, errors)
-    return np.maximum(believed, _LEAST)
+    return np.maximum(np.where(errors < _OUTLYING * beside, _SHARE * beside, errors), _LEAST)
 
 
 def _shared(frequencies: Array, errors: Array) -> Array:

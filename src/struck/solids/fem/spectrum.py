@@ -348,5 +348,4 @@ class Search:
 def _full(system: System) -> tuple[Array, Array]:
     lower = system.shifted(0.0).toarray()
     stiffness = lower + np.tril(lower, -1).T
-    mass = np.kron(system.mass_matrix().toarray(), np.eye(3))
-    return stiffness, np.asarray(mass, np.float64)
+    return stiffness, np.asarray(np.kron(system.mass_matrix().toarray(), np.eye(3)), np.float64)

@@ -72,8 +72,7 @@ def without_modes(
     mesh: VolumeMesh, material: Material, highest: float, *, solver: Solver, why: str
 ) -> Modes:
     """Return a free body that has no mode up to `highest`, Hz: its surface, mass and inertia."""
-    basis = Displacements.of(mesh)
-    surface = _surface(basis)[0]
+    surface = _surface(Displacements.of(mesh))[0]
     mass, centre, inertia = mass_properties(
         assemble(mesh, material, lumped=solver.lumped), mesh.nodes
     )

@@ -355,8 +355,7 @@ def _uncovered_share(outline: Mesh, elements: VolumeMesh, spacing: float) -> flo
     places, vectors = outline.spread(_PLACES)
     areas = np.linalg.norm(vectors, axis=1)
     # Sides have a node every half spacing, and nodes are found in a third of the time.
-    away = KDTree(elements.nodes).query(places)[0]
-    return float(areas[away > spacing].sum() / areas.sum())
+    return float(areas[KDTree(elements.nodes).query(places)[0] > spacing].sum() / areas.sum())
 
 
 def _whole(cells: Cells) -> tuple[Cells, int]:

@@ -210,8 +210,7 @@ def _triples(numbers: Index, counts: Index) -> Array:
 
 def _spread(coarse: AnyArray, counts: Index) -> AnyArray:
     """Repeat a value of each block over the points that lie in it."""
-    index = [np.arange(count) // _BLOCK for count in counts]
-    return coarse[np.ix_(*index)]
+    return coarse[np.ix_(*[np.arange(count) // _BLOCK for count in counts])]
 
 
 def _one_less(grid: AnyArray, axis: int, start: int) -> AnyArray:
@@ -349,8 +348,7 @@ def _pyramid(apex: Index, quad: tuple[Index, Index, Index, Index]) -> list[Index
     a, b, c, d = quad
     from_a = (np.minimum(a, c) < np.minimum(b, d))[:, None]
     first = np.where(from_a, np.stack([apex, a, b, c], 1), np.stack([apex, b, c, d], 1))
-    second = np.where(from_a, np.stack([apex, a, c, d], 1), np.stack([apex, a, b, d], 1))
-    return [first, second]
+    return [first, np.where(from_a, np.stack([apex, a, c, d], 1), np.stack([apex, a, b, d], 1))]
 
 
 # By counts of corners inside and outside, corners ordered from inside to outside.

@@ -407,8 +407,7 @@ class Mended:
     def solid(self) -> Mask:
         """Which pieces bound a body (P,): closed but for small openings, and not empty."""
         extents = boxes_of(self.mesh, self.labels).extents
-        volumes = np.abs(volumes_of(self.mesh, self.labels))
-        empty = volumes <= THINNEST * self.areas * extents
+        empty = np.abs(volumes_of(self.mesh, self.labels)) <= THINNEST * self.areas * extents
         return ~empty & (self.filled <= LARGEST_OPENING * self.areas)
 
     def holes(self, chosen: Mask) -> int:

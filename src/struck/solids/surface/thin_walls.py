@@ -141,8 +141,7 @@ def _after(sides: Index) -> Index:
 def crisp_edges(mesh: Mesh) -> Index:
     """Return the pairs of faces (E, 2) that meet at a crease."""
     pairs = edges_of(mesh.faces).pairs()[0]
-    cosines = np.einsum("ed,ed->e", *mesh.face_normals[pairs.T])
-    return pairs[cosines < np.cos(_CREASE)]
+    return pairs[np.einsum("ed,ed->e", *mesh.face_normals[pairs.T]) < np.cos(_CREASE)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

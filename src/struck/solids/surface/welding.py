@@ -211,8 +211,7 @@ def _merged(mesh: Mesh, distance: float) -> Mesh | None:
     """Merge vertices within `distance` of each other and drop faces that this collapses."""
     pairs = KDTree(mesh.points).query_pairs(distance, output_type="ndarray")
     labels = components(pairs.astype(np.int64), len(mesh.points))
-    first = np.unique(labels, return_index=True)[1]
-    faces = first[labels][mesh.faces]
+    faces = np.unique(labels, return_index=True)[1][labels][mesh.faces]
     whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
     if not whole.any():
         return None
@@ -270,8 +269,7 @@ def without_lines(mesh: Mesh) -> tuple[Mesh, int]:
     kept = submesh(
         Mesh(points=mesh.points, faces=split.faces, up=mesh.up), np.flatnonzero(split.kept)
     )
-    left = np.count_nonzero(lines(kept))
-    return kept, int(np.count_nonzero(lines(mesh)) - left)
+    return kept, int(np.count_nonzero(lines(mesh)) - np.count_nonzero(lines(kept)))
 
 
 class _Split:
