@@ -359,6 +359,21 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         lambda: struck.Sound(samples=np.zeros((48000, 2)), sample_rate=48000),
         ("shape \\(48000, 2\\), and channels come first: give samples.T",),
     ),
+    "a listener that outruns the sound": (
+        lambda: sys.stderr.write(
+            struck.render(
+                model(),
+                struck.Strike(),
+                seconds=0.1,
+                listener=struck.Mono(position=([0, 0.1], [(1, 0, 0), (90, 0, 0)])),
+            ).notes[0]
+        ),
+        ("moves at up to 890 m/s, and sound at 343.21: .* places are given in m, times in s",),
+    ),
+    "a drum head of mylar": (
+        lambda: sys.stderr.write(f"{Material.named('PET film').density} {Material.named('mylar')}"),
+        ("1390.0 .*Mylar polyester film, Physical-Thermal Properties",),
+    ),
     "times of another number": (
         lambda: Measured(frequencies=(100, 200), t60=(3,)),
         ("2 frequencies and 1 of t60=", "give as many of both"),

@@ -114,6 +114,8 @@ _CALLED = {
     **dict.fromkeys(("alpha2", "alpha_2", "alpha"), ("mass",)),
     **dict.fromkeys(("tan_phi", "tanphi", "phi", "eta", "loss_factor"), ("loss_tangent",)),
     **dict.fromkeys(("lam", "lambda", "lambda_"), ("first",)),
+    **dict.fromkeys(("bodya", "body_a", "object0", "geom1"), ("body0",)),
+    **dict.fromkeys(("bodyb", "body_b", "object1", "geom2"), ("body1",)),
     **dict.fromkeys(("fixed", "held", "built-in"), ("clamped",)),
     **dict.fromkeys(("pinned", "simply-supported"), ("hinged", "supported")),
     **dict.fromkeys(("out", "output_file", "file"), ("output", "path")),

@@ -13,7 +13,7 @@ import pytest
 
 import struck
 from struck.analysis.analysis import radiating
-from struck.errors import ContactError, MeshError, OptionError, SolverError
+from struck.errors import ContactError, MeshError, OptionError, ScaleWarning, SolverError
 from struck.files import model_file
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
@@ -196,7 +196,8 @@ def test_modes_above_the_bound_are_named_one_by_one(block: struck.ModalModel) ->
 
 
 def test_a_band_without_modes_says_so_and_no_band_is_refused(block: struck.ModalModel) -> None:
-    made = block.radiating(band=(20, 30))
+    with pytest.warns(ScaleWarning, match="no mode lies from 20 to 30 Hz"):
+        made = block.radiating(band=(20, 30))
     assert made.provenance.dropped[-1] == (
         "no mode lies from 20 to 30 Hz: no timbre field is computed"
     )

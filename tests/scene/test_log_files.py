@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -162,6 +163,16 @@ def test_columns_that_are_not_used_are_told_with_the_names_there_are(tmp_path: P
     (tmp_path / "hits.csv").write_text(BY_HAND.replace("impulse", "imulse"), encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"missing; did you mean impulse[?] give time, body0"):
         load_contacts(tmp_path / "hits.csv")
+    for wrong, told in (
+        ({"impulse": "force"}, "impulse are missing; an impulse is force times dt, in N s; give"),
+        ({"body0": "bodyA", "body1": "bodyB"}, "did you mean body0[?] did you mean body1[?]"),
+    ):
+        text = BY_HAND
+        for name, other in wrong.items():
+            text = text.replace(name, other)
+        (tmp_path / "hits.csv").write_text(text, encoding="utf-8")
+        with pytest.raises(FileFormatError, match=told):
+            load_contacts(tmp_path / "hits.csv")
 
 
 def test_contacts_after_the_end_are_told(tmp_path: Path) -> None:
@@ -171,3 +182,7 @@ def test_contacts_after_the_end_are_told(tmp_path: Path) -> None:
     late = struck.render(SCENE, contacts, listener=EAR, seconds=0.5, sample_rate=16_000)
     assert any(told in note and "or times in s" in note for note in late.notes)
     assert not late.samples.any()
+    (tmp_path / "hits.csv").write_text(BY_HAND.replace("\n0.", "\n-0."), encoding="utf-8")
+    contacts = load_contacts(tmp_path / "hits.csv")
+    early = struck.render(SCENE, contacts, listener=EAR, seconds=0.1, sample_rate=16_000)
+    assert any(re.match(r"\d contacts? before 0 s, heard as at 0 s", note) for note in early.notes)

@@ -35,7 +35,10 @@ _FORMS = {"size": "0.1,0.05,0.03", "corners": CORNERS}  # of arguments of severa
 _ONE_UNIT = re.compile(r"(?:[\d.]+[x,])+[\d.]+[a-z]+")  # for several lengths
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
-MATERIAL = "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio="
+MATERIAL = (
+    "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio= in kg/m3 and Pa, "
+    "with loss_tangent= where known"
+)
 
 
 def numbers(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 
 import struck
 from struck.cli import Result
-from struck.cli.options import BAND, add_cache
-from struck.errors import OptionError, counted
+from struck.cli.options import BAND, add_cache, same
+from struck.errors import OptionError, ScaleWarning, counted
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
 
@@ -32,13 +33,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.analysis.analysis import radiating
 
     output = model_path(options.output)
-    found = radiating(
-        struck.load(options.model),
-        options.band,
-        near=options.near,
-        cache=options.cache,
-        progress=progress,
-    )
+    more = same(options, "near cache")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ScaleWarning)  # told below
+        found = radiating(struck.load(options.model), options.band, progress=progress, **more)
     left = [text for text in found.provenance.dropped if "timbre field" in text]
     modes = len(found.frequencies)
     if not found.gains.directional:

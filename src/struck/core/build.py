@@ -136,8 +136,7 @@ def _library(target: Target, scratch: Path, run: Callable[[list[str]], None]) ->
         list(threads.map(run, commands))
     library = scratch / f"{target.name}{target.ending}"
     # Without the processor: what zig compiles for a system by itself serves all its libraries.
-    system = target.triple.replace("wasi", "freestanding")
-    link = ["-target", system, "-s", "-o", str(library)]
+    link = ["-target", target.triple.replace("wasi", "freestanding"), "-s", "-o", str(library)]
     if target.ending == ".dylib":  # which is called as it was made, unless it has a name
         link += [f"-Wl,-install_name,@rpath/{library.name}"]
     run([*compiler(), *link, *_objects(target, scratch), *LINKED[target.ending]])

@@ -287,7 +287,7 @@ class Binaural:
     OptionError
         On arguments outside their bounds.
     FileFormatError
-        On a file that is no such set.
+        On a file that is missing, or no such set.
     """
 
     position: Course3 | None = None

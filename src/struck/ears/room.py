@@ -41,8 +41,7 @@ def pyroomacoustics() -> ModuleType:
     Its import would import sounddevice, which opens PortAudio for as long as Python runs: from then
     on `struck.play` would see no device that comes or goes.
     """
-    known = sys.modules.get("sounddevice")
-    hidden = "pyroomacoustics" not in sys.modules and known is None
+    hidden = "pyroomacoustics" not in sys.modules and sys.modules.get("sounddevice") is None
     if hidden:
         sys.modules["sounddevice"] = None  # type: ignore[assignment] # as the import system has it
     try:

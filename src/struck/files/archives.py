@@ -157,8 +157,7 @@ def _folder(folder: Path, limits: ReadingLimits, *, taken: int) -> Callable[[str
 def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     """Unpack one gz, bz2 or xz file; its name without that ending gives the format inside."""
     kind = kind_of(path.stem)
-    chunks = _UNPACKED[path.suffix[1:].lower()](file)
-    data = gathered(chunks, limits, packed=file.tell)
+    data = gathered(_UNPACKED[path.suffix[1:].lower()](file), limits, packed=file.tell)
     if not data:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
     return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))

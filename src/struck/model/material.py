@@ -173,8 +173,13 @@ class Material:
                 f"{self.density:g} kg/m3, faster than through diamond: if that was meant in g/cm3, "
                 f"it is {1000 * self.density:g} kg/m3"
             )
-        plausible = modulus >= _SOFTEST and speed >= _SLOWEST
-        if plausible or self.density < _LIGHTEST:  # then numbers are without units
+        if self.density < _LIGHTEST:  # or numbers are without units
+            light = f"{self.name} weighs {self.density:g} kg/m3, less than any solid: if that was "
+            light += f"meant in g/cm3, it is {1000 * self.density:g} kg/m3"
+            if 1 < modulus < _LARGEST_IN_GPA and self.density > 1:
+                return f"{light}, and {modulus:g} GPa is {modulus:g}e9"
+            return light if modulus >= _SOFTEST else ""
+        if modulus >= _SOFTEST and speed >= _SLOWEST:
             return ""
         unit, factor = ("GPa", "e9") if modulus < _LARGEST_IN_GPA else ("MPa", "e6")
         return (

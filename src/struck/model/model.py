@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError, OptionError, counted
+from struck.errors import MaterialError, OptionError, ScaleWarning, counted
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
@@ -393,12 +394,14 @@ class ModalModel:
         named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
         more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
         told = f"{counted(len(high), 'mode')} without a timbre field, by an estimate: {named}{more}"
-        if not len(high):
+        natural = self.natural_frequencies
+        if outside := not np.any((natural >= band[0]) & (natural <= band[1])):
             told = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
+            warnings.warn(told, ScaleWarning, stacklevel=3)
         computed = {"radiation": "field", "field_error": f"{error:.1%}"}
         provenance = self.provenance.extended(
             references=("schenck1968", "wilton1984") * found.directional,
-            dropped=(told,) * (len(high) > 0 or not found.directional),
+            dropped=(told,) * (len(high) > 0 or outside),
             **(computed if found.directional else {}),
         )
         return replace(self, gains=found, provenance=provenance)

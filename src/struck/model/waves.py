@@ -156,8 +156,7 @@ def _untold(evidence: Array, turns: Index, best: Index, angles: int, sizes: Arra
     own = turns[best]
     sizes = np.full(len(own), np.nan) if sizes is None else sizes
     rivals = (turns[:, None] != own) & (turns[:, None] != _ANY) & ~(turns[:, None] > sizes)
-    others = np.where(rivals, evidence, -np.inf).max(axis=0)
-    alike = evidence.max(axis=0) - others < _SURE
+    alike = evidence.max(axis=0) - np.where(rivals, evidence, -np.inf).max(axis=0) < _SURE
     return (own != _ANY) & (alike | (np.floor(sizes) - own + 1 > angles))
 
 
@@ -169,8 +168,7 @@ def _polar_angles(places: Array) -> int:
 
 def azimuths_of(places: Array) -> int:
     """Return at how many azimuths off the axis, left as right, places (Q, 3) are; at least 1."""
-    flat = np.hypot(places[:, 0], places[:, 1])
-    beside = flat > _BESIDE * np.linalg.norm(places, axis=1)
+    beside = np.hypot(places[:, 0], places[:, 1]) > _BESIDE * np.linalg.norm(places, axis=1)
     angles = np.arctan2(np.abs(places[beside, 1]), places[beside, 0])
     return max(1, len(np.unique(np.round(angles / _BESIDE))))
 

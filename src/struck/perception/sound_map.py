@@ -142,8 +142,7 @@ class SoundMap:
         ContactError
             When the point is off the body.
         """
-        wanted = np.asarray(point, float)
-        contact = Contact.on(self.locator, self.surface, wanted)
+        contact = Contact.on(self.locator, self.surface, np.asarray(point, float))
         faces, weights = self.locator.barycentric(contact.point)
         return int(self.owners[faces[0]]), float(weights[0] @ self.factors[faces[0]])
 
@@ -443,8 +442,7 @@ class Facets:
 
 
 def _looked_at(ear: Ear, corners: Array, directions: Array) -> Facets:
-    following = _next(corners)
-    places = [corners, (corners + following) / 2, corners.mean(axis=1, keepdims=True)]
+    places = [corners, (corners + _next(corners)) / 2, corners.mean(axis=1, keepdims=True)]
     parts = ear.parts(np.concatenate(places, axis=1), directions)
     ends, middles, centroid = parts[:, :3], parts[:, 3:6], parts[:, 6]
     bent = _CURVED * ear.behind(middles - (ends + _next(ends)) / 2)

@@ -69,8 +69,7 @@ def examined(
     reason = next(filter(None, checks), "")
     if reason or hit is None:
         return TakeVerdict(reason=reason)
-    first = max(0, hit - before - round(MARGIN * rate))
-    kept = samples[:, first : hit + round(seconds * rate)]
+    kept = samples[:, max(0, hit - before - round(MARGIN * rate)) : hit + round(seconds * rate)]
     return TakeVerdict(
         sound=Sound(samples=kept.astype(np.float32), sample_rate=rate),
         peak=float(_peaks(samples).max()),
@@ -179,8 +178,7 @@ def _dropped(samples: Array, before: int, hit: int, rate: int) -> str:
 
 def _twice(samples: Array, hit: int, rate: int) -> str:
     """Return a reason on a second hit: a 5 ms block far louder than all of the 40 ms before it."""
-    size = round(_SECOND_BLOCK * rate)
-    levels = _blocks(np.diff(samples[:, hit:]), size).max(axis=0)
+    levels = _blocks(np.diff(samples[:, hit:]), round(_SECOND_BLOCK * rate)).max(axis=0)
     first = _SECOND_LOOK
     if len(levels) <= first:
         return ""

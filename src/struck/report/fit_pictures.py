@@ -136,8 +136,7 @@ def chosen_hits(fitted: Fitted, energies: Energies, most: int = MOST) -> list[li
     if several:
         takes.pop(fitted.rows[loudest[0]].take, None)
     spread = sorted(takes.values() if several else others)
-    count = min(most - 1, len(spread))
-    places = np.linspace(0, len(spread) - 1, count).round().astype(int)
+    places = np.linspace(0, len(spread) - 1, min(most - 1, len(spread))).round().astype(int)
     return [loudest, *(spread[place] for place in places)]
 
 
@@ -250,8 +249,7 @@ def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: flo
     """Draw how long each mode rings, with its standard error where one is known."""
     figure = chart(WIDE, 3.6)
     axes = figure.subplots()
-    known = np.isfinite(errors)
-    over = np.where(known, errors, 0.0)
+    over = np.where(np.isfinite(errors), errors, 0.0)
     times = np.log(1000) / decays
     # As far as one standard error up and down in the decay, which is not alike in the time.
     longest = np.log(1000) / np.maximum(decays - over, 0.1 * decays)

@@ -295,9 +295,11 @@ def _require_columns(found: Collection[str]) -> None:
     lacking = [name for name in ("time", "body0", "body1", *_NEEDED) if name not in found]
     if found and lacking:
         axes = " (in CSV position_x, _y, _z and so on)" if {*lacking} & {*_NEEDED} else ""
+        force = any(each.startswith("force") for each in found) and "impulse" in lacking
+        offer = "an impulse is force times dt, in N s; " if force else _offers(found)
         raise ValueError(
             f"its columns are {', '.join(found)}: {', '.join(lacking)} are missing; "
-            f"{_offers(found)}give time, body0, body1, {', '.join(_NEEDED)}{axes} and, "
+            f"{offer}give time, body0, body1, {', '.join(_NEEDED)}{axes} and, "
             "if known, dt, normal, velocity, id"
         )
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeGuard, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.ears.listeners import Listener, Mono, is_listener, position_of
+from struck.ears.listeners import Listener, Mono, Trajectory, is_listener, position_of
 from struck.ears.propagation import Pose
 from struck.errors import OptionError, ScaleWarning, counted
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
@@ -28,6 +28,7 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
 from struck.model.gains import ShapeGains
+from struck.model.material import AIR
 from struck.model.model import ModalModel
 from struck.scene.body import (
     Action,
@@ -95,6 +96,7 @@ def render(
         samples, notes = _arriving(bodies[0], place, seconds=seconds, sample_rate=sample_rate)
     else:
         ears = _listener_of(listener)
+        told += _outrun(ears)
         samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
     calibrated = all(body.sounding.calibrated for body in bodies)
     return Sound(
@@ -114,6 +116,9 @@ def _excited(
 
     if isinstance(contacts, Contacts):
         scene = events_of(scene, contacts).on()
+        if early := np.count_nonzero(contacts.time < 0):
+            note = f"{counted(early, 'contact')} before 0 s, heard as at 0 s: add a time to all"
+            return list(scene.bodies.values()), (*scene.notes, note)
     elif contacts:
         raise OptionError(
             "a scene takes Contacts; excitations belong to its bodies: give them there"
@@ -165,6 +170,16 @@ def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]
         "and are not heard: give more seconds, or times in s"
     )
     return (note,) if late else ()
+
+
+def _outrun(ears: Listener) -> tuple[str, ...]:
+    """Return a note of a table of places between which a listener outruns the sound."""
+    course = Trajectory.of("position", (0, 0, 0) if ears.position is None else ears.position)
+    ways = np.linalg.norm(np.diff(course.points, axis=0), axis=1)
+    fastest = np.max(ways / np.diff(course.times), initial=0.0)
+    told = f"the listener moves at up to {fastest:.4g} m/s, and sound at {AIR.sound_speed:g}"
+    note = f"{told}: what it outruns is not heard; places are given in m, times in s"
+    return (note,) if fastest > AIR.sound_speed else ()
 
 
 def _is_late(action: Action, seconds: float | None) -> bool:

@@ -50,8 +50,7 @@ class Triangulation:
 
         A coarse triangulation is halved: that is quicker, and keeps its angles.
         """
-        extent = float(np.ptp(corners, axis=0).max())
-        times = max(0, round(np.log2(extent / longest / _COARSE)))
+        times = max(0, round(np.log2(float(np.ptp(corners, axis=0).max()) / longest / _COARSE)))
         size = 2**times * longest / np.sqrt(2)
         while True:
             filling = cls(*triangulated((corners,), size)[:2])

@@ -286,8 +286,7 @@ def volume(contour: Contour) -> float:
 
 def outline(contour: Contour) -> Array:
     """Return points (n, 2) of a contour, each once."""
-    knots = sum(len(curve.knots) for curve, _, _ in contour)
-    count = max(2, 800 // knots)
+    count = max(2, 800 // sum(len(curve.knots) for curve, _, _ in contour))
     return np.vstack([curve.sampled(start, end, count)[:-1] for curve, start, end in contour])
 
 

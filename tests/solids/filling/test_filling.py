@@ -14,7 +14,14 @@ from struck.report.gallery import bird
 from struck.solids import VolumeMesh
 from struck.solids.fem.assembly import Displacements
 from struck.solids.fem.cubic_surface import surface_of
-from struck.solids.filling.filling import ACCURACIES, curved, filled, flatness, piece_count
+from struck.solids.filling.filling import (
+    ACCURACIES,
+    _require_cavity,
+    curved,
+    filled,
+    flatness,
+    piece_count,
+)
 from struck.solids.filling.stuffing import cells_in, stuffed
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.distance import FilledBody
@@ -177,6 +184,14 @@ def test_pieces_that_share_an_edge_count_apart() -> None:
 def test_a_wall_thicker_than_the_body_is_refused() -> None:
     with pytest.raises(MeshError, match=r"a wall of 0\.06 m leaves no cavity"):
         filled(FilledBody(mesh=ball(0.05, 3), wall=0.06), "preview")
+    # The depth in the message is the wall's limit, however far beyond it a wall is.
+    made = trimesh.creation.box((0.103, 0.06, 0.0437))
+    long = Mesh(points=made.vertices, faces=made.faces)
+    for wall in (0.0225, 0.03, 0.05):
+        with pytest.raises(MeshError, match=r"0\.0218 m deep|0\.0219 m deep"):
+            _require_cavity(FilledBody(mesh=long, wall=wall))
+    for wall in (0.018, 0.021, 0.0217):
+        _require_cavity(FilledBody(mesh=long, wall=wall))
 
 
 def test_parts_too_thin_for_the_lattice_are_refused() -> None:

@@ -173,8 +173,7 @@ def elastic_fit(
         assumed=assumed,
     )
     place, scatter = np.array([np.log(pairing.factor), pairing.poisson_ratio]), pairing.scatter
-    deviations = np.sqrt(every.variances + scatter**2)
-    regular = np.abs(every.apart(place)[0]) <= _FARTHEST * deviations
+    regular = np.abs(every.apart(place)[0]) <= _FARTHEST * np.sqrt(every.variances + scatter**2)
     if regular.sum() < _FEWEST:
         regular[:] = True
     task = every.of(regular)

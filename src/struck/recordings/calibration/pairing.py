@@ -98,8 +98,7 @@ def first_support(partials: Partials, model: ModalModel, widest: float = 2.0) ->
 
 def _likely(agreement: Agreement, widest: float) -> tuple[Hypotheses, Array]:
     """Return hypotheses with their likelihoods, a few rounds from the first guesses."""
-    first = guesses(agreement.heard, agreement.expected, widest)
-    cases = _improved(agreement, first, _ROUGH)
+    cases = _improved(agreement, guesses(agreement.heard, agreement.expected, widest), _ROUGH)
     return cases, agreement.under(cases).likelihoods
 
 

@@ -238,8 +238,7 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
         parts = _masses(basis, chosen, material, lumped=lumped)[:, lower, upper]
         np.add.at(mass, where, parts.ravel())
     columns, rows = np.divmod(pairs, basis.count)
-    counts = np.bincount(columns, minlength=basis.count)
-    starts = np.concatenate([[0], np.cumsum(counts)])
+    starts = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=basis.count))])
     return System(starts=starts, rows=rows, stiffness=stiffness, mass=mass)
 
 

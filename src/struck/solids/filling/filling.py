@@ -223,10 +223,9 @@ def _require_cavity(body: FilledBody | WalledSheet) -> None:
         return
     deepest = 0.0
     for soundings in _SOUNDINGS:
-        corners, centres = Lattice.over(body.bounds, body.mesh.extent / soundings).sampled(
-            body.distance
-        )
-        deepest = -min(float(corners.min()), float(centres.min()))
+        # Of both faces of the wall, since values are exact near one of them alone.
+        sampled = Lattice.over(body.bounds, body.mesh.extent / soundings).sampled(body.depths)
+        deepest = max(deepest, *(body.wall + float(each[..., 1].max()) for each in sampled))
         if deepest > body.wall:
             return
     raise MeshError(

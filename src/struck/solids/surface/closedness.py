@@ -142,8 +142,7 @@ _SAMPLE_COST = 500_000
 def apart(mesh: Mesh) -> Mesh:
     """Return the mesh with pieces that share a vertex given one each."""
     # So edges where several pieces meet belong to two faces of each, or are open.
-    labels = np.repeat(pieces(mesh), 3)
-    keys = labels * len(mesh.points) + mesh.faces.ravel()
+    keys = np.repeat(pieces(mesh), 3) * len(mesh.points) + mesh.faces.ravel()
     used, renumbered = np.unique(keys, return_inverse=True)
     return Mesh(
         points=mesh.points[used % len(mesh.points)], faces=renumbered.reshape(-1, 3), up=mesh.up
@@ -256,8 +255,7 @@ class Shells:
         """Return the body of each piece (P,), the same for cavities and crossing pieces."""
         crossing = self.labels[pairs]
         cavity = self.volumes[self.inner] < 0
-        depth = self.depths[self.around]
-        deepest = depth == self.depths[self.inner] - 1
+        deepest = self.depths[self.around] == self.depths[self.inner] - 1
         hold = np.stack([self.inner, self.around], axis=1)[cavity & deepest]
         return components(np.concatenate([crossing, hold]), len(self.volumes))
 

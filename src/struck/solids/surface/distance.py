@@ -237,8 +237,7 @@ class Rim:
 
     def __init__(self, mesh: Mesh) -> None:
         edges = edges_of(mesh.faces)
-        open_sides = np.flatnonzero(edges.faces_at[edges.owner] == 1)
-        face, side = np.divmod(open_sides, 3)
+        face, side = np.divmod(np.flatnonzero(edges.faces_at[edges.owner] == 1), 3)
         first, last = mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]
         self._starts, ends = mesh.points[first], mesh.points[last]
         self._ways = _unit(ends - self._starts)
