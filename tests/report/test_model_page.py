@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,8 @@ from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.report.charts import overview
-from struck.report.model_page import summary
+from struck.report.model_page import decays_by_sound, summary
+from struck.shapes import RectangularPlate
 
 HEIGHTS = np.array([[0.2], [0.5], [0.9]])
 FREQUENCIES = np.array([200.0, 300.0])
@@ -121,3 +123,18 @@ def test_a_body_that_only_recoils_is_summed_up_and_drawn() -> None:
     assert not figure.subfigs
     spectrum = figure.axes[1]
     assert spectrum.lines[0].get_ydata().max() == pytest.approx(0, abs=0.1)
+
+
+def test_losses_to_the_air_are_those_of_a_plate_that_radiates_from_both_sides() -> None:
+    """Far above coincidence a plate loses its speed at the rate rho c / (density thickness)."""
+    plate = RectangularPlate(length=0.5, width=0.4, thickness=0.01)
+    model = struck.analyze(plate, "steel", band=(20, 9000))
+    high = model.frequencies > 5000  # coincidence is at 1.2 kHz
+    assert np.median(decays_by_sound(model)[high]) == pytest.approx(413.3 / 78.5, rel=0.1)
+    (line,) = [each for each in summary(model) if each.startswith("air")]
+    at, both, alone = map(
+        float, re.findall(r"as ([\d.]+) Hz \(([\d.]+) s in .* of ([\d.]+)", line)[0]
+    )
+    mode = np.argmin(np.abs(model.frequencies - at))
+    assert alone == pytest.approx(np.log(1000) / model.decays[mode], rel=0.05)
+    assert both < alone / 2

@@ -10,9 +10,10 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.signal import oaconvolve
 
-from struck.analysis.analysis import model_of_modes
+from struck.analysis.analysis import analyze, model_of_modes
 from struck.ears import Stereo
 from struck.errors import ContactError, OptionError
+from struck.excitation.hertz import Striker
 from struck.excitation.strike import Strike
 from struck.files.sound import Sound
 from struck.model.damping import Rayleigh
@@ -20,6 +21,7 @@ from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from struck.scene.render import LONGEST_RING, SHORTEST_RING, render
+from struck.shapes import Bar
 
 GLASS = Material(
     name="test glass",
@@ -137,6 +139,22 @@ def test_a_strike_solves_the_equation_of_motion_of_each_mode() -> None:
     expected = -output @ (inertia / squares)
     sound = render(BLOCK, strike, seconds=0.01, listener=listener)
     np.testing.assert_allclose(sound.samples[0], expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_strikers_that_bring_less_energy_than_they_leave_are_told() -> None:
+    """On a body that is held one mode takes (J phi)^2 / 2 of an impulse that is over at once."""
+    bar = analyze(
+        Bar(length=0.3, width=0.02, thickness=0.004, ends="clamped"), "steel", band=(20, 900)
+    )
+    blow = Strike(at="middle", striker="steel", speed=1.0, duration=1e-6)
+    steel = Striker.named("steel")
+    drive = bar.gains.at(*(np.array([each]) for each in ((0.15, 0.0, 0.002), (0, 0, -1.0))))[0, 0]
+    impulse = steel.mass * (1 + steel.restitution)
+    share = np.sum((impulse * drive) ** 2) / steel.mass
+    (note,) = [n for n in render(bar, blow, seconds=0.1).notes if "striker's energy" in n]
+    assert f"1 of 1 strikes leave up to {share:.2g} times the striker's energy" in note
+    assert f"{10 * np.log10(share):.1f} dB softer" in note
+    assert not render(bar, Strike(at="middle", striker="felt"), seconds=0.1).notes
 
 
 def test_half_the_distance_doubles_the_pressure() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from struck.excitation.hertz import (
     joint_mass,
 )
 from struck.excitation.pulses import SPECTRA, Samples, sampled
-from struck.model.arrays import checked
+from struck.model.arrays import Array, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
@@ -218,6 +219,36 @@ def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Sample
 
     whole = np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
     return Samples(first=pulse.first, force=whole)
+
+
+def unyielding(
+    strikes: Sequence[Strike],
+    blows: Sequence[Blow],
+    contacts: Sequence[Contact],
+    model: ModalModel,
+    drives: Array,
+) -> str:
+    """Return a note of blows that bring less energy than they leave in the modes.
+
+    `drives` (K, M), kg^-1/2, are those of the modes at each contact. Hertz's blow meets a rigid
+    body; a light one yields while it is touched, and takes less.
+    """
+    shares = [0.0]
+    for strike, blow, contact, drive in zip(strikes, blows, contacts, drives, strict=True):
+        if strike.striker is None and strike.impulse is not None:
+            continue
+        striker = Striker.named(strike.striker or _DEFAULT_STRIKER)
+        gain = _mass_in_contact(striker, model, contact) * (1 + striker.restitution)
+        brought = striker.mass * (blow.impulse / gain) ** 2
+        taken = blow.impulse * SPECTRA[strike.shape](model.frequencies * blow.duration) * drive
+        shares.append(float(np.vdot(taken, taken)) / brought)
+    most, many = max(shares), sum(share > 1 for share in shares)
+    told = (
+        f"{many} of {len(strikes)} strikes leave up to {most:.2g} times the striker's energy in "
+        "the modes: the body is too light to stay at rest under the blow, and would sound at least "
+        f"{10 * np.log10(max(most, 1.0)):.1f} dB softer; take a lighter or a softer striker"
+    )
+    return told if many else ""
 
 
 def _together(one: Samples, other: Samples) -> Samples:

@@ -14,8 +14,10 @@ import numpy as np
 
 from struck.errors import counted
 from struck.files.sound import Sound
+from struck.model.arrays import Array
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
+from struck.model.material import AIR
 from struck.model.model import ModalModel
 
 if TYPE_CHECKING:
@@ -78,8 +80,36 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
     lines += _method(model) if whole else []
     lines += [f"note      {loss}" for loss in model.provenance.dropped]
+    lines += _lost_to_air(model)
     caution = model.provenance.details.get("caution")
     return [*lines, f"caution   {caution}"] if caution else lines
+
+
+def decays_by_sound(model: ModalModel) -> Array:
+    """Return how fast each mode decays by the sound it radiates alone (M,), 1/s.
+
+    A mode that is heard at 1 m with p, in Pa for a speed of 1 kg^-1/2 m/s, sends out 2 pi p^2 /
+    (rho c), in W, of its energy of 1/2 J; `model` sounds alike in all directions.
+    """
+    centre = np.zeros(3) if model.centre is None else model.centre
+    heard = np.abs(model.gains.toward(centre[None] + np.eye(3)[:1])[0, 0])
+    return np.asarray(2 * np.pi * heard**2 / AIR.impedance)
+
+
+def _lost_to_air(model: ModalModel) -> list[str]:
+    """Return a line on the modes that lose more to the air than their T60 tells."""
+    if not isinstance(model.gains, ShapeGains) or model.gains.directional or not model.calibrated:
+        return []
+    decays = decays_by_sound(model)
+    more = np.flatnonzero(decays > model.decays)
+    if not len(more):
+        return []
+    alone, both = np.log(1000) / (model.decays + [[0.0], [1.0]] * decays)[:, more[0]]
+    told = (
+        f"T60 leaves out what the sound itself takes: {len(more)} of {counted(len(decays), 'mode')}"
+    )
+    example = f"{model.frequencies[more[0]]:.0f} Hz ({both:.2g} s in place of {alone:.2g} s)"
+    return [f"air       {told} lose more by that, as {example}"]
 
 
 def _method(model: ModalModel) -> list[str]:

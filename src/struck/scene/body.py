@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
-from struck.errors import MeshError, OptionError, article
+from struck.errors import MeshError, OptionError, ScaleWarning, article
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.gains import ShapeGains
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 Action = Excitation | Hold  # what may happen to a body
 _EARTH = (0.0, 0.0, -9.81)
+_PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
 
 
 @checked
@@ -323,6 +325,44 @@ def unknowns(model: ModalModel, kinds: Iterable[type]) -> tuple[str, ...]:
         in done,
     }
     return tuple(note for note, holds in notes.items() if holds)
+
+
+def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
+    """Return a note of roughness without use, as no log of contacts slides on the bodies."""
+    told = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
+    return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
+
+
+def doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
+    """Warn of strikers faster than is plausible; return a note of actions after the end."""
+    from struck.excitation.strike import Strike
+
+    fastest = max((each.speed or 0.0 for each in actions if isinstance(each, Strike)), default=0.0)
+    if fastest > _PLAUSIBLE_SPEED:
+        warnings.warn(
+            f"a striker's speed is {fastest:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
+            f"elastic, as Hertz's law of the blow has it; {fastest:g} cm/s is {fastest / 100:g}",
+            ScaleWarning,
+            stacklevel=4,
+        )
+    late = [each for each in actions if _is_late(each, seconds)]
+    kinds = " and ".join(sorted({type(each).__name__.lower() for each in late}))
+    note = (
+        f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
+        "and are not heard: give more seconds, or times in s"
+    )
+    return (note,) if late else ()
+
+
+def _is_late(action: Action, seconds: float | None) -> bool:
+    begun = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
+    return seconds is not None and float(np.min(np.append(begun, np.inf))) >= seconds
+
+
+def without_late_holds(body: Body, seconds: float | None) -> Body:
+    """Return the body without hands that come after the end, for which decays would be stepped."""
+    kept = [e for e in body.actions if not (isinstance(e, Hold) and _is_late(e, seconds))]
+    return body if len(kept) == len(body.actions) else replace(body, excitations=kept)
 
 
 def _require_actions(actions: Sequence[object]) -> None:

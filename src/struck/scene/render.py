@@ -8,7 +8,6 @@ A bare position hears that as it is. For listeners it is sent, from 1 m or towar
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,10 +19,10 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener, Mono, Trajectory, is_listener, position_of
 from struck.ears.propagation import Pose
-from struck.errors import OptionError, ScaleWarning, counted
+from struck.errors import OptionError, counted
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
-from struck.excitation.strike import Strike, after_attack, residual_of
+from struck.excitation.strike import Strike, after_attack, residual_of, unyielding
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
@@ -36,9 +35,12 @@ from struck.scene.body import (
     Scene,
     away_from,
     centre_of,
+    doubts,
     place_beside,
     unknowns,
+    unused_roughness,
     with_fewer_modes,
+    without_late_holds,
 )
 from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
@@ -55,7 +57,6 @@ LONGEST_RING = 10.0  # how long it goes on after that at most, s
 SHORTEST_RING = 0.1  # and at least, s
 _QUIETEST = 10 ** (-40 / 20)  # softer modes than this share of the loudest do not prolong a sound
 _SILENT = np.log(1000)
-_PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
 _SAMPLED = 200  # vertices at most that show how far a body moves
 _MOVED = 1e-3  # contacts moved by less than this share of the body are not worth a note
 _UNMOVED = 1e-9  # of the largest gain: what strikes with less are not heard
@@ -86,9 +87,9 @@ def render(
     elif logged:
         raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
     bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
-    told += () if logged else _unused_roughness(bodies)
-    told += _doubts([action for body in bodies for action in body.actions], seconds)
-    bodies = [_without_late_holds(body, seconds) for body in bodies]
+    told += () if logged else unused_roughness(bodies)
+    told += doubts([action for body in bodies for action in body.actions], seconds)
+    bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
             centre_of(model) + place_beside(model) if listener is None else position_of(listener)
@@ -147,31 +148,6 @@ def _bodies(
     return [body for body in bodies if not body.silent]
 
 
-def _unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
-    """Return a note of roughness without use, as no log of contacts slides on the bodies."""
-    told = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
-    return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
-
-
-def _doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
-    """Warn of strikers faster than is plausible; return a note of actions after the end."""
-    fastest = max((each.speed or 0.0 for each in actions if isinstance(each, Strike)), default=0.0)
-    if fastest > _PLAUSIBLE_SPEED:
-        warnings.warn(
-            f"a striker's speed is {fastest:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
-            f"elastic, as Hertz's law of the blow has it; {fastest:g} cm/s is {fastest / 100:g}",
-            ScaleWarning,
-            stacklevel=4,
-        )
-    late = [each for each in actions if _is_late(each, seconds)]
-    kinds = " and ".join(sorted({type(each).__name__.lower() for each in late}))
-    note = (
-        f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
-        "and are not heard: give more seconds, or times in s"
-    )
-    return (note,) if late else ()
-
-
 def _outrun(ears: Listener) -> tuple[str, ...]:
     """Return a note of a table of places between which a listener outruns the sound."""
     course = Trajectory.of("position", (0, 0, 0) if ears.position is None else ears.position)
@@ -180,17 +156,6 @@ def _outrun(ears: Listener) -> tuple[str, ...]:
     told = f"the listener moves at up to {fastest:.4g} m/s, and sound at {AIR.sound_speed:g}"
     note = f"{told}: what it outruns is not heard; places are given in m, times in s"
     return (note,) if fastest > AIR.sound_speed else ()
-
-
-def _is_late(action: Action, seconds: float | None) -> bool:
-    begun = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
-    return seconds is not None and float(np.min(np.append(begun, np.inf))) >= seconds
-
-
-def _without_late_holds(body: Body, seconds: float | None) -> Body:
-    """Return the body without hands that come after the end, for which decays would be stepped."""
-    kept = [e for e in body.actions if not (isinstance(e, Hold) and _is_late(e, seconds))]
-    return body if len(kept) == len(body.actions) else replace(body, excitations=kept)
 
 
 def _listener_of(listener: Listener | ArrayLike | None) -> Listener:
@@ -269,7 +234,11 @@ def _pulses(
     pushes = [
         strike.resolved(model, contact) for strike, contact in zip(strikes, contacts, strict=True)
     ]
-    gains = _gains(model, contacts, listener)
+    drives = model.gains.at(
+        np.stack([contact.point for contact in contacts]),
+        np.stack([contact.direction for contact in contacts]),
+    )
+    gains = _finite((drives * model.gains.toward(listener[None])).sum(axis=1))
     pulses = [
         Pulse(gains=push.impulse * gain, onset=strike.time, duration=push.duration)
         for strike, push, gain in zip(strikes, pushes, gains, strict=True)
@@ -277,10 +246,12 @@ def _pulses(
     moved = max(contact.distance for contact in contacts)
     extent = 0.0 if model.geometry is None else model.geometry.extent
     told = f"a contact was moved {moved:.2g} m to the surface" if moved > _MOVED * extent else ""
-    still = ""
-    if isinstance(model.gains, ShapeGains) and model.recoil is None:
-        still = _unmoved(model.gains, contacts, gains, listener)
-    return pulses, tuple(filter(None, (told, still)))
+    still, rich = "", ""
+    if isinstance(model.gains, ShapeGains):
+        rich = unyielding(strikes, pushes, contacts, model, drives[:, 0])
+        if model.recoil is None:
+            still = _unmoved(model.gains, contacts, gains, listener)
+    return pulses, tuple(filter(None, (told, rich, still)))
 
 
 def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at: Array) -> str:
@@ -295,15 +266,6 @@ def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at:
     place, way = (", ".join(f"{x:.3g}" for x in each) for each in (first.point, first.direction))
     told = f"{len(still)} of {len(contacts)} strikes, as that at ({place}) along ({way}), move"
     return f"{told} no mode of the body: it is held or at rest there, or moves only across"
-
-
-def _gains(model: ModalModel, contacts: Sequence[Contact], listener: Array) -> Complex:
-    """Return the gain of each mode for each contact, Pa/(N s) or relative (K, M)."""
-    drives = model.gains.at(
-        np.stack([contact.point for contact in contacts]),
-        np.stack([contact.direction for contact in contacts]),
-    )
-    return _finite((drives * model.gains.toward(listener[None])).sum(axis=1))
 
 
 def _outputs(model: ModalModel, listeners: Array, sample_rate: int) -> Complex:
