@@ -121,7 +121,7 @@ def analyze(
     chosen = Material.of(material, damping)
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    lowest, highest = require_band(BAND if band is None else band)  # before any file is read
+    wanted = lowest, highest = require_band(BAND if band is None else band)  # before any file
     resolution.level(accuracy or "standard")
     require_holes(holes, wall)
     heard = by_name(radiation)
@@ -133,8 +133,7 @@ def analyze(
             recoil = recoil and not body.supported
             told = {"wall": wall, "fixed": fixed, "holes": holes, "accuracy": accuracy}
             told |= {"repair": repair, "backend": backend}
-            band = lowest, highest
-            return _by_formula(body, chosen, heard, band, progress, recoil=recoil, **told)
+            return _by_formula(body, chosen, heard, wanted, progress, recoil=recoil, **told)
         require_choice("method", method, ("quadratic", *METHODS))
         body = body.solid()
         fixed = _either(fixed, body.fixed)

@@ -97,7 +97,7 @@ def decays_by_sound(model: ModalModel) -> Array:
 
 
 def _lost_to_air(model: ModalModel) -> list[str]:
-    """Return a line on the modes that lose more to the air than their T60 tells."""
+    """Return a line on the modes that lose more to the air than to the material."""
     if not isinstance(model.gains, ShapeGains) or model.gains.directional or not model.calibrated:
         return []
     decays = decays_by_sound(model)
