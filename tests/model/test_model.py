@@ -18,7 +18,7 @@ from skfem.models.elasticity import linear_elasticity
 import struck
 from struck import InternalFriction, Material, ModalModel, Rayleigh, Strike
 from struck.analysis.analysis import model_of_modes
-from struck.errors import ContactError, MaterialError, OptionError
+from struck.errors import ContactError, MaterialError, OptionError, ScaleWarning
 from struck.model.contact import Contact
 from struck.model.mesh import Mesh
 from struck.scene import Body
@@ -132,6 +132,13 @@ def test_other_damping_is_arithmetic(block: ModalModel) -> None:
         np.sqrt(natural**2 - (lossy.decays / (2 * np.pi)) ** 2)
     )
     assert lossy.t60 == pytest.approx(np.log(1000) / lossy.decays)
+
+
+def test_laws_that_leave_no_mode_are_doubted(block: ModalModel) -> None:
+    swapped = Rayleigh(mass=1e-7, stiffness=30.0)
+    with pytest.warns(ScaleWarning, match=r"mass=1e-07, stiffness=30.*no mode .*mass= in 1/s"):
+        silent = block.damped(swapped)
+    assert not len(silent.frequencies)
 
 
 def test_overdamped_modes_are_dropped_and_counted(block: ModalModel) -> None:

@@ -283,6 +283,13 @@ class ModalModel:
         kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
         lost, residual = len(every) - len(kept), self.residual
         notes = (f"{counted(lost, 'overdamped mode')} left out",) if lost else ()
+        if lost and not len(kept):
+            warnings.warn(
+                f"{damping!r} leaves no mode that rings, of {lost}: a Rayleigh law takes mass= in "
+                "1/s, as 1, and stiffness= in s, as 1e-7; loss tangents lie far below 1",
+                ScaleWarning,
+                stacklevel=3,
+            )
         if residual is not None:
             residual = residual.damped(damping)
             notes += ("the noise of its residual decays by the new law, its attack is as recorded",)
