@@ -172,6 +172,10 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         lambda: hit(striker="steel", speed=200),
         ("200 m/s", "above 100 m/s", "200 cm/s is 2"),
     ),
+    "an impulse that is a force": (
+        lambda: struck.render(model(), struck.Strike(impulse=5000.0), seconds=0.1),
+        ("moves its body at", "above 100 m/s", "forces times the step"),
+    ),
     "26 a sound as a model": (
         shell("render", "w.wav"),
         ("w.wav is a WAV file", "no model", "struck fit"),

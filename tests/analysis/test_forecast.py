@@ -158,6 +158,12 @@ def test_what_takes_long_is_warned_of_with_the_band_that_does_not() -> None:
         struck.analyze(HULL, "oak", band=(20, 20_000), progress=stopped, cache=False)
 
 
+def test_a_body_of_metres_in_place_of_millimetres_is_told_to_check_its_lengths() -> None:
+    huge = Block(size=(232.0, 150.0, 0.006))
+    with pytest.raises(OptionError, match=r"modes below 20000 Hz.*: check its lengths"):
+        struck.analyze(huge, "oak", progress=stopped, cache=False)
+
+
 def test_a_band_that_nobody_asked_for_is_refused_where_it_takes_long() -> None:
     begun = time.process_time()
     solid = trimesh.creation.box((2.5, 1.8, 0.02))

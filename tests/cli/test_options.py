@@ -370,6 +370,7 @@ IDLE = {
         "--strikes three is neither a number nor a file: give how many of each model, or a table"
     ),
     "render BAR --rate 44": "--rate 44: all modes lie at or above half of it, the lowest at ",
+    "render BAR --strike -z": "expected one argument; one that begins with a minus as --str",
     "render BAR --hold middle@-1": "--hold middle@-1 ends in '-1': give seconds after @, of at ",
     "render BAR --walk back.csv": "back.csv has times 2,0: they must be finite and ascend, in s",
     "render BAR --room 5,4,3 --walls floor=wood": "--walls is 'floor=wood': did you mean wood?",

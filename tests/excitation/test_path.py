@@ -93,6 +93,10 @@ def test_impossible_paths_are_refused() -> None:
         Path.over(block(), [(0.1, 0.05, 0.05), (0, 0, 0.05)], repeat="twice")
     with pytest.raises(OptionError, match="one and the same"):
         Path.over(block(), [(0.1, 0.05, 0.05), (0.1, 0.05, 0.05)])
+    with pytest.raises(OptionError, match="one and the same"):
+        Path.over(block(), [(0.1, 0.05, 0.05), (0.1, 0.05 - 1e-17, 0.05)])
+    with pytest.raises(OptionError, match="one and the same"):
+        Path.over(block(), [(0.1, 0.03, 0.05), (0.1, 0.03 + 1e-13, 0.05)])
     with pytest.raises(ContactError, match="off the body"):
         Path.over(block(), [(0.1, 0.05, 0.05), (1, 0, 0)])
     other = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((0.5, 0, 0))

@@ -156,6 +156,9 @@ class Parser(argparse.ArgumentParser):
         vector = re.match("argument --(impulse|speed|force): .*,.*,", message)
         if vector and "--direction" in self._option_string_actions:
             message += ", and which way by --direction x,y,z"
+        name = message.rpartition("argument ")[2].partition(":")[0]
+        if message.endswith("expected one argument") and name.startswith("--"):
+            message += f"; one that begins with a minus as {name}=-z"
         raise OptionError(f"{message}: see '{self.prog} --help'")
 
 

@@ -30,6 +30,7 @@ REPEATS = ("once", "back", "loop")  # stop at the end, go there and back, or go 
 _PIECES = 128
 # Spacings at which points are pulled tight in turn, and rounds at each.
 _SPACINGS, _ROUNDS = (16, 8, 4, 2, 1), 24
+_STILL = 1e-9  # of the extent: places nearer each other are one
 # A step longer than this many mean ones leaps through the body.
 _EVEN = 3.0
 
@@ -58,14 +59,14 @@ class Path:
         legs = [shortest(mesh, surface, *ends) for ends in pairwise(stops)]
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        moving = np.concatenate([[True], steps > 0])
+        moving = np.concatenate([[True], steps > _STILL * mesh.extent])
         _require_moving(moving)
         _, faces, nearest = surface.closest(points[moving])
         return cls(
             points=points[moving],
             spots=points[moving],
             normals=mesh.normals_at(faces, nearest),
-            lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
+            lengths=np.concatenate([[0.0], np.cumsum(steps[moving[1:]])]),
             repeat=repeat,
         )
 

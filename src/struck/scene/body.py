@@ -333,11 +333,21 @@ def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
     return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
 
 
-def doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
-    """Warn of strikers faster than is plausible; return a note of actions after the end."""
+def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
+    """Warn of implausible speeds and impulses; return a note of actions after the end."""
     from struck.excitation.strike import Strike
 
-    fastest = max((each.speed or 0.0 for each in actions if isinstance(each, Strike)), default=0.0)
+    actions = [action for body in bodies for action in body.actions]
+    speeds = (each.speed for each in actions if isinstance(each, Strike))
+    fastest = max((speed or 0.0 for speed in speeds), default=0.0)
+    pushed = max(map(_pushed, bodies), default=0.0)
+    if pushed > _PLAUSIBLE_SPEED:
+        warnings.warn(
+            f"an impulse moves its body at {pushed:.3g} m/s, above {_PLAUSIBLE_SPEED:g} m/s: "
+            "impulses are given in N s, forces times the step dt",
+            ScaleWarning,
+            stacklevel=4,
+        )
     if fastest > _PLAUSIBLE_SPEED:
         warnings.warn(
             f"a striker's speed is {fastest:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
@@ -352,6 +362,13 @@ def doubts(actions: Sequence[Action], seconds: float | None) -> tuple[str, ...]:
         "and are not heard: give more seconds, or times in s"
     )
     return (note,) if late else ()
+
+
+def _pushed(body: Body) -> float:
+    """Return the largest change of a body's speed by one impulse, m/s."""
+    mass = getattr(body.model, "mass", None)
+    impulses = [getattr(each, "impulse", None) or 0.0 for each in body.actions]
+    return max(impulses, default=0.0) / mass if mass else 0.0
 
 
 def _is_late(action: Action, seconds: float | None) -> bool:

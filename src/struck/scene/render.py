@@ -88,7 +88,7 @@ def render(
         raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
     bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
     told += () if logged else unused_roughness(bodies)
-    told += doubts([action for body in bodies for action in body.actions], seconds)
+    told += doubts(bodies, seconds)
     bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (

@@ -364,7 +364,10 @@ class Forecast:
             return ""
         told = f"{self._size} has about {_rough(count)} modes below {highest:g} Hz"
         end = self._end(highest, nodes)
-        lower = f"{self._unit(highest)}end the band lower, as in band=(20, {end:.0f})"
+        lower = (
+            f"end the band lower, as in band=(20, {end:.0f})" if end > 20 else "check its lengths"
+        )
+        lower = f"{self._unit(highest)}{lower}"
         ways = lower if end < highest else "take a coarser accuracy"
         if count > MOST_MODES:
             raise OptionError(f"{told}, and at most {MOST_MODES:,} are computed: {ways}")

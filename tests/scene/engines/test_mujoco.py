@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import struck
-from struck.errors import FileFormatError, OptionError, SimulationError
+from struck.errors import ArgumentError, FileFormatError, OptionError, SimulationError
 from struck.model.mesh import Surface
 from struck.scene import Contacts, MujocoRecorder, Scene, Simulation
 from struck.solids import Block
@@ -136,7 +137,7 @@ def rebound(simulation: Simulation, name: str, speed: float, *, rest: str = "") 
 
 
 @pytest.mark.parametrize("step", [0.0005, 0.001])
-@pytest.mark.parametrize("asked", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("asked", [0.0, 0.3, 0.5, 0.8])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_bodies_rebound_as_asked(tmp_path: Path, step: float, asked: float, cone: str) -> None:
     options = f'timestep="{step}" gravity="0 0 0" cone="{cone}"'
@@ -301,6 +302,12 @@ def test_a_row_of_touching_bodies_that_is_hit_does_not_explode(tmp_path: Path) -
     assert np.linalg.norm(contacts.impulse, axis=1).max() > 0.02
 
 
+FLOOR_AND_BALL = (
+    '<geom name="floor" type="plane" size="1 1 .1"/>'
+    '<body name="ball" pos="0 0 .05"><freejoint/><geom name="ball" size=".01"/></body>'
+)
+
+
 def test_dead_contacts_are_told(tmp_path: Path) -> None:
     dull = '<geom name="floor" type="plane" size="1 1 .1" solref=".05 2"/>'
     ball = '<body name="ball" pos="0 0 .1"><freejoint/><geom size=".01" solref=".05 2"/></body>'
@@ -445,3 +452,35 @@ def test_a_stack_comes_to_rest_whatever_its_restitution(tmp_path: Path) -> None:
     path = written(tmp_path, FLOOR.format(4) + stack, options='timestep=".001"')
     _, contacts = Simulation(path, restitution=0.8).run(1.5)
     assert speeds(contacts, names, 1.3) < 1e-3
+
+
+def test_steps_that_are_not_logged_are_counted(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(written(tmp_path, FLOOR_AND_BALL)))
+    data, log = mujoco.MjData(model), MujocoRecorder(model)
+    with pytest.raises(OptionError, match="once after each mj_step"):
+        log.step(data)
+    for number in range(1, 301):
+        mujoco.mj_step(model, data)
+        if number % 3 == 0:
+            log.step(data)
+    assert any(note.startswith("198 steps not logged") for note in log.contacts().notes)
+
+
+def test_bodies_that_weigh_other_than_they_sound_are_named(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(written(tmp_path, FLOOR_AND_BALL)))
+    data, log = mujoco.MjData(model), MujocoRecorder(model)
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        log.step(data)
+    scene, _ = log.scene(materials={"ball": "steel"}, band=(20, 30_000), accuracy="preview")
+    (note,) = [each for each in scene.notes if "MuJoCo's own" in each]
+    moves, sounds = map(float, re.findall(r"([\d.]+) kg", note))
+    assert moves == pytest.approx(1000 * 4 / 3 * np.pi * 0.01**3, rel=0.01)
+    assert sounds == pytest.approx(7850 * 4 / 3 * np.pi * 0.01**3, rel=0.1)
+
+
+def test_what_is_no_model_and_no_control_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match=r"takes a mujoco\.MjModel"):
+        MujocoRecorder("scene.xml")  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="give a function"):
+        Simulation(written(tmp_path, FLOOR_AND_BALL)).run(0.1, control=[0, 1])  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from struck.errors import OptionError, counted, require_choice
+from struck.errors import ArgumentError, OptionError, counted, require_choice
 from struck.model.arrays import Array, Index
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
@@ -56,6 +56,9 @@ class MujocoRecorder:
     def __init__(self, model: mujoco.MjModel, *, links: Sequence[Link] = ()) -> None:
         import mujoco
 
+        if not isinstance(model, mujoco.MjModel):
+            told = "a mujoco.MjModel, as of mujoco.MjModel.from_xml_path(path)"
+            raise ArgumentError(f"model is {model!r}: MujocoRecorder takes {told}")
         self._mujoco, self._model = mujoco, model
         self.links = tuple(links) or tuple(links_of(model))
         self._owners = owners(model, self.links)
@@ -63,8 +66,8 @@ class MujocoRecorder:
         self._frames = np.array([self.links[n].frame for n in self._carried], np.int64)
         self._log = StepLog(self.links)
         self._still: tuple[Array, Array] | None = None
-        self._time = -np.inf
-        self._flexible = 0
+        self._time = -model.opt.timestep  # that of the first step is 0
+        self._flexible = self._skipped = 0
         self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _WARNED]
         self._force = np.zeros(6)
 
@@ -90,6 +93,8 @@ class MujocoRecorder:
                 f"time went from {self._time:.6g} to {time:.6g} s: call step() once after each "
                 "mj_step, and begin a new recorder after a reset"
             )
+        if self._time >= 0:
+            self._skipped += round((time - self._time) / self._model.opt.timestep) - 1
         self._time = time
         touched = data.ncon > 0 and self._note_contacts(data, time)
         if touched or self._log.due(time):
@@ -132,12 +137,23 @@ class MujocoRecorder:
         sources = SoundSources(SoundOptions(**sounds))
         masses = [mass_properties(self._model, link) for link in self.links]
         bodies = sources.bodies(self.links, masses)
-        notes = (*sources.notes, *contacts.notes, *dead(self._model))
+        moved = [
+            f"{link.name!r} moves as {mass.mass:.3g} kg, MuJoCo's own, and sounds as {own:.3g} kg"
+            for link, mass in zip(self.links, masses, strict=True)
+            if mass and (own := getattr(bodies[link.name].model, "mass", None))
+            if not 0.9 < own / mass.mass < 1.1
+        ]
+        notes = (*sources.notes, *moved, *contacts.notes, *dead(self._model))
         scene = Scene(bodies=bodies, gravity=self._model.opt.gravity, notes=notes)
         return scene.posed(contacts), contacts
 
     def _notes(self) -> tuple[str, ...]:
         notes = []
+        if self._skipped:
+            notes.append(
+                f"{counted(self._skipped, 'step')} not logged, whose contacts are missing: call "
+                "step(data) after each mj_step"
+            )
         if self._flexible:
             notes.append(f"{counted(self._flexible, 'contact')} of flexible bodies left out")
         if self._model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 PairValues = float | str | Mapping[tuple[str, str], float]
 IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)  # nearly rigid: the law is followed to 1 %
 _RECOVERY = 0.1  # s: in which a body that rests too deep comes up
-_CLOSE = 0.002  # of the restitution asked for
+_CLOSE, _CLOSE_ENOUGH = 0.002, 0.02  # to the restitution asked for: tried for, and accepted
 _TRIES = 6
 _MOST_PAIRS = 20_000  # of geoms, that have a law of their own
 _LEAST = 1e-5  # of MuJoCo's friction
@@ -65,14 +65,17 @@ def contact_law(restitution: float, options: mujoco.MjOption) -> ContactLaw:
     SimulationError
         Where none does, as with Runge-Kutta steps, in which four pushes make one.
     """
-    wanted, asked, found = restitution, restitution, 0.0
+    asked, found, law = restitution, np.inf, None
     for _ in range(_TRIES):
         damping = (1 + asked) / options.timestep
         stiffness = damping / _RECOVERY
         found = rebound((-stiffness, -damping), IMPEDANCE, options)
-        if abs(found - wanted) < _CLOSE:
-            return ContactLaw(stiffness=stiffness, damping=damping, restitution=found)
-        asked += wanted - found
+        law = ContactLaw(stiffness=stiffness, damping=damping, restitution=found)
+        if abs(found - restitution) < _CLOSE:
+            return law
+        asked += restitution - found
+    if law and abs(found - restitution) < _CLOSE_ENOUGH:
+        return law
     raise SimulationError(
         f"restitution is {restitution}: a ball rebounds with {found:.2f} in MuJoCo with these "
         "solver settings: set integrator to Euler or implicitfast, or leave restitution= out"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from struck.analysis.cached_steps import Stages
-from struck.errors import SimulationError, require_choice
+from struck.errors import ArgumentError, SimulationError, require_choice
 from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
@@ -211,6 +211,8 @@ class Simulation:
             When the simulation explodes: when, which body, and what to change.
         """
         require_seconds(seconds)
+        if not (control is None or callable(control)):
+            raise ArgumentError(f"control is {control!r}: give a function of (model, data)")
         engine = self.started()
         count = max(1, round(seconds / engine.step))
         for number in range(count):
