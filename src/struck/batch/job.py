@@ -194,13 +194,17 @@ def _described(model: ModalModel) -> Facts:
 
 def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
     """Write sounds, then facts, and the model last: with it the job is finished."""
+    # Strikes that cannot be made leave what an earlier run has made.
+    chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)
     before, own = _facts(job, folder), Path(job.output).name
     job.path(folder, FACTS).unlink(missing_ok=True)
     mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
     stay = [name for name in mine if job.strikes is None and not name.endswith(MODEL)]
     for name in {*mine} - {*stay}:  # made with other options
         (folder / name).unlink(missing_ok=True)
-    labels = [] if job.strikes is None else job.strikes.written(model, job.output, folder)
+    labels = chosen
+    if job.strikes is not None:
+        labels = job.strikes.written(model, chosen, job.output, folder)
     data = model_file.to_bytes(model)
     sounds = dict.fromkeys(label["sound"] for label in labels)
     if old := [name for name in stay if (folder / name).is_file()]:

@@ -79,20 +79,25 @@ class StrikeSet:
         how = inspect.getsource(self.strikes) if callable(self.strikes) else self.strikes
         return how, self.seed, self.seconds, self.sample_rate, self.sounds
 
-    def written(self, model: ModalModel, output: str, folder: Path) -> list[dict[str, Any]]:
-        """Write the sounds of a model, all in one NPZ file or one by one; return their labels."""
+    def labels(self, model: ModalModel, output: str) -> list[dict[str, Any]]:
+        """Return the label of each strike on a model, whose places are checked by that."""
+        return [self._label(model, *each) for each in self._chosen(model, output)]
+
+    def written(
+        self, model: ModalModel, chosen: Sequence[dict[str, Any]], output: str, folder: Path
+    ) -> list[dict[str, Any]]:
+        """Write the sounds of labels, all in one NPZ file or one by one; add file and level."""
         labels, together = [], []
-        for number, (strike, listener) in enumerate(self._chosen(model, output)):
-            label = self._label(model, strike, listener)
+        for number, label in enumerate(chosen):
             sound = struck_as(model, label)
             ending = ".npz" if self.sounds == "npz" else f"_{number:03d}.{self.sounds}"
             unit = "Pa" if sound.calibrated else "relative"
-            label |= {"sound": output + ending, "index": number, "factor": 1.0, "unit": unit}
+            own = {"sound": output + ending, "index": number, "factor": 1.0, "unit": unit}
             if self.sounds == "npz":
                 together.append(sound.samples)
             else:
-                label["factor"] = _saved(sound, folder / f"{output}{ending}")
-            labels.append(label)
+                own["factor"] = _saved(sound, folder / f"{output}{ending}")
+            labels.append(label | own)
         if together:
             data, samples = io.BytesIO(), np.concatenate(together)
             np.savez(data, samples=samples, sample_rate=self.sample_rate)

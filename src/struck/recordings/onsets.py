@@ -238,6 +238,7 @@ _BELOW, _FAR_BELOW, _SWELLS = 5.0, 30.0, 10.0
 _BROAD = 0.03  # least share of the band that noise of such a level fills; of tones it is less
 _FLAT, _TOPS = 4, 3  # samples of a flat top, and how many tops show clipping
 _FULL_SCALE = 0.98
+_STEPS, _SPIKE = 8 / 32768, 20  # of full scale below a top; samples at it
 _BEGUN = 0.02  # of its peak: a take that begins louder was cut after its hit
 _QUIET = -50.0  # peak, dB of full scale
 _AUDIBLE = 20.0  # end over lead-in, dB
@@ -258,7 +259,10 @@ def clipped(take: Take) -> Mask:
             top = side.max()
             inside = np.convolve(side == top, np.ones(_FLAT), "valid") > _FLAT - 0.5
             runs = np.count_nonzero(np.diff(inside.astype(int), prepend=0) == 1)
-            if runs >= (1 if top >= _FULL_SCALE else _TOPS):
+            # Of high tones tops are short, but far more samples are at the top than just below.
+            below = np.count_nonzero((side > top - max(top / 100, _STEPS)) & (side < top))
+            many = np.count_nonzero(side == top) > max(below, _SPIKE)
+            if many or runs >= (1 if top >= _FULL_SCALE else _TOPS):
                 found |= side == top
     return found
 

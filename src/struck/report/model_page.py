@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from struck.model.timbre_table import TimbreTable
 
 _ROWS = 12
+_FAR = 1e4  # m: outside of any body
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,7 +93,7 @@ def decays_by_sound(model: ModalModel) -> Array:
     (rho c), in W, of its energy of 1/2 J; `model` sounds alike in all directions.
     """
     centre = np.zeros(3) if model.centre is None else model.centre
-    heard = np.abs(model.gains.toward(centre[None] + np.eye(3)[:1])[0, 0])
+    heard = _FAR * np.abs(model.gains.toward(centre[None] + _FAR * np.eye(3)[:1])[0, 0])
     return np.asarray(2 * np.pi * heard**2 / AIR.impedance)
 
 

@@ -207,6 +207,8 @@ class Simulation:
 
         Raises
         ------
+        ArgumentError
+            On a control that is no function.
         SimulationError
             When the simulation explodes: when, which body, and what to change.
         """
