@@ -152,3 +152,30 @@ def test_places_in_one_plane_are_told_what_they_cannot_tell_apart() -> None:
         np.array([[0.0]]), places, gains, np.array([500.0, 900.0]), symmetry="axial"
     )
     assert any("3 azimuths" in note for note in TimbreField.of(survey).notes)
+
+
+def test_listeners_at_one_azimuth_tell_no_difference_around() -> None:
+    vase, around = Vase(0), np.linspace(0, 2 * np.pi, 13)
+    for polar in (np.array([1.1]), np.array([0.4, 0.9, 1.4, 1.9, 2.4, 2.8])):
+        places = from_spherical(1.0, 0.3, polar)
+        field = TimbreField.of(vase.survey(90, 0, places), radius=0.2)
+        assert any("1 azimuth from the contact: modes are heard alike" in n for n in field.notes)
+        ring = np.abs(field.toward(from_spherical(1.0, around, polar[0]))[:, 0])
+        np.testing.assert_allclose(ring, np.broadcast_to(ring[:1], ring.shape), rtol=1e-9)
+        known = np.setdiff1d(np.arange(24), field.unmeasured)
+        true = vase.drives(HEIGHTS[:1, 0])[0] * vase.outputs(places)
+        found = field.at(HEIGHTS[:1], np.zeros((1, 3)))[0, 0] * field.toward(places)[:, 0]
+        left = np.square(np.abs(found - true)).sum(axis=0) / np.square(np.abs(true)).sum(axis=0)
+        assert left[known].max() < 0.02
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_modes_that_few_listeners_cannot_tell_are_named(count: int) -> None:
+    vase, number = Vase(0), np.arange(count)
+    polar = np.arccos(1 - 2 * (number + 0.5) / count)
+    places = from_spherical(1.0, 0.2 + np.pi * (number * 0.618034 % 1), polar)
+    field = TimbreField.of(vase.survey(45, 0, places), radius=0.2)
+    wrong = np.flatnonzero(np.median(np.abs(off_in_level(vase, field, listeners())), axis=0) > 3)
+    assert len(wrong) >= 8
+    assert set(wrong) <= set(field.unmeasured.tolist())
+    assert any("degrees apart" in note for note in field.notes)

@@ -104,6 +104,16 @@ def test_contacts_between_those_that_were_struck(bar: Fitting) -> None:
     assert decibels(heard(model.gains, CONTACTS, bar.lead), gains(CONTACTS)) < -35
 
 
+def test_without_listeners_a_round_body_is_heard_alike_all_around() -> None:
+    around = np.array([[0.5, 0, 0], [0, 0.5, 0], [-0.3, 0.4, 0], [0, 0.3, 0.4]])
+    made = fitting([hit(0.05), hit(0.3, seed=1)], contacts=[0.05, 0.3], symmetry="axial")
+    outputs = made.model.gains.toward(around)[:, 0]
+    np.testing.assert_allclose(outputs, outputs[[0] * 4], rtol=1e-9)
+    assert any("heard alike all around" in note for note in made.model.provenance.dropped)
+    plain = fitting([hit(0.05), hit(0.3, seed=1)], contacts=[0.05, 0.3]).model
+    np.testing.assert_allclose(outputs, plain.gains.toward(around)[:, 0], rtol=1e-6)
+
+
 def test_the_default_contact_is_one_that_was_struck(bar: Fitting) -> None:
     contact = bar.model.contact(None).point
     assert contact[0] in CONTACTS

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, counted
 from struck.model.arrays import Array, Complex, Index, Mask, brief, checked
 from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
@@ -337,9 +337,7 @@ def _closeness(some: Array, others: Array, reach: float) -> Array:
 # Errors of a part, over its root mean square, from which a mode counts as not measured, and from
 # which nothing of its listener part is used but the size.
 WORST, LOST = 0.1, 0.5
-# Energy by which listeners may be off when told by all others, over that heard, and how many
-# listeners it takes to judge so.
-_UNTOLD, _ENOUGH = 0.06, 6
+_UNTOLD = 0.06  # energy by which listeners may be off when told by all others, over that heard
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -554,7 +552,7 @@ def _notes(survey: Survey, own: Mask, unmeasured: Index, worst: float) -> tuple[
 
 def _too_fine(survey: Survey, part: ListenerPart) -> Index:
     """Return the modes whose gain at a listener is not predicted by the other listeners."""
-    if part.waves.errors is None or len(survey.places) - len(part.inside.places) < _ENOUGH:
+    if part.waves.errors is None or len(survey.places) - len(part.inside.places) < 2:
         return np.zeros(0, np.int64)
     return np.flatnonzero(part.waves.errors > _UNTOLD)
 
@@ -563,11 +561,12 @@ def _grid_notes(survey: Survey, own: Mask, coarse: Index, part: ListenerPart) ->
     """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
     notes, coarse = [], coarse[own[coarse]]
     around = azimuths_of(survey.places)
-    if part.mirrored and around <= ORDER and len(survey.places) >= _ENOUGH:
+    if part.mirrored and around <= ORDER:
+        taken = f"a mode of {around} or more waves around is taken for one of fewer"
         notes.append(
-            f"listeners are at {around} azimuths from the contact: a mode of {around} or more "
-            "waves around is taken for one of fewer; record on a spiral, each at "
-            "another azimuth and height"
+            f"listeners are at {counted(around, 'azimuth')} from the contact: "
+            f"{taken if around > 1 else 'modes are heard alike all around'}; record on a spiral, "
+            "each at another azimuth and height"
         )
     if len(coarse):
         tones = survey.frequencies[coarse]

@@ -104,7 +104,7 @@ def fit_waves(
     distances = np.linalg.norm(places, axis=1)
     order = len(laws[0].coefficients) - 1
     harmonics = real_harmonics(places / distances[:, None], order)
-    choices = _choices(order, len(places), mirrored=mirrored)
+    choices = _choices(order, places, mirrored=mirrored)
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
     cases = list(product(range(len(laws)), choices, NOISES))
     fits = [problems[number].solved(chosen, noise) for number, (chosen, _), noise in cases]
@@ -132,19 +132,20 @@ _SURE = 20.0  # by which the evidence for an order exceeds that for any other
 _POLAR = 0.05  # rad: nearer polar angles count as one
 
 
-def _choices(order: int, places: int, *, mirrored: bool) -> list[tuple[Mask, int]]:
+def _choices(order: int, places: Array, *, mirrored: bool) -> list[tuple[Mask, int]]:
     """Return sets of harmonics, never more than places, each with its angular order or `_ANY`.
 
     Outputs that are `mirrored` are even in y, and as a rule of one angular order, as modes of a
-    body round about the z axis are.
+    body round about the z axis are; places at one azimuth leave them alike at all.
     """
     degree, angular = degrees(order)
-    sides = (angular >= 0) | (not mirrored)
+    highest_order = order if azimuths_of(places) > 1 else 0
+    sides = (angular >= 0) & (angular <= highest_order) | (not mirrored)
     choices = [(sides & (degree <= highest), _ANY) for highest in range(ORDER + 1)]
-    for turns in range(order + 1) if mirrored else ():
+    for turns in range(highest_order + 1) if mirrored else ():
         highest = range(max(turns, 1), order + 1)
         choices += [((angular == turns) & (degree <= most), turns) for most in highest]
-    return [each for each in choices if np.count_nonzero(each[0]) <= places]
+    return [each for each in choices if np.count_nonzero(each[0]) <= len(places)]
 
 
 def _untold(evidence: Array, turns: Index, best: Index, angles: int, sizes: Array | None) -> Mask:
