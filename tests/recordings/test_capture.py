@@ -368,6 +368,14 @@ BAD_PLANS = {
     "twice": ("seconds = 1\ncontacts = [[1.0], [1.0]]", r"the contact \(1.0,\) occurs twice"),
     "three": ("seconds = 1\ncontacts = [[1.0, 2, 3]]", "a list of 1 or 2 finite numbers"),
     "mixed": ("seconds = 1\ncontacts = [[1.0, 2], [3.0]]", "give all alike"),
+    "coordinates": (
+        "seconds = 1\ncoordinates = ['height', 'u']\ncontacts = [[0.5], [1.0]]",
+        r"names 2, height, u, and each contact has 1 number: name one for each number",
+    ),
+    "coordinates of none": (
+        "seconds = 1\ncoordinates = ['u']\n[[points]]\nlistener = [1, 0, 0]",
+        r"names 1, u, and each contact has 0 numbers",
+    ),
     "nan": ("seconds = 1\ncontacts = [[nan]]", "a list of 1 or 2 finite numbers"),
     "channels": (
         "seconds = 1\nchannels = 2\ncontacts = [[1.0]]\nlisteners = [[0, 0, 1]]",

@@ -165,6 +165,10 @@ TOML = {
         "[[takes]]\nfile='a.wav'\ncontact=[1]\n[[takes]]\nfile='b.wav'\ncontact=[1, 2]",
         "contacts have 1 and 2 coordinates",
     ),
+    "names": (
+        "coordinates=['height', 'u']\n[[takes]]\nfile='a.wav'\ncontact=[0.5]",
+        r"names 2, height, u, and each contact has 1 number: name one for each number",
+    ),
     "twice": ("[[takes]]\nfile='a.wav'\n[[takes]]\nfile='a.wav'", "a.wav occurs twice"),
     "two listeners": (
         "[[takes]]\nfile='a.wav'\nlistener=[0,0,1]\nlisteners=[[0,0,1]]",

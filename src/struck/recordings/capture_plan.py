@@ -29,6 +29,7 @@ from struck.recordings.manifest import (
     TomlTable,
     numbers,
     read_toml,
+    require_named,
     toml_listeners,
 )
 
@@ -429,8 +430,10 @@ def _require_places(plan: CapturePlan) -> None:
     _require_distinct([contact.at for contact in plan.contacts], "the contact")
     _require_distinct([listener.at for listener in plan.listeners], "the listener")
     _require_distinct([(each.contact, each.listeners) for each in plan.listed], "the point")
-    if len({len(each.at) for each in plan.contacts} | {len(p.contact) for p in plan.listed}) > 1:
+    struck = [each.at for each in plan.contacts] + [point.contact for point in plan.listed]
+    if len(set(map(len, struck))) > 1:
         raise OptionError("some contacts have one coordinate and some two, or none: give all alike")
+    require_named(plan.coordinates, struck[0])
     heard = [listener.at for listener in plan.listeners] + [p.listeners for p in plan.listed]
     if plan.listed and 0 < sum(map(bool, heard)) < len(heard):
         raise OptionError("some points have a listener and some have none: give all alike")
@@ -526,9 +529,8 @@ def _contacts(table: TomlTable) -> tuple[PlannedContact, ...]:
             found.append(PlannedContact(name=each.text("name", usual), at=at))
             each.require_known()
         else:
-            found.append(
-                PlannedContact(name=usual, at=numbers(given, table, "one of contacts", 1, 2))
-            )
+            at = numbers(given, table, "one of contacts", 1, 2)
+            found.append(PlannedContact(name=usual, at=at))
     return tuple(found)
 
 

@@ -107,11 +107,8 @@ def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
 def _earlier(fitted: Fitted, row: int) -> int | None:
     """Return the row of the hit before in the same channel, None for the first."""
     own = fitted.rows[row]
-    same = [
-        number
-        for number, each in enumerate(fitted.rows[:row])
-        if (each.take, each.channel) == (own.take, own.channel)
-    ]
+    before = ((each.take, each.channel) for each in fitted.rows[:row])
+    same = [number for number, channel in enumerate(before) if channel == (own.take, own.channel)]
     return same[-1] if same else None
 
 

@@ -9,14 +9,14 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
 
-from struck.errors import FileFormatError, RecordingError, require_choice
+from struck.errors import FileFormatError, OptionError, RecordingError, counted, require_choice
 from struck.files.atomic import is_file, read_bytes, real
 from struck.model.arrays import Array, Index, checked
 from struck.model.survey import SYMMETRIES, from_spherical
@@ -118,12 +118,8 @@ class Manifest:
         """Contact and listener of each channel of each file, in order (n, 2), as in `Survey`."""
         contacts = {place: number for number, place in enumerate(map(tuple, self.contacts))}
         listeners = {place: number for number, place in enumerate(map(tuple, self.listeners))}
-        numbers = [
-            (contacts[entry.contact], listeners[place])
-            for entry in self.entries
-            for place in entry.listeners
-        ]
-        return np.array(numbers, np.int64)
+        rows = ((entry.contact, place) for entry in self.entries for place in entry.listeners)
+        return np.array([(contacts[struck], listeners[heard]) for struck, heard in rows], np.int64)
 
     def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
         """Return the manifest of some files, in their order.
@@ -183,6 +179,8 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     if not manifest.entries:
         raise FileFormatError(f"{given} has no takes: add one for each recording")
     _require_files(manifest)
+    told = TomlTable({}, str(given))
+    require_named(manifest.coordinates, manifest.entries[0].contact, told.error)
     return manifest
 
 
@@ -199,6 +197,17 @@ def recorded_so_far(path: Path) -> Manifest:
     manifest = _from_toml(path, read_toml(path))
     there = zip(manifest.files, manifest.entries, strict=True)
     return replace(manifest, entries=tuple(entry for file, entry in there if is_file(file)))
+
+
+def require_named(
+    coordinates: tuple[str, ...], contact: Place, error: Callable[[str], Exception] = OptionError
+) -> None:
+    """Refuse names of coordinates that are not as many as the numbers of a contact."""
+    if coordinates and len(coordinates) != len(contact):
+        raise error(
+            f"coordinates names {len(coordinates)}, {', '.join(coordinates)}, and each contact has "
+            f"{counted(len(contact), 'number')}: name one for each number, or leave coordinates out"
+        )
 
 
 def _from_toml(path: Path, table: TomlTable) -> Manifest:
@@ -270,13 +279,12 @@ def _lines(values: dict[str, object]) -> str:
 
 def toml_entry(table: TomlTable) -> ManifestEntry:
     """Return the take of a table."""
-    rate = table.count("sample_rate", *RATES, default=0)
     entry = ManifestEntry(
         file=table.text("file"),
         contact=table.numbers("contact", 1, 2),
         listeners=toml_listeners(table),
         hit=table.count("hit", 1, MOST_HITS, default=1),
-        sample_rate=rate or None,
+        sample_rate=table.count("sample_rate", *RATES, default=0) or None,
         lead_in=table.maybe("lead_in", 0, LONGEST),
         peak=table.maybe("peak", *_LEVELS),
         above_noise=table.maybe("above_noise", *_LEVELS),
@@ -344,9 +352,7 @@ class TomlTable:
 
     def maybe(self, key: str, low: float, high: float) -> float | None:
         """Return a number from `low` to `high`, or None."""
-        if key in self._values:
-            return self.number(key, low, high)
-        return self.value(key)
+        return self.number(key, low, high) if key in self._values else self.value(key)
 
     def count(self, key: str, low: int, high: int, *, default: int) -> int:
         """Return a whole number from `low` to `high`."""
@@ -623,21 +629,18 @@ def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
     heard = tuple(row.listener for row in ordered if row.listener)
     if heard and len(heard) < len(rows):
         raise FileFormatError(f"{name}: a channel of {first.file} has no listener: add it")
-    rate = first.others.get("sample_rate")
     return ManifestEntry(
         file=first.file,
         contact=first.contact,
         listeners=heard,
         hit=int(first.others.get("hit", 1)),
-        sample_rate=None if rate is None else int(rate),
-        lead_in=first.others.get("lead_in"),
-        peak=first.others.get("peak"),
-        above_noise=first.others.get("above_noise"),
+        sample_rate=int(first.others.get("sample_rate", 0)) or None,
         note=first.note,
+        **{name: first.others.get(name) for name in ("lead_in", "peak", "above_noise")},
     )
 
 
 def _shared(row: _Row) -> tuple[object, ...]:
     """Return the contact, note and other columns that all channels of a recording share."""
-    others = {name: value for name, value in row.others.items() if name != "channel"}
-    return row.contact, row.note, tuple(sorted(others.items()))
+    others = sorted(each for each in row.others.items() if each[0] != "channel")
+    return row.contact, row.note, tuple(others)
