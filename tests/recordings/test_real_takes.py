@@ -22,7 +22,7 @@ from scipy.stats import binom
 from struck.model.exponentials import best_gains, samples
 from struck.recordings.corbett2007 import fit_corbett2007
 from struck.recordings.poles.search import Fitted, fit_poles
-from struck.recordings.takes import Take, force_channels
+from struck.recordings.takes import Take, left_out
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def by_corbett2007(take: Take, fit: Fitted) -> tuple[int, float]:
 
 def lead_in(take: Take, fit: Fitted) -> Array:
     """Return what is heard before the first hit; of a trimmed take its last tenth, as noise."""
-    heard = take.samples[~force_channels(take)]
+    heard = take.samples[~left_out(take)]
     before = heard[:, : round(fit.rows[0].onset * take.sample_rate)]
     if before.shape[1] >= WINDOW:
         return before
@@ -184,9 +184,9 @@ def left_out_one_by_one(body: str) -> tuple[list[bool], list[float], float]:
     """
     takes = [load(name) for name in ROBOT[body]]
     matched, decays, lucky = [], [], []
-    for left_out, name in enumerate(ROBOT[body]):
+    for number, name in enumerate(ROBOT[body]):
         alone = fitted(name)[1]
-        others = fit_poles([each for each in takes if each is not takes[left_out]], budget=BUDGET)
+        others = fit_poles([each for each in takes if each is not takes[number]], budget=BUDGET)
         for mode in strongest(alone):
             away = np.abs(others.frequencies - alone.frequencies[mode])
             matched.append(away.min() < NEAR)

@@ -113,8 +113,10 @@ def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
     return products.reshape(len(exponents), rows * width)[:, :count]
 
 
-def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComplex:
-    """Return the gains (C, M) of all modes by least squares over all samples."""
+def best_gains(
+    poles: AnyComplex, samples: Array, sample_rate: float, sums: AnyComplex | None = None
+) -> AnyComplex:
+    """Return least-squares gains (C, M) of all modes; sums are their `correlations`, if known."""
     # Inner products of exponentials are geometric series: only `correlations` touches samples.
     length = samples.shape[1]
     steps = poles / sample_rate
@@ -129,7 +131,7 @@ def best_gains(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyComp
     )
     powers = matrix.diagonal()  # none at all is what the sine of a mode at 0 Hz has
     matrix += np.diag(1e-10 * powers + 1e-14 * powers.max(initial=0.0))
-    sums = correlations(poles, samples, sample_rate)
+    sums = correlations(poles, samples, sample_rate) if sums is None else sums
     solved = np.linalg.solve(matrix, np.hstack((-sums.imag, sums.real)).T).T
     return solved[:, : len(poles)] + 1j * solved[:, len(poles) :]
 
@@ -152,6 +154,7 @@ class SegmentSpectrum:
     # u = exp(2 pi i k / N), exactly: z = exp(s / rate) and r = g (1 - z^N) / 2i. Its conjugate
     # belongs to it, for samples are real.
     values: AnyComplex  # (N / 2 + 1, C), from 0 Hz to half the sample rate
+    turns: AnyComplex  # (N / 2 + 1,), 1 / u
     length: int  # N
     sample_rate: float  # Hz
 
@@ -159,7 +162,8 @@ class SegmentSpectrum:
     def of(cls, samples: Array, length: int, sample_rate: float) -> SegmentSpectrum:
         """Transform the first samples of each channel, (C, n)."""
         values = np.ascontiguousarray(np.fft.rfft(samples[:, :length], axis=1).T)
-        return cls(values=values, length=length, sample_rate=sample_rate)
+        turns = np.exp((-2j * np.pi / length) * np.arange(len(values)))
+        return cls(values=values, turns=turns, length=length, sample_rate=sample_rate)
 
     @property
     def spacing(self) -> float:

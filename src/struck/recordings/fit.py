@@ -249,9 +249,8 @@ def _require_modes(
 ) -> None:
     if len(fitted.frequencies) and (fitted.verdict.modal or force):
         return
-    names = recorded.takes[0].name
-    if len(recorded.takes) > 1:
-        names = f"{names} and {len(recorded.takes) - 1} more"
+    more = len(recorded.takes) - 1
+    names = recorded.takes[0].name + (f" and {more} more" if more else "")
     if fitted.verdict.modal:
         raise RecordingError(
             f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "

@@ -33,7 +33,8 @@ def frames(samples: Array, window: Array, step: int, most: int | None = None) ->
     # The phases come round again after a few frames.
     period = size // math.gcd(step, size)
     turned = (np.arange(period)[:, None] * step * np.arange(size // 2)) % size
-    back = np.exp((-2j * np.pi / size) * turned).astype(np.complex64)[np.arange(count) % period]
+    back = np.exp((-2j * np.pi / size) * np.arange(size)).astype(np.complex64)[turned]
+    back = back[np.arange(count) % period]
     return np.stack([_transforms(each, window, step, count) * back for each in samples])
 
 

@@ -298,15 +298,11 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
         yield f"{take.name} is quiet: its peak is {peak:.0f} dB of full scale"
     if not lead_in(take, hits).shape[1]:
         begun = float((np.abs(take.samples[:, 0]) / np.abs(take.samples).max()).max())
-        lacks = "has no lead-in"
-        if begun > _BEGUN:
-            lacks = (
-                f"begins within its sound, at {100 * begun:.0f} % of its peak, so that the blow "
-            )
-            lacks += "and all that had died away are missing, and has no lead-in"
+        cut = f"begins within its sound, at {100 * begun:.0f} % of its peak, so that the blow and "
+        cut += "all that had died away are missing, and "
         yield (
-            f"{take.name} {lacks}: its noise is guessed from its quietest moment; leave "
-            f"{LEAD_IN} s or more of silence before the hit"
+            f"{take.name} {cut if begun > _BEGUN else ''}has no lead-in: its noise is guessed from "
+            f"its quietest moment; leave {LEAD_IN} s or more of silence before the hit"
         )
         return
     yield from _ending(take, lead_in(take, hits))
@@ -318,19 +314,13 @@ def _ending(take: Take, before: Array) -> Iterator[str]:
     softest = float(20 * np.log10(np.abs(take.samples).max() * _QUANTUM / np.sqrt(12)))
     levels = np.maximum(_levels(take.samples, take.sample_rate), softest)
     quiet = float(10 * np.log10((before**2).mean() + 1e-30))
-    end = float(levels[-3:].mean())
+    end, so = float(levels[-3:].mean()), "so slow decays are less certain; record longer"
     if quiet <= softest:  # digital silence: it tells nothing of the noise
         fallen = float(levels.max()) - end
         if fallen < _FALLEN:
-            yield (
-                f"{take.name} is cut short: it has fallen by {fallen:.0f} dB when it ends, so slow "
-                "decays are less certain; record longer"
-            )
+            yield f"{take.name} is cut short: it has fallen by {fallen:.0f} dB when it ends, {so}"
     elif end - quiet > _AUDIBLE:
-        yield (
-            f"{take.name} is cut short: it ends {end - quiet:.0f} dB over its lead-in, so slow "
-            "decays are less certain; record longer"
-        )
+        yield f"{take.name} is cut short: it ends {end - quiet:.0f} dB over its lead-in, {so}"
     elif abs(end - quiet) > _CHANGED and levels.min() - quiet < -_CHANGED:
         yield (
             f"the noise of {take.name} changes by {levels.min() - quiet:.0f} dB: turn automatic "

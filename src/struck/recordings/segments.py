@@ -75,6 +75,10 @@ class Segment:
         gains = ringing.gains[self.rows]
         return samples(ringing.poles, gains, self.samples.shape[1], self.sample_rate)
 
+    def noisier(self, left: Array, breadth: float = 100.0) -> Segment:
+        """Return the segment with its noise raised to samples (C, n), as `Noise.raised` does."""
+        return replace(self, noise=self.noise.raised(left, self.sample_rate, breadth))
+
     def later(self, time: float) -> Segment:
         """Return the segment from a time on, s."""
         rest = self.samples[:, round(time * self.sample_rate) :]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,15 +61,21 @@ class Candidates:
 
     def distinct(self, resolved: float, share: float) -> Candidates:
         """Return the strongest of poles closer than `resolved` Hz or a share of their widths."""
-        frequencies, widths = self.poles.imag / (2 * np.pi), -self.poles.real / (2 * np.pi)
-        open_ = np.ones(len(self.poles), bool)
+        order = np.argsort(self.poles.imag)
+        poles, energies = self.poles[order], self.energies[order]
+        frequencies, widths = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
+        reaches = np.maximum(resolved, share * (widths + widths.max(initial=0.0)))
+        firsts = np.searchsorted(frequencies, frequencies - reaches)
+        lasts = np.searchsorted(frequencies, frequencies + reaches, "right")
+        open_ = np.ones(len(poles), bool)
         kept = []
-        for mode in np.argsort(-self.energies):
+        for mode in np.argsort(-energies):
             if open_[mode]:
                 kept.append(mode)
-                reach = np.maximum(resolved, share * (widths + widths[mode]))
-                open_ &= np.abs(frequencies - frequencies[mode]) >= reach
-        return Candidates(poles=self.poles[kept], energies=self.energies[kept])
+                near = slice(firsts[mode], lasts[mode])
+                reach = np.maximum(resolved, share * (widths[near] + widths[mode]))
+                open_[near] &= np.abs(frequencies[near] - frequencies[mode]) >= reach
+        return Candidates(poles=poles[kept], energies=energies[kept])
 
 
 def candidates(
@@ -157,7 +164,7 @@ class _Search:
         """Return the poles in some bins of white frames (bins, C, frames)."""
         count = white.shape[2]
         length = min(count // 2, _WINDOW)
-        whitening = self._whitening(length)
+        whitening, back = _whitening(self.resolution.window, length)
         strongest = _strongest_directions(white.astype(complex))
         sliding = np.lib.stride_tricks.sliding_window_view(strongest, length, axis=2)
         rows = sliding.reshape(len(bins), -1, length)
@@ -166,7 +173,6 @@ class _Search:
         powers, vectors = np.linalg.eigh(whitening @ covariance @ whitening.conj().T)
         noise = 3 * (1 + np.sqrt(2 * length / pieces)) ** 2
         orders = np.minimum((powers > noise).sum(axis=1), self.resolution.orders)
-        back = np.linalg.inv(whitening)
         found = []
         for order in np.unique(orders[orders > 0]):
             these = orders == order
@@ -174,18 +180,6 @@ class _Search:
             ratios = _ratios(signals)
             found.append(self._accepted(ratios, white[these], bins[these]))
         return found
-
-    def _whitening(self, length: int) -> Array:
-        """Return the matrix that makes noise in overlapping frames nearly white."""
-        size, energy = len(self.window), (self.window**2).sum()
-        lags = [
-            (self.window[: size - shift] * self.window[shift:]).sum() / energy
-            for shift in range(0, min(length * self.step, size), self.step)
-        ]
-        correlation = np.zeros(length)
-        correlation[: len(lags)] = lags
-        regular = toeplitz(correlation) + 5e-3 * np.eye(length)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
 
     def _accepted(self, ratios: AnyComplex, white: AnyComplex, bins: Index) -> Candidates:
         """Return the poles that lie in their own bin and do not merely cancel others."""
@@ -204,6 +198,18 @@ class _Search:
             poles=(-decays + 2j * np.pi * frequencies)[good],
             energies=(2 * self.step / len(self.window) * energies)[good],
         )
+
+
+@cache
+def _whitening(size: int, length: int) -> tuple[Array, Array]:
+    """Return the matrix that makes noise in overlapping frames nearly white, and its inverse."""
+    window, step = blackman_harris(size), size // _OVERLAP
+    shifts = range(0, min(length * step, size), step)
+    lags = [(window[: size - each] * window[each:]).sum() / (window**2).sum() for each in shifts]
+    correlation = np.pad(lags, (0, length - len(lags)))
+    regular = toeplitz(correlation) + 5e-3 * np.eye(length)
+    whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
+    return whitening, np.asarray(np.linalg.inv(whitening), float)
 
 
 def _strongest_directions(white: AnyComplex) -> AnyComplex:

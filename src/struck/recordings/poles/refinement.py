@@ -8,7 +8,7 @@ present estimate of all others (Gauss-Seidel).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,6 @@ _WIDTHS = 8.0  # bins and half widths d / 2 pi around a mode in which it is fitt
 class _Part(NamedTuple):
     """Bins of some groups in one spectrum of one segment."""
 
-    groups: Index
     counts: Index
     turns: AnyComplex
     data: AnyComplex
@@ -42,7 +41,7 @@ class _Part(NamedTuple):
 
 
 def blocks_around(
-    segments: Sequence[Segment], poles: AnyComplex, groups: Sequence[Index]
+    segments: Sequence[Segment], poles: AnyComplex, groups: Sequence[Index], *, data: bool = True
 ) -> GroupBlocks:
     """Return the bins around the modes of each group, in spectra of all segments."""
     members, starts = np.concatenate(groups), _running([len(group) for group in groups])
@@ -59,7 +58,8 @@ def blocks_around(
         weights.append(1 / (segment.noise.at(middles) * lengths[levels]))
         for level in np.unique(levels):
             these = np.flatnonzero(levels == level)
-            parts.append(_part(segment.spectra[level], poles, members, owners, these))
+            part = _part(segment.spectra[level], poles, members, owners, these)
+            parts.append(part if data else part._replace(data=part.data[:0]))
             numbers[these, place] = first + np.arange(len(these))
             first += len(these)
     counts = np.concatenate([part.counts for part in parts])
@@ -94,9 +94,8 @@ def _part(
     high = np.clip(np.floor(middles + reach), 1, last).astype(np.int64)
     bins, counts = bins_around(low, high, places, len(groups))
     return _Part(
-        groups=groups,
         counts=counts,
-        turns=np.exp((-2j * np.pi / spectrum.length) * bins),
+        turns=spectrum.turns[bins],
         data=spectrum.values[bins],
         channels=spectrum.values.shape[1],
         length=spectrum.length / spectrum.sample_rate,
@@ -241,11 +240,14 @@ def _touched(before: AnyComplex, after: AnyComplex, duration: float) -> NDArray[
     return changed | (overlaps(after, duration)[:, changed] > _TOUCHING).any(axis=1)
 
 
-def with_best_gains(segments: Sequence[Segment], ringing: Exponentials) -> Exponentials:
-    """Return a copy whose gains are the least squares of all samples."""
+def with_best_gains(
+    segments: Sequence[Segment], ringing: Exponentials, sums: Sequence[AnyComplex | None] = ()
+) -> Exponentials:
+    """Return a copy whose gains are the least squares of all samples; sums as in `best_gains`."""
     if not ringing.count:
         return ringing
-    gains = [best_gains(ringing.poles, each.samples, each.sample_rate) for each in segments]
+    known = zip_longest(segments, sums)
+    gains = [best_gains(ringing.poles, at.samples, at.sample_rate, own) for at, own in known]
     return Exponentials(poles=ringing.poles, gains=np.vstack(gains))
 
 

@@ -269,7 +269,7 @@ def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
 
 
 Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
-Look = Callable[[Sequence[Segment], Sequence[Array]], Candidates]
+Look = Callable[[Sequence[Array]], Candidates]
 
 # Window, s; fastest decay, 1/s; frames; poles of a bin. The first twice: the second look finds
 # what stood under the strongest modes, before shorter windows could take it for something else.
@@ -326,15 +326,14 @@ def search(
     ringing = kept("budget", lambda: refine(segments, few(), sweeps=4, steps=4))
     progress("refining the modes", 0.8)
     ringing = _proven(segments, ringing, budget)
-    return _once_more(segments, ringing, budget) if budget else ringing
+    return _once_more(segments, ringing, looks[-1], budget) if budget else ringing
 
 
-def _once_more(segments: Sequence[Segment], ringing: Exponentials, budget: int) -> Exponentials:
+def _once_more(
+    segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int
+) -> Exponentials:
     """Search for modes once more in the residual, which may replace modes that were dropped."""
-    least = significance(len(ringing.gains), _LIKELY)
-    more = _within(
-        segments, _looked(segments, ringing, partial(matched, least=least), budget), budget
-    )
+    more = _within(segments, _looked(segments, ringing, look, budget), budget)
     again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
 
     def left(modes: Exponentials) -> float:
@@ -349,10 +348,10 @@ def _looked(
     """Search the residual for modes once, and fit them together with the known ones."""
     left = [segment.residual(ringing) for segment in segments]
     if not budget:
-        more = standing_out(segments, ringing, look(segments, left))
+        more = standing_out(segments, ringing, look(left))
         return _settled(segments, more, None) if more.count > ringing.count else ringing
     spare = round(_SPARE * budget)
-    found = strongest_per_band(segments, look(_masked(segments), left), spare)
+    found = strongest_per_band(segments, look(left), spare)
     return _settled(segments, ringing.joined(found.poles), spare) if found.poles.size else ringing
 
 
@@ -393,14 +392,17 @@ def _outlasting(segments: Sequence[Segment], ringing: Exponentials, false: Mask)
 def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
     """Yield the search passes, one after the other."""
     longest = max(segment.samples.shape[1] for segment in segments)
+    # A budget ignores faint modes: noise is raised to a level far below each band's sound.
+    loud = [each.noisier(_FAINT * each.samples, _SURROUNDINGS) for each in segments if budget]
+    loud = loud or segments
     for window, fastest, frames, orders in _WINDOWS:
         size = 2 ** round(np.log2(min(window * segments[0].sample_rate, longest / 4)))
         resolution = Resolution(window=size, fastest=fastest, frames=frames, orders=orders)
-        yield partial(candidates, resolution=resolution, per_band=_BINS if budget else None)
-    yield broad
+        yield partial(candidates, loud, resolution=resolution, per_band=_BINS if budget else None)
+    yield partial(broad, loud)
     channels = sum(len(segment.samples) for segment in segments)
     for _ in range(1 if budget else _ROUNDS):
-        yield partial(matched, least=significance(channels, _LIKELY))
+        yield partial(matched, loud, least=significance(channels, _LIKELY))
 
 
 def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | None) -> Exponentials:
@@ -432,22 +434,9 @@ def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | No
     return ringing
 
 
-def _masked(segments: Sequence[Segment]) -> list[Segment]:
-    """Raise the noise to a level far below each band's sound: a budget ignores faint modes."""
-    return [
-        replace(
-            each, noise=each.noise.raised(_FAINT * each.samples, each.sample_rate, _SURROUNDINGS)
-        )
-        for each in segments
-    ]
-
-
 def _noisier(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment]:
     """Raise the noise to the residual where that is more."""
-    return [
-        replace(each, noise=each.noise.raised(each.residual(ringing), each.sample_rate))
-        for each in segments
-    ]
+    return [each.noisier(each.residual(ringing)) for each in segments]
 
 
 METHODS = ("shared", "corbett2007")

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.stats import gamma
 
-from struck.model.arrays import Array, Index, Mask
+from struck.model.arrays import AnyComplex, Array, Index, Mask
 from struck.model.exponentials import Exponentials, correlations
 from struck.perception.auditory_scale import erb_number
 from struck.recordings.poles.candidates import Candidates, loudest_per_band
@@ -21,6 +21,7 @@ from struck.recordings.poles.refinement import (
     overlaps,
     refine,
     settled,
+    with_best_gains,
 )
 from struck.recordings.poles.uncertainty import met, pole_statistics, standard_errors
 from struck.recordings.segments import Segment
@@ -85,7 +86,8 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
     energy, share = np.zeros(ringing.count), np.zeros(ringing.count)
     if not ringing.count:
         return energy, share
-    blocks = blocks_around(segments, ringing.poles, overlapping(ringing.poles, duration))
+    groups = overlapping(ringing.poles, duration)
+    blocks = blocks_around(segments, ringing.poles, groups, data=False)
     poles, gains = map(np.ascontiguousarray, (ringing.poles, ringing.gains))
     add_unique(blocks, poles, gains, energy, share)
     return energy, share
@@ -108,6 +110,7 @@ def prune(
     """Drop modes that noise or other modes could explain, and the weakest beyond a budget."""
     least = significance(len(ringing.gains))
     duration = max(segment.duration for segment in segments)
+    sums: list[AnyComplex] = []
     while ringing.count:
         energy, share = energies(segments, ringing)
         touching = overlaps(ringing.poles, duration) > _TOUCHING
@@ -118,8 +121,11 @@ def prune(
             bad[np.argsort(rank)[: max(1, min(excess, ringing.count // _SHARE))]] = True
         if not bad.any():
             break
-        ringing = ringing.of(~_apart(bad, energy, touching))
-        ringing = refine(segments, ringing, sweeps=2, steps=0)
+        kept = ~_apart(bad, energy, touching)
+        sums = [each[:, kept] for each in sums] or [
+            correlations(ringing.poles[kept], each.samples, each.sample_rate) for each in segments
+        ]
+        ringing = with_best_gains(segments, ringing.of(kept), sums)
     return ringing
 
 
