@@ -35,7 +35,7 @@ BROUGHT = {
     "explorer: its server, its objects and its command": (1_500, 6),
     "radiation: boundary elements, multipoles, gains of computed fields": (2_100, 6),
     "batch: tables, processes, data sets, reports, clusters and the command": (1_800, 8),
-    "recordings: verdicts, hum, gain control, residuals by default": (1_869, 6),
+    "recordings: verdicts, hum, gain control, residuals by default": (1_917, 6),
     "habits: endings, levels of sets, objects of others, places, thread counts": (2_300, 6),
     "figures of the papers": (300, 2),
 }

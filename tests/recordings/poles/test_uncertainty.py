@@ -11,8 +11,10 @@ from scipy.signal import butter, sosfilt
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine, with_best_gains
-from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.poles.search import fit_poles
+from struck.recordings.poles.uncertainty import between_takes, standard_errors
 from struck.recordings.segments import Segment
+from struck.recordings.takes import Take
 from tests.recordings.bounds import bounds
 from tests.recordings.scenes import LEAD, RATE, Scene, Truth, pairs, recorded, ringing
 
@@ -52,6 +54,46 @@ def test_standard_errors_are_the_cramer_rao_bound(channels: int) -> None:
     fitted = standard_errors([segment_of(take)], true_modes(take.truth))
     for ours, bound in zip((fitted.frequencies, fitted.decays), bounds(take.truth), strict=True):
         assert ours == pytest.approx(bound, rel=0.1)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02])
+def test_takes_differ_by_as_much_as_their_poles_do(spread: float) -> None:
+    chance, count = np.random.default_rng(6), 24
+    frequencies, decays = np.array([300.0, 800, 2000, 9000]), np.array([2.0, 4, 9, 60])
+    away = spread * decays * chance.standard_normal((2, count, 4))  # a share of the widths
+    segments = []
+    for take in range(count):
+        gains = chance.uniform(0.5, 1, (2, 4)) * np.exp(2j * np.pi * chance.random((2, 4)))
+        heard = recorded(
+            frequencies + away[0, take], decays + away[1, take], gains, 50, chance, seconds=1.0
+        )
+        noise = Noise.white(heard.truth.noise**2)
+        segments.append(Segment.of(heard.samples[:, LEAD:], RATE, noise, first_row=2 * take))
+    poles = -decays + 2j * np.pi * frequencies
+    silent = Exponentials(poles=poles, gains=np.zeros((2 * count, 4), complex))
+    found = refine(segments, with_best_gains(segments, silent), sweeps=3, steps=6)
+    apart = between_takes(segments, np.repeat(np.arange(count), 2), found)
+    for told, true in zip(apart, away.std(axis=1, ddof=1), strict=True):
+        assert told == pytest.approx(true, rel=0.15)
+    assert not any(map(np.any, between_takes(segments, np.zeros(2 * count, int), found)))
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.003])
+def test_a_fit_holds_what_differs_from_take_to_take(spread: float) -> None:
+    chance, takes = np.random.default_rng(7), []
+    frequencies, decays = np.array([300.0, 800, 2000, 9000]), np.array([2.0, 4, 9, 20])
+    away = spread * chance.standard_normal((6, 4))  # Hz
+    for own in away:
+        gains = chance.uniform(0.5, 1, (1, 4)) * np.exp(2j * np.pi * chance.random((1, 4)))
+        heard = recorded(frequencies + own, decays, gains, 60, chance, seconds=1.5)
+        takes.append(Take(samples=heard.samples, sample_rate=RATE))
+    fitted = fit_poles(takes)
+    assert any("from take to take" in note for note in fitted.notes) == bool(spread)
+    assert fitted.frequencies == pytest.approx(frequencies, abs=0.01)
+    if spread:
+        assert fitted.frequency_errors == pytest.approx(away.std(axis=0, ddof=1), rel=0.5)
+    else:
+        assert np.all(fitted.frequency_errors < 5e-4)
 
 
 def test_what_a_model_leaves_counts_as_noise() -> None:

@@ -36,7 +36,7 @@ from struck.recordings.poles.selection import (
     strongest_per_band,
     weed,
 )
-from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.poles.uncertainty import between_takes, standard_errors
 from struck.recordings.poles.verdict import (
     CROWDED,
     MODAL_MARGIN,
@@ -179,6 +179,8 @@ def fitted_of(
         count = counted(endless, "mode")
         notes = [*notes, f"{count} ringing for longer than the takes can tell: record longer"]
     own = heard.of(kept)
+    apart = between_takes(segments, np.array([row.take for row in rows]), heard)
+    notes = [*notes, *_differing(apart[0][kept & ~blow & (apart[0] > errors.frequencies)])]
     notes = [*notes, *of_other_objects(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
@@ -186,8 +188,8 @@ def fitted_of(
         frequencies=own.frequencies,
         decays=own.decays,
         gains=_without_earlier(own.gains[order], own.poles, ordered),
-        frequency_errors=errors.frequencies[kept],
-        decay_errors=errors.decays[kept],
+        frequency_errors=np.hypot(errors.frequencies, apart[0])[kept],
+        decay_errors=np.hypot(errors.decays, apart[1])[kept],
         gain_errors=errors.gains[order][:, kept],
         rows=tuple(ordered),
         segments=tuple(segments),
@@ -198,6 +200,16 @@ def fitted_of(
         vague=vague(segments, own.decays, errors.decays[kept]),
         notes=tuple(notes),
     )
+
+
+def _differing(apart: Array) -> Iterator[str]:
+    """Yield that frequencies of modes differ from take to take, by so much (K,), Hz."""
+    if apart.size:
+        yield (
+            f"the frequency of {counted(len(apart), 'mode')} differs from take to take by "
+            f"{np.median(apart):.2g} Hz in the median, more than noise explains: errors hold that; "
+            "was the object held or supported alike?"
+        )
 
 
 def _weak(segments: list[Segment], heard: Exponentials) -> Mask:

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.special import gammainc
+from scipy.stats import chi2
 
 from struck.core import entry
 from struck.model.arrays import AnyComplex, Array, Index
-from struck.model.exponentials import Exponentials
+from struck.model.exponentials import Exponentials, correlations
 from struck.recordings.noise import Noise, blackman_harris, frames
 from struck.recordings.poles.normal_equations import normal_equations
 from struck.recordings.poles.projection import (
@@ -85,6 +87,40 @@ def standard_errors(segments: Sequence[Segment], ringing: Exponentials) -> Stand
     return StandardErrors(frequencies=errors / (2 * np.pi), decays=errors, gains=np.sqrt(sizes))
 
 
+def between_takes(
+    segments: Sequence[Segment], takes: Index, ringing: Exponentials
+) -> tuple[Array, Array]:
+    """Return by how much frequencies, Hz, and decays, 1/s, differ between takes of rows (C,).
+
+    Standard deviations (M,), 0 where noise may explain them, of the step from the common pole to
+    that of each take, its gains fitted anew (random effects of DerSimonian and Laird 1986).
+    """
+    frequencies, twice = ringing.frequencies, 2 * ringing.decays
+    steps = np.zeros((takes.max(initial=0) + 1, ringing.count), complex)
+    weights, several = np.zeros(steps.shape), len(np.unique(takes)) > 1
+    for segment in segments if several else ():
+        own, left, rate = takes[segment.rows], segment.residual(ringing), segment.sample_rate
+        ends = twice * segment.duration  # integrals of t^k exp(-2 d t) over it, k from 0 to 2
+        one, first, second = (gammainc(k, ends) * max(k - 1, 1) / twice**k for k in (1, 2, 3))
+        times = np.arange(left.shape[1]) / rate
+        plain, timed = np.split(correlations(ringing.poles, np.r_[left, left * times], rate), 2)
+        gains, noise = ringing.gains[segment.rows], segment.noise.at(frequencies)
+        np.add.at(steps, own, 1j * gains.conj() * (timed - first / one * plain) / noise)
+        spread = rate * (second - first**2 / one)
+        np.add.at(weights, own, np.abs(gains) ** 2 * spread / (2 * noise))
+    steps /= np.maximum(weights, _LEAST)
+    weights = weights[np.unique(takes)]
+    steps, total = steps[np.unique(takes)], np.maximum(weights.sum(axis=0), _LEAST)
+    freedom = max(len(steps) - 1, 1)
+    found = []
+    for parts in (np.imag(steps), np.real(steps)):
+        apart = parts - (weights * parts).sum(axis=0) / total
+        scatter = (weights * apart**2).sum(axis=0)
+        excess = (scatter - freedom) / np.maximum(total - (weights**2).sum(axis=0) / total, _LEAST)
+        found.append(np.sqrt(np.where(scatter > chi2.isf(_RARE, freedom), excess, 0.0)))
+    return found[0] / (2 * np.pi), found[1]
+
+
 def met(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array, Array]:
     """Return the densities (C, M) of noise, or of a louder residual, for poles and for gains."""
     parts = [_as_met(segment, ringing) for segment in segments]
@@ -132,6 +168,7 @@ def _clear(heard: Array, weights: Array, usual: Array) -> Array:
 
 _REGULAR = 1e-13  # share by which the matrix's diagonal is raised
 _LEAST = 1e-300  # least divisor
+_RARE = 1e-6  # chance that noise makes takes differ so much
 _CHANCE = 3.0  # standard deviations by which a residual exceeds the noise
 
 
