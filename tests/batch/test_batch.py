@@ -447,5 +447,9 @@ def test_sounds_of_an_earlier_run_stay_and_are_counted(
     assert len(struck.load(tmp_path / "out/bar.struck").frequencies) == 2
     assert len(list((tmp_path / "out").glob("*.wav"))) == 3
     assert (tmp_path / "out/labels.csv").read_bytes() == labels
+    failed = run(tmp_path, strikes=[{"at": "nowhere"}], seconds=0.1, progress=None).failed
+    assert "the place is 'nowhere'" in failed[0].message
+    assert len(list((tmp_path / "out").glob("*.wav"))) == 3  # what cannot be made undoes nothing
+    assert (tmp_path / "out/bar.struck").is_file()
     run(tmp_path, strikes=1, seconds=0.1, progress=None)
-    assert len(list((tmp_path / "out").glob("*.wav"))) == 1
+    assert (tmp_path / "out/bar_000.wav").is_file()

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 import struck
-from struck.errors import OptionError
+from struck.errors import OptionError, ScaleWarning
 from struck.model.contact import Place
 from struck.model.damping import Rayleigh
 from struck.model.model import ModalModel
@@ -142,8 +142,10 @@ def test_bad_arguments_are_refused() -> None:
         audible(model, "top")
     with pytest.raises(OptionError, match="none of 3 modes"):
         audible(model, level=-60)
+    with pytest.warns(ScaleWarning, match="no mode that rings"):
+        without = model.damped(Rayleigh(mass=1e9, stiffness=0))
     with pytest.raises(OptionError, match="0 modes"):
-        audible(model.damped(Rayleigh(mass=1e9, stiffness=0)))
+        audible(without)
 
 
 @pytest.mark.parametrize("modes", [12, 40])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.onsets import find_hits, hit_at
+from struck.recordings.onsets import clipped, find_hits, hit_at
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import (
@@ -150,3 +150,17 @@ def test_a_hit_that_is_over_at_once_is_no_longer_than_that() -> None:
     for onset in (0, LEAD, samples.shape[1]):
         hit = hit_at(take(samples), onset, onset)
         assert (hit.onset, hit.arrival, hit.start, hit.end) == (onset,) * 4
+
+
+def test_tops_of_high_tones_are_clipped_in_less_than_four_samples() -> None:
+    times = np.arange(48_000) / 48_000
+    tone = np.exp(-3 * times) * np.sin(2 * np.pi * 5013.7 * times)
+
+    def found(samples: np.ndarray) -> int:
+        rounded = np.round(32_767 * samples) / 32_768  # 16 bits
+        return int(clipped(Take(samples=rounded, sample_rate=48_000)).sum())
+
+    assert found(np.clip(3 * tone, -1, 1)) > 1000
+    assert found(np.clip(1.5 * tone, -0.8, 0.8)) > 200
+    for whole in (tone, np.sin(2 * np.pi * 100 * times), 1e-3 * np.sin(2 * np.pi * 440 * times)):
+        assert not found(whole)

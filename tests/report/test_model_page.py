@@ -140,3 +140,13 @@ def test_losses_to_the_air_are_those_of_a_plate_that_radiates_from_both_sides() 
     mode = np.argmin(np.abs(model.frequencies - at))
     assert alone == pytest.approx(np.log(1000) / model.decays[mode], rel=0.05)
     assert both < alone / 2
+
+
+def test_losses_to_the_air_of_a_body_of_many_metres_are_those_of_one_of_metres() -> None:
+    long = RectangularPlate(length=20, width=20, thickness=0.4)
+    short = RectangularPlate(length=0.5, width=0.5, thickness=0.01)
+    rates = [
+        decays_by_sound(struck.analyze(plate, "steel", band=(1, highest)))
+        for plate, highest in ((long, 75), (short, 3000))
+    ]
+    assert np.sort(rates[0]) * 40 == pytest.approx(np.sort(rates[1]), rel=1e-6)

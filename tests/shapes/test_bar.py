@@ -288,3 +288,11 @@ def test_bad_sections_are_refused() -> None:
         GivenSection(area=1e-4, second_moment=0.0, shear_coefficient=0.8)
     with pytest.raises(OptionError, match=r"shear_coefficient is 1.2: it must lie above 0 and at"):
         GivenSection(area=1e-4, second_moment=1e-9, shear_coefficient=1.2)
+
+
+def test_bars_too_thick_for_their_theory_are_warned_of() -> None:
+    for thick in (RoundSection(radius=0.06), RectangularSection(width=0.12, thickness=0.01)):
+        details = Bar(length=0.3, section=thick).vibration(STEEL, 9000.0).details
+        assert "length is 2.5 of the section's wider side, below 5" in str(details["caution"])
+    slender = Bar(length=0.3, section=RoundSection(radius=0.02)).vibration(STEEL, 9000.0)
+    assert "caution" not in slender.details

@@ -81,7 +81,10 @@ def budgeted(
             f"modes is {modes} of {count}, and this model has no mode shapes: leave modes out "
             "where it was made, as by struck.fit(modes=)"
         )
-    contacts, hearing = contacts_over(surface_of(model), _SPREAD), HeardModel.at(model, listener)
+    named = [model.contact(place) for place in model.places]
+    own = [each.point for each in named], [each.direction for each in named]
+    over, hearing = contacts_over(surface_of(model), _SPREAD), HeardModel.at(model, listener)
+    contacts = [np.concatenate([a, np.reshape(b, (-1, 3))]) for a, b in zip(over, own, strict=True)]
     before = hearing.intensities(*contacts)
     centres = filter_centres()
     passing = spreading(model.frequencies, centres)
@@ -94,7 +97,9 @@ def budgeted(
         band_excess(model.frequencies, before), band_excess(fewer.frequencies, after)
     )
     most, middle = float(distances.max()), float(np.median(distances))
-    told = f"which changes no contact by more than {most:.2f} dB of sonic distance"
+    told = (
+        f"which changes none of {len(before)} contacts by more than {most:.2f} dB of sonic distance"
+    )
     lost = f"{fewer.provenance.dropped[-1]}, {told} ({middle:.2f} dB in the median)"
     dropped = (*fewer.provenance.dropped[:-1], lost)
     made = replace(fewer.provenance, dropped=dropped).extended(budget_distance=most)

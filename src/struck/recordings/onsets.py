@@ -259,10 +259,11 @@ def clipped(take: Take) -> Mask:
             top = side.max()
             inside = np.convolve(side == top, np.ones(_FLAT), "valid") > _FLAT - 0.5
             runs = np.count_nonzero(np.diff(inside.astype(int), prepend=0) == 1)
-            # Of high tones tops are short, but far more samples are at the top than just below.
-            below = np.count_nonzero((side > top - max(top / 100, _STEPS)) & (side < top))
-            many = np.count_nonzero(side == top) > max(below, _SPIKE)
-            if many or runs >= (1 if top >= _FULL_SCALE else _TOPS):
+            # Tops of high tones are short, and soft ones flat by rounding; but where they are cut
+            # off, more samples are at the top than just below it.
+            flat = np.count_nonzero(side == top)
+            cut = flat > np.count_nonzero((side > top - max(top / 100, _STEPS)) & (side < top))
+            if (runs and top >= _FULL_SCALE) or (cut and (flat > _SPIKE or runs >= _TOPS)):
                 found |= side == top
     return found
 

@@ -240,6 +240,7 @@ THEORIES = {
 }
 # Roots agree with those in forty digits to 2e-15.
 _ROUNDING = 1e-14
+_SLENDER = 5.0  # length over the wider side of the section from which a bar is slender
 
 
 @checked
@@ -419,10 +420,19 @@ class Bar(Shape):
         return -modes.shear_shares / 2 * linear / self._shear_sum(material)
 
     def _details(self, material: Material) -> Mapping[str, object]:
+        section = self.profile
+        details: dict[str, object] = {}
+        slender = self.length / max(section.height, section.area / section.height)
+        if slender < _SLENDER:
+            details["caution"] = (
+                f"length is {slender:.2g} of the section's wider side, below {_SLENDER:g}: bars "
+                "are taken as slender, and errors do not hold what that leaves out; with free or "
+                "clamped ends finite elements, method='fem', take the whole body"
+            )
         if self.theory == "euler-bernoulli":
-            return {}
+            return details
         beam = self._beam(material)
-        return {
+        return details | {
             "shear coefficient": (1 + material.poisson_ratio) / self._shear_sum(material),
             "critical frequency (Hz)": self._unit(material) / math.sqrt(beam.rotary * beam.shear),
         }

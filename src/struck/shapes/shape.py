@@ -55,8 +55,8 @@ def thinness(thickness: float, half: float, shares: Array) -> dict[str, object]:
         told = [f"the {end} frequency by about {each:.1%}" for end, each in ends.items()]
         details["caution"] = (
             f"thickness is {thickness / half:.3g} of the radius or half side, above {_THIN:g}: the "
-            f"theory of thin plates overstates {', '.join(told) or 'frequencies'}; finite elements "
-            "do not, with method='fem'"
+            f"theory of thin plates overstates {', '.join(told) or 'frequencies'}; with free or "
+            "clamped edges finite elements, method='fem', do not"
         )
     return details
 
