@@ -63,6 +63,7 @@ def decibels(one: Array, other: Array) -> Array:
     return 20 * np.log10(one / other)
 
 
+@pytest.mark.filterwarnings("ignore:an impulse moves its body")  # 1 N s, as of a linear system
 @pytest.mark.parametrize("radius", [0.002, 0.007, 0.03])
 def test_a_ball_recoils_as_its_closed_form(radius: float) -> None:
     """The first spherical wave of a ball that is free to move: Koss & Alfredson 1973."""

@@ -261,6 +261,7 @@ def test_overview_of_a_recorded_body_tells_ringing_times_and_sound() -> None:
     assert "1 mode" in texts(silent)
 
 
+@pytest.mark.filterwarnings("ignore:.*leaves no mode that rings")
 def test_models_without_modes_are_drawn_and_said_to_have_none() -> None:
     assert "0 modes" in texts(struck.show(BODY.damped(Rayleigh(mass=1e9, stiffness=0))))
     assert "0 modes" in texts(charts.overview(recorded()))

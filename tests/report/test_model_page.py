@@ -10,6 +10,7 @@ import pytest
 
 import struck
 from struck.model.gains import Gains
+from struck.model.material import Material
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
 from struck.model.survey import Survey, from_spherical
@@ -140,6 +141,9 @@ def test_losses_to_the_air_are_those_of_a_plate_that_radiates_from_both_sides() 
     mode = np.argmin(np.abs(model.frequencies - at))
     assert alone == pytest.approx(np.log(1000) / model.decays[mode], rel=0.05)
     assert both < alone / 2
+    lossless = Material(density=7850.0, youngs_modulus=2e11, poisson_ratio=0.29)
+    endless = summary(struck.analyze(plate, lossless, band=(20, 2000)))
+    assert any(each.endswith(" s in place of endless)") for each in endless)
 
 
 def test_losses_to_the_air_of_a_body_of_many_metres_are_those_of_one_of_metres() -> None:

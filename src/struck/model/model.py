@@ -214,7 +214,11 @@ class ModalModel:
         elif at is None:
             point = self._loudest(self.gains, self.geometry)
         else:
-            point = located(self.geometry, self.places, at, len(self.coordinates))
+            axes = len(self.coordinates)
+            point = located(self.geometry, self.places, at, axes)
+            # A place on the plan is pushed from above, at the edges too, where normals turn.
+            if direction is None and not isinstance(at, str) and np.shape(at) == (axes,) != (3,):
+                direction = (0.0, 0.0, -1.0)
         return Contact.on(self.gains.locator, self.geometry, point, direction)
 
     def _loudest(self, gains: ShapeGains, surface: Mesh) -> Array:
@@ -285,8 +289,8 @@ class ModalModel:
         notes = (f"{counted(lost, 'overdamped mode')} left out",) if lost else ()
         if lost and not len(kept):
             warnings.warn(
-                f"{damping!r} leaves no mode that rings, of {lost}: a Rayleigh law takes mass= in "
-                "1/s, as 1, and stiffness= in s, as 1e-7; loss tangents lie far below 1",
+                f"{damping!r} leaves no mode that rings, of {lost}: a Rayleigh law takes mass in "
+                "1/s, as 1, and stiffness in s, as 1e-7; loss tangents lie far below 1",
                 ScaleWarning,
                 stacklevel=3,
             )

@@ -105,11 +105,13 @@ def _lost_to_air(model: ModalModel) -> list[str]:
     more = np.flatnonzero(decays > model.decays)
     if not len(more):
         return []
-    alone, both = np.log(1000) / (model.decays + [[0.0], [1.0]] * decays)[:, more[0]]
+    own, first = model.decays[more[0]], model.frequencies[more[0]]
+    both = np.log(1000) / (own + decays[more[0]])
+    alone = f"{np.log(1000) / own:.2g} s" if own else "endless"
     told = (
         f"T60 leaves out what the sound itself takes: {len(more)} of {counted(len(decays), 'mode')}"
     )
-    example = f"{model.frequencies[more[0]]:.0f} Hz ({both:.2g} s in place of {alone:.2g} s)"
+    example = f"{first:.0f} Hz ({both:.2g} s in place of {alone})"
     return [f"air       {told} lose more by that, as {example}"]
 
 
