@@ -11,6 +11,9 @@ from pathlib import Path
 from struck.report import scene2002
 
 SCENES = ("chimes", "bowl", "chute", "blocks", "boxes", "the_end")
-for name in [word for word in sys.argv[1:] if word in SCENES] or ["blocks"]:
+named = [word for word in sys.argv[1:] if word != "--stems"] or ["blocks"]
+if unknown := {*named} - {*SCENES}:
+    sys.exit(f"no scene is called {', '.join(sorted(unknown))}: give some of {', '.join(SCENES)}")
+for name in named:
     for path in scene2002(name, Path("scenes"), accuracy="preview", stems="--stems" in sys.argv):
         print("wrote", path)

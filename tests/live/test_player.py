@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
-from struck.errors import ContactError, DeviceError, OptionError
+from struck.errors import ArgumentError, ContactError, DeviceError, OptionError
 from struck.excitation.excitation import Hold, Push
 from struck.excitation.pulses import LEAD
 from struck.excitation.scrape import Roll, Scrape
@@ -324,6 +324,9 @@ WRONG: dict[str, Callable[[HandPlayer], object]] = {
     "a listener inside": lambda p: setattr(p, "listener", (0, 0, 0)),
     "a listener nowhere": lambda p: setattr(p, "listener", (0, np.nan, 0)),
     "a volume that is no number": lambda p: setattr(p, "volume", np.nan),
+    "a volume in words": lambda p: setattr(p, "volume", "loud"),
+    "no excitation": lambda p: p.start("scrape"),
+    "a hold as an excitation": lambda p: p.start(Hold(at="top", grip=3.0)),
     "a negative grip": lambda p: p.dampen("top", -1.0),
     "another number of modes": lambda p: p.change(ball(7)),
     "a log of nothing": lambda p: p.touch_log,
@@ -336,7 +339,7 @@ def test_bad_input_is_refused_and_changes_nothing(by_hand: Make, wrong: str) -> 
     player.strike(at="top")
     player.hear(20)
     before = np.abs(player.bank.states(0))
-    with pytest.raises((OptionError, ContactError)):
+    with pytest.raises((ArgumentError, OptionError, ContactError)):
         WRONG[wrong](player)
     player.hear(10)
     expected = before * np.exp(-model.decays * 10 * BLOCK / RATE)

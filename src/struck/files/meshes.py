@@ -94,7 +94,7 @@ def mesh_of(
             "name no vertex: give (vertices, faces) in this order; these may be swapped"
         )
     mesh = Mesh(points=vertices, faces=named)
-    if own is None or size is not None:
+    if str(own).lower() == "none" or size is not None:  # trimesh writes None as "none"
         return _in_metres(mesh, units, size, up or "z")
     factor = _metres(str(own))
     if units is not None and not np.isclose(factor, UNITS[units], rtol=1e-3):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Course3, Listener, Mono
 from struck.ears.orientation import Turning
-from struck.errors import DeviceError, OptionError
+from struck.errors import ArgumentError, DeviceError, OptionError
 from struck.excitation.excitation import Excitation
 from struck.excitation.friction import Tool
 from struck.excitation.strike import Strike
@@ -29,7 +29,7 @@ from struck.live.contact_stream import ContactStream, SimulationRun, hurry
 from struck.live.device import TO_FILE, Outlet
 from struck.live.ring import Ring
 from struck.live.voices import Started
-from struck.model.arrays import Array, Index, checked
+from struck.model.arrays import Array, Index, checked, require_number
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 from struck.scene.body import Body, Scene, with_fewer_modes
@@ -161,10 +161,15 @@ class Player:
 
         Raises
         ------
+        ArgumentError
+            Where it is no excitation.
         DeviceError, ContactError, OptionError
             As for `strike`.
         """
         self._require_playing()
+        if not callable(getattr(excitation, "begin", None)):
+            told = "start takes a Strike, Scrape, Roll, Pluck or ForceTrack; dampen() holds a place"
+            raise ArgumentError(f"excitation is {excitation!r}: {told}")
         return self._host.start(self._host.number(body), excitation)
 
     @checked
@@ -466,8 +471,8 @@ class Player:
 
 
 def _require_volume(decibels: float) -> None:
-    if not QUIETEST <= decibels <= LOUDEST:
-        raise OptionError(f"volume is {decibels}: it must lie from {QUIETEST:g} to {LOUDEST:g} dB")
+    wanted = f"it must lie from {QUIETEST:g} to {LOUDEST:g} dB"
+    require_number("volume", decibels, QUIETEST, LOUDEST, wanted=wanted)
 
 
 def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:

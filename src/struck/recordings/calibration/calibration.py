@@ -371,7 +371,7 @@ class Calibration:
             f"E/density {self.specific_stiffness:.6g} m2/s2, error {100 * stiffness:.2g} %",
             f"Poisson   {self.poisson_ratio:.4f}, error {ratio:.2g}",
             f"E         {young:.5g} GPa, if the density is {self.density:g} kg/m3",
-            f"damping   {self.losses.name}: {', '.join(law)}",
+            f"damping   {'' if 'loss' in law[0] else f'{self.losses.name}: '}{', '.join(law)}",
             f"pairs     {len(self.pairing)}; alone {extra} fitted modes, {missing} of the model",
             f"residual  {off:.2g} cents root mean square",
         ]
