@@ -361,6 +361,7 @@ BAD_PLANS = {
     "no seconds": ("contacts = [[1.0]]", "seconds is missing: give a number from 0.05 to 600"),
     "a name for a number": ("seconds = 'two'\ncontacts = [[1.0]]", "seconds is 'two'"),
     "no places": ("seconds = 1", "give either contacts"),
+    "places by a misspelt name": ("seconds = 1\ncontact = [[0.1]]", "contact.*contacts"),
     "both": ("seconds=1\ncontacts=[[1]]\n[[points]]\ncontact=[1]", "one of them"),
     "unknown": ("seconds = 1\ncontacts = [[1.0]]\nsecond = 2", "second is not known here: use"),
     "toml": ("seconds = = 1", "is no TOML"),

@@ -467,6 +467,7 @@ def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
     try:
         plan = _plan(table, real(given).parent)
     except OptionError as error:
+        table.require_known()  # a misspelt key leaves out what is missing
         raise FileFormatError(f"{given}: {error}") from error
     table.require_known()
     return plan
