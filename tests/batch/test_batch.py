@@ -453,3 +453,5 @@ def test_sounds_of_an_earlier_run_stay_and_are_counted(
     assert (tmp_path / "out/bar.struck").is_file()
     run(tmp_path, strikes=1, seconds=0.1, progress=None)
     assert (tmp_path / "out/bar_000.wav").is_file()
+    assert run(tmp_path, strikes=1, seconds=0.1, band=(20, 9000)).computed == 1
+    assert run(tmp_path, strikes=1, seconds=0.1, band=[20.0, 9000.0]).computed == 0

@@ -17,6 +17,7 @@ import pickle
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,8 @@ class BodyJob:
             for name, value in sorted(self.options.items())
             if value is not OPTIONS[name] and name != "damping"
         }
+        with suppress(KeyError, TypeError, ValueError):  # 20 is 20.0; what is wrong is told later
+            options["band"] = tuple(map(float, options["band"]))
         key = fingerprint((method(), content, material, options, strikes))
         return replace(self, content=content, key=key)
 
