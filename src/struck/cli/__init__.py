@@ -226,8 +226,8 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 _OTHERS = ("analyze", "radiate", "fit")  # whose options are named where a command lacks them
 _CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
 _CALLED |= {"at": "strike", "out": "output", "path": "output", "threshold_db": "threshold"}
-# An argument with or without a value; calls, as in what a body is printed as, and what is quoted
-# are passed over.
+# The pattern of an argument, with or without a value. It passes over quoted text and over calls, as
+# in what a body is printed as.
 _CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
 _QUOTED = r"(?<=[ (])'[^']*'"
 _ARGUMENT = re.compile(

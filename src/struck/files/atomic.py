@@ -70,7 +70,9 @@ def unread(path: str | os.PathLike[str], error: Exception) -> str:
     if isinstance(error, FileNotFoundError) and not is_folder(folder):
         return f"is missing, as there is no folder {folder}: check its name"
     if isinstance(error, FileNotFoundError):
-        offer = nearest(Path(path).name, os.listdir(folder))  # noqa: PTH208 - names alone
+        readable = os.access(folder, os.R_OK)  # a folder may be entered and yet not listed
+        known = os.listdir(folder) if readable else ()  # noqa: PTH208 - names alone
+        offer = nearest(Path(path).name, known)
         return f"is missing, there is no file of that name: {offer}check its name"
     reason = getattr(error, "strerror", None) or error
     return f"cannot be read ({reason}): check its name and the permissions"

@@ -481,6 +481,6 @@ def test_bodies_that_weigh_other_than_they_sound_are_named(tmp_path: Path) -> No
 
 def test_what_is_no_model_and_no_control_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match=r"takes a mujoco\.MjModel"):
-        MujocoRecorder("scene.xml")  # type: ignore[arg-type]
+        MujocoRecorder("scene.xml")
     with pytest.raises(ArgumentError, match="give a function"):
-        Simulation(written(tmp_path, FLOOR_AND_BALL)).run(0.1, control=[0, 1])  # type: ignore[arg-type]
+        Simulation(written(tmp_path, FLOOR_AND_BALL)).run(0.1, control=[0, 1])
