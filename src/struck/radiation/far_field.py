@@ -245,3 +245,16 @@ def by_name(name: str) -> Radiation:
         known = " or ".join(map(repr, estimates))
         raise OptionError(f"no radiation is called {name!r}: {offer}give {known}, or 'field'")
     return estimates[name]
+
+
+_FAR = 1e4  # m: outside of any body
+
+
+def decays_by_sound(gains: ShapeGains) -> Array:
+    """Return how fast each mode decays by the sound it radiates alone (M,), 1/s.
+
+    A mode that is heard at 1 m with p, in Pa for a speed of 1 kg^-1/2 m/s, sends out 2 pi p^2 /
+    (rho c), in W, of its energy of 1/2 J; it sounds alike in all directions.
+    """
+    heard = _FAR * np.abs(gains.toward(gains.centre[None] + _FAR * np.eye(3)[:1])[0, 0])
+    return np.asarray(2 * np.pi * heard**2 / AIR.impedance)

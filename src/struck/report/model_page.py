@@ -14,11 +14,10 @@ import numpy as np
 
 from struck.errors import counted
 from struck.files.sound import Sound
-from struck.model.arrays import Array
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
-from struck.model.material import AIR
 from struck.model.model import ModalModel
+from struck.radiation.far_field import decays_by_sound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from struck.model.timbre_table import TimbreTable
 
 _ROWS = 12
-_FAR = 1e4  # m: outside of any body
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,22 +84,11 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     return [*lines, f"caution   {caution}"] if caution else lines
 
 
-def decays_by_sound(model: ModalModel) -> Array:
-    """Return how fast each mode decays by the sound it radiates alone (M,), 1/s.
-
-    A mode that is heard at 1 m with p, in Pa for a speed of 1 kg^-1/2 m/s, sends out 2 pi p^2 /
-    (rho c), in W, of its energy of 1/2 J; `model` sounds alike in all directions.
-    """
-    centre = np.zeros(3) if model.centre is None else model.centre
-    heard = _FAR * np.abs(model.gains.toward(centre[None] + _FAR * np.eye(3)[:1])[0, 0])
-    return np.asarray(2 * np.pi * heard**2 / AIR.impedance)
-
-
 def _lost_to_air(model: ModalModel) -> list[str]:
     """Return a line on the modes that lose more to the air than to the material."""
     if not isinstance(model.gains, ShapeGains) or model.gains.directional or not model.calibrated:
         return []
-    decays = decays_by_sound(model)
+    decays = decays_by_sound(model.gains)
     more = np.flatnonzero(decays > model.decays)
     if not len(more):
         return []
