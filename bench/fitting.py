@@ -287,7 +287,11 @@ def whole_prototype() -> None:
         print("the prototype is not here: no whole fit of it to compare with")
         return
     sys.path.insert(0, str(PROTOTYPE))
-    prototype: Any = importlib.import_module("gfit")
+    try:
+        prototype: Any = importlib.import_module("gfit")
+    except ModuleNotFoundError as error:
+        print(f"the prototype needs {error.name}, for a whole fit of it: pip install {error.name}")
+        return
     take = table_of_positions()
     prototype.fit(take.samples[:1], LEAD, RATE, lm_iters=1)  # warms up
 

@@ -156,6 +156,19 @@ def test_no_real_take_is_fitted_worse_than_by_corbett2007(name: str, record_prop
     assert score(name) > other
 
 
+@pytest.mark.parametrize("name", [*HAMMERED, *LATER, "fluidr3_tubular_bells_c7", TAPPED[0]])
+def test_all_modes_of_a_real_take_are_sought_in_bounded_time(
+    name: str, record_property: Note
+) -> None:
+    """Hits that a few modes do not explain alike would take hundreds of modes more each look."""
+    take, begun = load(name), time.process_time()
+    fit = fit_poles(take, budget=None)
+    work = (time.process_time() - begun) / take.duration
+    record_property(name, f"{len(fit.frequencies)} modes at {work:.1f} s/s")
+    assert work < 5
+    assert fit.verdict.modal or name not in HAMMERED
+
+
 @pytest.mark.parametrize("name", LATER)
 def test_splices_blows_and_broad_modes_are_told_apart(name: str) -> None:
     least, count = LATER[name]

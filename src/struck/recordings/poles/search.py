@@ -42,10 +42,12 @@ from struck.recordings.poles.verdict import (
     MODAL_MARGIN,
     ModalVerdict,
     constant,
+    crowding,
     doubtful,
     explained,
     hopeless,
     judge,
+    left_over,
     of_blow,
     of_other_objects,
     proven,
@@ -327,6 +329,9 @@ def search(
         progress("looking for modes", number / len(looks))
         before = ringing
         ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
+        if not budget and crowding(segments, before, ringing):
+            ringing = before
+            break
         if number > len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
             break
         if (not budget or number + 1 == len(_WINDOWS)) and hopeless(segments, ringing, budget):
@@ -347,11 +352,7 @@ def _once_more(
     """Search for modes once more in the residual, which may replace modes that were dropped."""
     more = _within(segments, _looked(segments, ringing, look, budget), budget)
     again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
-
-    def left(modes: Exponentials) -> float:
-        return sum(float((each.residual(modes) ** 2).sum()) for each in segments)
-
-    return min(ringing, again, key=left)
+    return min(ringing, again, key=partial(left_over, segments))
 
 
 def _looked(

@@ -24,6 +24,7 @@ from struck.recordings.poles.refinement import (
     with_best_gains,
 )
 from struck.recordings.poles.uncertainty import met, pole_statistics, standard_errors
+from struck.recordings.poles.verdict import crowding
 from struck.recordings.segments import Segment
 
 _STEADY = 3.0  # nepers that a tone decays by in a segment at most
@@ -283,7 +284,7 @@ def _without(
 # louder than the residual in its own band while it lasts.
 
 _SEPARATE = 4.0  # widths between modes that are tried at once: a crowd is not fitted as a whole
-_TRIALS = 6
+_TRIALS, _AT_ONCE = 6, 256  # of so many modes at most: most are of a crowd where more are near
 _STANDS_OUT = 1e-9  # chance that what is left in its band makes a mode
 _FAINT = 10**1.9  # energy over what is left at which a mode's decay is known to 16 %
 _KNOWN = 10**1.6  # the same to 22 %
@@ -310,7 +311,10 @@ def standing_out(
         kept[: ringing.count] = True
         if kept.sum() == ringing.count:
             break
-        ringing = refine(segments, trial.of(kept), sweeps=1, steps=0)
+        more = refine(segments, trial.of(kept), sweeps=1, steps=0)
+        if crowding(segments, ringing, more):
+            break
+        ringing = more
         rest = np.delete(np.arange(len(found.poles)), tried)
         found = Candidates(poles=found.poles[rest], energies=found.energies[rest])
     return ringing
@@ -323,7 +327,9 @@ def crowd(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     are none of the crowd, and others only those that the skirts of louder modes hide.
     """
     errors = standard_errors(segments, ringing).decays
-    energies = 2 * (ringing.decays / np.maximum(errors, 1e-300)) ** 2
+    # Nothing tells the decay of what outlasts all segments any better than this.
+    told = np.maximum(ringing.decays, 1 / max(segment.duration for segment in segments))
+    energies = 2 * (told / np.maximum(errors, 1e-300)) ** 2
     over = raised(segments, ringing)
     faint, known = energies < _FAINT, energies > _KNOWN
     weak = ringing.decays[faint & over]
@@ -379,7 +385,7 @@ def _separate(segments: Sequence[Segment], found: Candidates) -> Index:
     free = np.ones(len(frequencies), bool)
     chosen = []
     for mode in np.argsort(-found.energies):
-        if free[mode]:
+        if free[mode] and len(chosen) < _AT_ONCE:
             chosen.append(mode)
             free &= np.abs(frequencies - frequencies[mode]) > np.maximum(reach, reach[mode])
     return np.array(chosen, np.int64)

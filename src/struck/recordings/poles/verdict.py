@@ -19,6 +19,7 @@ from struck.recordings.takes import Take
 MODAL_MARGIN = 8.0  # least signal over the misfit of a modal sound, dB
 CROWDED, _LARGE = 256, 64  # modes
 _SHARED = 0.08  # of their energy that takes of one object have in common at least
+_FAST = 1.25  # growth by one look, from which on it may be of a crowd
 _SLOWEST, _FEW = 0.02, 8  # 1/s; takes that a note names
 _STEADY = 0.5  # share of the energy
 _SLOW = 0.05  # 1/s: it would ring for more than two minutes
@@ -87,11 +88,24 @@ def hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | N
     return many and explained(segments, ringing) < least
 
 
+def crowding(segments: Sequence[Segment], before: Exponentials, after: Exponentials) -> bool:
+    """Return whether hundreds of modes grow by a larger share than their residual falls."""
+    growth = after.count / max(before.count, 1)
+    if after.count < CROWDED or not before.count or growth < _FAST:
+        return False
+    return growth * left_over(segments, after) > left_over(segments, before)
+
+
+def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
+    """Return the energy of what modes leave of segments."""
+    return sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
+
+
 def explained(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the energy of segments over the misfit of modes, without the noise of lead-ins, dB."""
     signal = sum(float((each.samples**2).sum()) for each in segments)
-    left = sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
-    return _decibels(signal, left - sum(float(_heard_noise(each).sum()) for each in segments))
+    noise = sum(float(_heard_noise(each).sum()) for each in segments)
+    return _decibels(signal, left_over(segments, ringing) - noise)
 
 
 def _heard_noise(segment: Segment) -> Array:
