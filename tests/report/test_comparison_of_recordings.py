@@ -219,3 +219,20 @@ def test_a_field_is_struck_where_it_was_recorded_best(vase: Vase) -> None:
     best = Strike(at=field.places["recorded"])
     told = compare(field, point_of(vase), strike=best, against=Strike())
     assert compare(field, point_of(vase)).level_offset == told.level_offset
+
+
+def test_a_fitted_model_is_beside_its_own_recording_as_it_was_fitted(bar: ModalModel) -> None:
+    """A soft blow takes modes of its own, which a recording of another blow need not have."""
+    soft, other = (
+        struck.render(bar, replace(ONE, time=0.3, duration=long), seconds=1.5, sample_rate=RATE)
+        for long in (0.004, 0.0005)
+    )
+    model = struck.fit(soft, cache=False)
+    found = compare(model, soft)
+    assert len(found.pairs) == len(model.frequencies)
+    assert not len(found.missing)
+    assert not len(found.extra)
+    assert found.decay_ratios == pytest.approx(1, abs=1e-6)
+    blow = np.flatnonzero(~model.of_object)
+    assert len(blow)
+    assert not np.isin(blow, compare(model, other).missing).any()

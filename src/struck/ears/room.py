@@ -168,7 +168,8 @@ class Room:
         """
         points = numbers(name, positions, width=3).reshape(-1, 3)
         low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
-        outside = ~np.all((points >= low) & (points <= high), axis=1)
+        slack = 1e-9 * (high - low)  # a centre of mass is at 0 to rounding alone
+        outside = ~np.all((points >= low - slack) & (points <= high + slack), axis=1)
         if outside.any():
             where, low, high = (
                 ", ".join(f"{x:.4g}" for x in each) for each in (points[outside][0], low, high)

@@ -20,7 +20,7 @@ from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
-from struck.model.arrays import Array, Index, brief, checked
+from struck.model.arrays import Array, Index, Mask, brief, checked
 from struck.model.contact import Place
 from struck.model.exponentials import samples
 from struck.model.gains import ShapeGains
@@ -91,7 +91,8 @@ class Comparison:
     level_offset : float
         Median of the level differences, dB, taken out of them unless both are calibrated.
     missing : array
-        Numbers of the model's modes that the other lacks though they should be heard.
+        Numbers of the model's modes that the other lacks though they should be heard; a fit's modes
+        that stand for the blow are not missed, nor extra.
     twins : array
         Numbers of the model's unpaired modes that share their frequency with a paired one, as those
         of a round body do: they are heard as one.
@@ -224,7 +225,9 @@ def compare(
             "other model", other, against or _same_place(blow, model, other), listener
         )
     else:
-        theirs = _recorded_side(other, against, recording, modes=modes, progress=progress)
+        theirs = _recorded_side(
+            other, against, recording, modes=modes, attack=model.recorded, progress=progress
+        )
         way = "" if strike or at is not None else "; give the place or the blow where you know them"
         theirs = replace(
             theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
@@ -322,6 +325,7 @@ def _recorded_side(
     recording: Sound | None,
     *,
     modes: int,
+    attack: bool,
     progress: Progress,
 ) -> Side:
     """Return the side of a recording or fitted modes; parameters as in `compare`."""
@@ -331,7 +335,7 @@ def _recorded_side(
         return Side.of_recording(other, recording)
     if recording is not None:
         raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
-    return Side.of_take(_take(other), modes, progress)
+    return Side.of_take(_take(other), modes, progress, attack=attack)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -348,6 +352,7 @@ class Side:
     begins: float = 0.0  # when amplitudes count, s after the strike began; 0: when it is over
     struck: str = ""  # where and how it was struck, in words
     notes: tuple[str, ...] = ()  # remarks for the reader
+    blow: Mask | bool = False  # which modes stand for the blow: nobody misses them
 
     @classmethod
     def of_model(
@@ -381,6 +386,7 @@ class Side:
             sound=lambda seconds: render(model, strike, seconds=seconds, listener=place),
             begins=begins,
             struck=_struck_at(model, strike),
+            blow=~model.of_object,
         )
 
     @classmethod
@@ -404,10 +410,12 @@ class Side:
         )
 
     @classmethod
-    def of_take(cls, take: Take, modes: int = FEWEST, progress: Progress = silent) -> Side:
+    def of_take(
+        cls, take: Take, modes: int = FEWEST, progress: Progress = silent, *, attack: bool = False
+    ) -> Side:
         """Fit at most some modes to a recording of one body, and take its loudest hit."""
-        # Modes under a budget must not be spent on the blow itself.
-        fitted = fit_poles(take, budget=max(FEWEST, modes), attack=False, progress=progress)
+        # Modes under a budget must not be spent on the blow itself, unless the model's were.
+        fitted = fit_poles(take, budget=max(FEWEST, modes), attack=attack, progress=progress)
         if not len(fitted.frequencies):
             reason = fitted.verdict.reason or "all that it holds are tones of the surroundings"
             raise RecordingError(f"{take.name}: {reason}: there is nothing to compare with")
@@ -420,6 +428,7 @@ class Side:
             cls.of_recording(hit, sound),
             begins=rows[0].time - rows[0].onset,
             notes=_notes(take, fitted),
+            blow=fitted.blow,
         )
 
     @property
@@ -439,10 +448,11 @@ class Side:
 
     # `factor`: by which frequencies of `beside` exceed those here.
     def missing_from(self, modes: Index, beside: Side, factor: float) -> Index:
-        """Return the unpaired modes that lie within the other side's complete band."""
+        """Return the unpaired modes of the object within the other side's complete band."""
         known = self.partials.frequencies[modes] <= beside.complete_to / factor
         heard = beside.computed or self.audible[modes] >= 0.5
-        return modes[known & heard]
+        blow = np.broadcast_to(self.blow, self.partials.frequencies.shape)[modes]
+        return modes[known & heard & ~blow]
 
 
 def _amplitudes(model: ModalModel, strike: Strike, listener: Array, begins: float) -> Array:
