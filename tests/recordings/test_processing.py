@@ -92,6 +92,27 @@ def test_beating_pairs_and_silence_are_not() -> None:
     assert not lossy(np.ones(10), RATE)
 
 
+@SEEDS
+def test_hits_that_fall_silent_in_between_are_not(seed: int) -> None:
+    """As of a body that bounces and hums: bands fall silent and come back, but most at once."""
+    chance = default_rng(seed)
+    times = np.arange(RATE // 2) / RATE
+    tones = np.geomspace(300, 15000, 40) * chance.uniform(0.97, 1.03, 40)
+    rung = np.exp(-60 * times) * np.sin(2 * np.pi * tones[:, None] * times)
+    hit, sound = chance.uniform(0.2, 1, 40) @ rung, np.zeros(4 * RATE)
+    for begin in np.cumsum(chance.uniform(0.1, 0.3, 14)):
+        place = round(begin * RATE)
+        sound[place : place + len(hit)] += chance.uniform(0.5, 1) * hit
+    sound += 20 * np.sin(2 * np.pi * 150 * np.arange(len(sound)) / RATE)
+    assert not lossy(sound / np.abs(sound).max(), RATE)
+
+
+def test_a_coder_that_leaves_few_holes_is_only_supposed() -> None:
+    told = told_of(coded(struck_body(0), 128))
+    assert "may have been coded with loss (MP3, AAC, OGG): bands fall silent" in told
+    assert "was coded with loss" in told_of(coded(struck_body(0), 64))
+
+
 def test_a_take_is_told_what_was_done_to_it() -> None:
     take = Take(samples=coded(struck_body(0), 64)[None] + 0.01, sample_rate=RATE, name="phone")
     told = list(findings(take, find_hits(take)))

@@ -418,7 +418,7 @@ class TimbreField(RecordedGains):
         coarse = np.setdiff1d(_too_fine(folded, listener_part), unclear)
         told = np.ones(len(survey.frequencies), bool) if own is None else own
         notes = _notes(survey, told, unclear, worst)
-        notes += _grid_notes(folded, told, coarse, listener_part)
+        notes += _grid_notes(folded, told, coarse, listener_part, radius)
         return cls(
             contact_part=ContactPart.of(folded.contacts, parts.drives, parts.drive_errors),
             listener_part=replace(listener_part, waves=replace(listener_part.waves, errors=None)),
@@ -557,7 +557,9 @@ def _too_fine(survey: Survey, part: ListenerPart) -> Index:
     return np.flatnonzero(part.waves.errors > _UNTOLD)
 
 
-def _grid_notes(survey: Survey, own: Mask, coarse: Index, part: ListenerPart) -> tuple[str, ...]:
+def _grid_notes(
+    survey: Survey, own: Mask, coarse: Index, part: ListenerPart, radius: float
+) -> tuple[str, ...]:
     """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
     notes, coarse = [], coarse[own[coarse]]
     around = azimuths_of(survey.places)
@@ -570,7 +572,7 @@ def _grid_notes(survey: Survey, own: Mask, coarse: Index, part: ListenerPart) ->
         )
     if len(coarse):
         tones = survey.frequencies[coarse]
-        waves = 2 * np.pi * tones.max() / AIR.sound_speed * part.waves.limit
+        waves = 2 * np.pi * tones.max() / AIR.sound_speed * (radius or part.waves.limit)
         spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
         names = ", ".join(f"{each:.6g}" for each in tones)
         notes.append(

@@ -145,12 +145,13 @@ _BINS = 8  # in a band
 _DEEP = 15.0  # by which a hole lies below what comes before and after it, dB
 _NEAR = 4  # half frames within which that is
 _RANGE = 110.0  # below the loudest band, dB: softer ones are rounding
-_RISE = 6.0  # of the whole, dB: it is a new sound that comes, not the band that comes back
+_RISE, _RENEWED = 6.0, 0.3  # dB, and share of bands that rise so: a new sound, not one come back
 _MOST_HELD = 40.0  # s that are looked at: the loudest
 # Of coded takes at 128 kbit/s 0.17 to 0.6 % of all places are holes, in 9 frames and 10 bands or
 # more; a beat makes its holes in one band, other takes none.
 _SHARE, _FRAMES, _BANDS, _ENOUGH = 1.2e-3, 6, 6, 40
-_HOLES = "bands fall silent and come back"
+_CERTAIN = 0.01  # of all places: fewer are as often of a scrape, or of a listener who walks
+_HOLES, _MOVES = "bands fall silent and come back", ", as they also do where something moves"
 _LOSSY = {".ogg", ".oga", ".opus"}
 _OFFSET = 2e-3  # smallest mean over peak that is reported
 
@@ -161,11 +162,12 @@ def processed(take: Take) -> Iterator[str]:
     if not heard.size:
         return
     loudest = heard[int(np.square(heard).sum(axis=1).argmax())]
-    ending = PurePath(take.name).suffix.lower()
-    why = "as its ending says" if ending in _LOSSY else ""
-    if why or lossy(loudest, take.sample_rate):
+    why = "as its ending says" if PurePath(take.name).suffix.lower() in _LOSSY else _HOLES
+    share = 1.0 if why != _HOLES else lossy(loudest, take.sample_rate)
+    if share:
+        sure, moved = ("was", "") if share > _CERTAIN else ("may have been", _MOVES)
         yield (
-            f"{take.name} was coded with loss (MP3, AAC, OGG): {why or _HOLES}; weak modes may be "
+            f"{take.name} {sure} coded with loss (MP3, AAC, OGG): {why}{moved}; weak modes may be "
             "false or missing, so record without compression"
         )
     offset = float(np.abs(heard.mean(axis=1)).max() / max(np.abs(heard).max(), 1e-300))
@@ -176,15 +178,15 @@ def processed(take: Take) -> Iterator[str]:
         )
 
 
-def lossy(samples: Array, sample_rate: float) -> bool:
-    """Return whether samples (n,), half a second or more, have the holes of a lossy coder."""
+def lossy(samples: Array, sample_rate: float) -> float:
+    """Return the share of holes of a lossy coder in samples (n,), half a second or more, or 0."""
     levels = _bands(_loudest_part(samples, sample_rate), sample_rate)
     if len(levels) < _ENOUGH:  # half a second
-        return False
+        return 0.0
     holes, possible = _holes(levels)
     share = np.count_nonzero(holes) / max(np.count_nonzero(possible), 1)
     frames, bands = (np.count_nonzero(holes.any(axis=axis)) for axis in (1, 0))
-    return bool(share > _SHARE and frames >= _FRAMES and bands >= _BANDS)
+    return share if share > _SHARE and frames >= _FRAMES and bands >= _BANDS else 0.0
 
 
 def _loudest_part(samples: Array, sample_rate: float) -> Array:
@@ -207,14 +209,13 @@ def _bands(samples: Array, sample_rate: float) -> Array:
 
 def _holes(levels: Array) -> tuple[Mask, Mask]:
     """Return which bands of which frames are holes, and which might be."""
-    shifts = range(1, _NEAR + 1)
-    total = 10 * np.log10((10 ** (levels / 10)).sum(axis=1))
-    coming = np.max([np.roll(total, -shift) for shift in shifts], axis=0)
     before, after = (
-        np.max([np.roll(levels, sign * shift, axis=0) for shift in shifts], axis=0)
+        np.max([np.roll(levels, sign * by, axis=0) for by in range(1, _NEAR + 1)], axis=0)
         for sign in (1, -1)
     )
-    beside = np.minimum(before, after)
-    possible = (beside > levels.max() - _RANGE) & (coming < total + _RISE)[:, None]
+    beside, least = np.minimum(before, after), levels.max() - _RANGE
+    heard = np.maximum(before, after) > least
+    new = (heard & (after > levels + _RISE)).sum(axis=1) >= _RENEWED * heard.sum(axis=1)
+    possible = (beside > least) & ~new[:, None]
     possible[:_NEAR] = possible[-_NEAR:] = False
     return possible & (levels < beside - _DEEP), possible

@@ -27,7 +27,6 @@ from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.disturbances import without_hum
-from struck.recordings.gain_control import GainControl
 from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, manifest_in, read_manifest
 from struck.recordings.poles.search import CLEAR, METHODS, Fitted, fit_poles
@@ -308,7 +307,8 @@ def _made(
     *,
     residual: bool | None,
 ) -> Fitting:
-    calm = replace(recorded, takes=tuple(map(_restored, recorded.takes, fitted.controls)))
+    still = zip((without_hum(take)[0] for take in recorded.takes), fitted.controls, strict=True)
+    calm = replace(recorded, takes=tuple(by.undone(take) if by else take for take, by in still))
     gathered = Gathered.of(fitted, calm)
     survey, gains = _gains(gathered, recorded, way, radius, ~fitted.blow)
     rest, short = remainder(fitted, calm, gathered)
@@ -337,12 +337,6 @@ def _made(
         residual=rest,
         short=short,
     )
-
-
-def _restored(take: Take, control: GainControl | None) -> Take:
-    """Return a take without hum and automatic gain."""
-    calm, _ = without_hum(take)
-    return calm if control is None else control.undone(calm)
 
 
 def _gains(

@@ -187,7 +187,9 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
     measure = Noise.heard_in if before.shape[1] else Noise.quietest
     noise = measure(quiet, take.sample_rate, floor)
     flat = clipped(take)
-    loudness = [_loudness(take, hit) for hit in hits]
+    early = round(_SPOILT * take.sample_rate)
+    firsts = [take.samples[:, hit.start : min(hit.end, hit.start + early)] for hit in hits]
+    loudness = [float((first**2).sum()) for first in firsts]
     for place, hit in enumerate(hits):
         if loudness[place] < _FAINT * max(loudness):
             continue
@@ -210,12 +212,6 @@ def _step(take: Take) -> float:
     middle = int(np.abs(take.samples).max(axis=0).argmax())
     values = np.unique(take.samples[:, max(0, middle - _LOOKED_AT // 8) :][:, :_LOOKED_AT])
     return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
-
-
-def _loudness(take: Take, hit: Hit) -> float:
-    """Return the energy of a hit's first moments."""
-    last = min(hit.end, hit.start + round(_SPOILT * take.sample_rate))
-    return float((take.samples[:, hit.start : last] ** 2).sum())
 
 
 def _unclipped(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:

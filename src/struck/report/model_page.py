@@ -44,20 +44,20 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     """Return the contents of a model, a line each; the `whole` with how it was made."""
     material = model.material
     own = model.of_object
-    lines = [f"{counted(np.count_nonzero(own), 'mode')}, {_completeness(model)}"]
-    if not own.all():
-        lines.append(f"blow      {counted(np.count_nonzero(~own), 'further mode')} in its place")
+    limit = f"none missing up to {model.complete_to:.0f} Hz"
+    known = limit if model.complete_to else "others may be missing"
+    lines = [f"{counted(np.count_nonzero(own), 'mode')}, {known}"]
+    others = counted(np.count_nonzero(~own), "further mode")
+    lines += [] if own.all() else [f"blow      {others} in its place"]
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
-    if model.residual is not None:
-        rest = model.residual
+    if (rest := model.residual) is not None:
         seconds, size = len(rest.attack) / rest.sample_rate, rest.size / 1000
         lines.append(f"residual  attack of {seconds:.2g} s, and noise after it: {size:.0f} kB")
     if model.errors is not None and np.isfinite(model.errors[own]).any():
-        middle, worst = np.nanmedian(model.errors[own]), np.nanmax(model.errors[own])
-        halves = f"half of the frequencies within {100 * middle:.2g} %"
-        lines.append(f"errors    {halves}, all within {100 * worst:.2g} %")
+        middle, worst = 100 * np.nanmedian(model.errors[own]), 100 * np.nanmax(model.errors[own])
+        lines.append(f"errors    frequencies: half within {middle:.2g} %, all within {worst:.2g} %")
     if material is not None:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
         kind = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind).lower()
@@ -66,14 +66,14 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
             f"E = {material.youngs_modulus / 1e9:g} GPa, Poisson {material.poisson_ratio:g}, "
             f"{kind} of {values.replace('_', ' ').replace('=', ' ')}"
         )
-    if model.mass is not None:
-        lines.append(f"mass      {model.mass:.4g} kg")
+    lines += [] if model.mass is None else [f"mass      {model.mass:.4g} kg"]
     if model.geometry is not None:
         size = " x ".join(f"{edge:.4g}" for edge in np.ptp(model.geometry.bounds, axis=0))
         up = model.provenance.details.get("up", model.geometry.up)
         other = "; another by up= when it is analyzed" if "," in str(up) else ""
         lines += [f"size      {size} m", f"up        {up}: it says where top is{other}"]
-    lines.append(f"gains     {_unit(model)}")
+    unit = "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
+    lines.append(f"gains     {unit if model.calibrated else 'relative'}")
     if not isinstance(model.gains, ShapeGains):
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
@@ -111,18 +111,6 @@ def _method(model: ModalModel) -> list[str]:
     ]
     papers = [f"cite      {paper}" for paper in model.cite().splitlines()]
     return [f"method    {model.provenance.method}", *details, *papers]
-
-
-def _completeness(model: ModalModel) -> str:
-    if not model.complete_to:
-        return "others may be missing"
-    return f"none missing up to {model.complete_to:.0f} Hz"
-
-
-def _unit(model: ModalModel) -> str:
-    if not model.calibrated:
-        return "relative"
-    return "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
 
 
 def _recorded(model: ModalModel) -> list[str]:

@@ -210,14 +210,12 @@ def _visible(corners: Array, view: Array, *, coloured: bool) -> tuple[Array, Arr
     places = corners[:, :, :3] @ view.T
     order = facing(places)
     values, normals = corners[order, :, 6], corners[order, :, 3:6] @ view.T
-    base = _coloured(values) if coloured else np.broadcast_to(_CLAY, normals.shape)
+    base = np.broadcast_to(_CLAY, normals.shape)
+    if coloured:
+        import matplotlib as mpl
+
+        base = mpl.colormaps[_COLOURS]((values + 1) / 2)[..., :3]
     return places[order, :, :2], _lit(base, normals)
-
-
-def _coloured(values: Array) -> Array:
-    import matplotlib as mpl
-
-    return mpl.colormaps[_COLOURS]((values + 1) / 2)[..., :3]
 
 
 def _lit(base: Array, normals: Array) -> Array:

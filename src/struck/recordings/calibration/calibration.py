@@ -425,6 +425,7 @@ def calibrated(
         model, pairing = _recomputed(partials, model, pairing, recompute)
     fit = elastic_fit(partials, Expected(model=model), pairing, known.poisson_ratio)
     base = inferable(model)
+    heard = partials.natural_frequencies, partials.decays, partials.decay_errors
     covariance = fit.covariance + np.diag([(2 * size_error) ** 2, 0.0])
     return Calibration(
         specific_stiffness=base.youngs_modulus / base.density * float(np.exp(2 * fit.shift)),
@@ -432,7 +433,7 @@ def calibrated(
         covariance=covariance,
         freedom=fit.freedom,
         scatter=fit.scatter,
-        losses=_losses(partials, pairing),
+        losses=losses(*(each[pairing.fitted] for each in heard)),
         density=known.density,
         name=known.name,
         pairing=pairing,
@@ -508,10 +509,3 @@ def _recomputed(
         model = recompute(wanted)
         pairing = _require_pairs(paired(partials, model, widest=1), partials)
     return model, pairing
-
-
-def _losses(partials: Partials, pairing: Pairing) -> Losses:
-    heard = pairing.fitted
-    return losses(
-        partials.natural_frequencies[heard], partials.decays[heard], partials.decay_errors[heard]
-    )

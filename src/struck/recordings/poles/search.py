@@ -526,13 +526,8 @@ def fit_poles(
         else:
             ringing = each(method, lambda: by_corbett2007(segments, budget))
         outside = [] if onsets is not None else list(map(unexplained, microphones, hits))
-        verdict = judge(
-            segments,
-            rows,
-            ringing,
-            outside,
-            steady=onsets is None and all(map(constant, microphones)),
-        )
+        steady = onsets is None and all(map(constant, microphones))
+        verdict = judge(segments, rows, ringing, outside, steady=steady)
         notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
         measured = method == "shared" and budget is None
         return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)
@@ -540,7 +535,11 @@ def fit_poles(
     fitted = _by_evidence(fit, hits, doubts) if any(doubts) else fit(hits)
     fitted = _controlled(fitted, controls, takes)
     fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
-    return fitted if method == "shared" else _without_errors(fitted)
+    if method == "shared":
+        return fitted
+    # The method of 2007 does not minimise the residual that errors come from.
+    unknown = np.full(len(fitted.frequencies), np.nan)
+    return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
 
 
 def _undone(
@@ -635,12 +634,6 @@ def _is_proven(every: Fitted, without: Fitted, take: int, hit: Hit) -> bool:
             left.append(sound - model)
             other.append(sound - without.ringing(before[-1], what.time, len(sound)))
     return bool(left) and proven(left, other, len(every.heard.poles))
-
-
-def _without_errors(fitted: Fitted) -> Fitted:
-    """Drop the standard errors: the 2007 method does not minimise the residual they come from."""
-    unknown = np.full(len(fitted.frequencies), np.nan)
-    return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
 
 
 def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:

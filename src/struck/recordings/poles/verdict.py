@@ -90,14 +90,13 @@ def hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | N
 
 def crowding(segments: Sequence[Segment], before: Exponentials, after: Exponentials) -> bool:
     """Return whether hundreds of modes grow by a larger share than their residual falls."""
-    growth = after.count / max(before.count, 1)
-    if after.count < CROWDED or not before.count or growth < _FAST:
-        return False
-    return growth * left_over(segments, after) > left_over(segments, before)
+    growth = after.count / before.count if before.count else 0.0
+    fast = growth > _FAST and after.count >= CROWDED
+    return fast and growth * left_over(segments, after) > left_over(segments, before)
 
 
 def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
-    """Return the energy of what modes leave of segments."""
+    """Return the energy of the residual of modes in all segments."""
     return sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
 
 

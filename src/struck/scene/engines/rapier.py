@@ -210,7 +210,7 @@ class RapierEngine:
             normal = _array(data.normal)
             tangents = _tangents(-normal)
             for contact in solved:
-                point = points[_first(contact.contact_id)]
+                point = points[int(np.ravel(contact.contact_id)[0])]
                 if point.impulse > 0:
                     pushed = normal * point.impulse - np.array(point.tangent_impulse) @ tangents
                     ends = data.solver_contact_world_points(contact, self._world.rigid_bodies)
@@ -245,10 +245,6 @@ def _tangents(direction: Array) -> Array:
     a = -1 / (sign + z)
     first = np.array([x * y * a, sign + y * y * a, -y])
     return np.stack([first, np.cross(direction, first)])
-
-
-def _first(number: Any) -> int:  # noqa: ANN401 - Rapier gives one, or several of a simplified point
-    return int(number[0]) if isinstance(number, list | tuple) else int(number)
 
 
 def _axis(turn: Rotation) -> tuple[float, ...]:
