@@ -155,8 +155,9 @@ def cut(
 def _ends_soon(take: Take, hit: Hit) -> str:
     """Return after how little of its last hit a take ends, in words."""
     rest = take.samples.shape[1] - hit.start
-    lasts = f"; it ends {1000 * rest / take.sample_rate:.0f} ms after its last hit"
-    return lasts if rest < 2 * SHORTEST * take.sample_rate else ""
+    lasts = f"; it ends {1000 * rest / take.sample_rate:.0f} ms after its last hit: "
+    why = "it is cut off there, or it breaks off and nothing was struck"
+    return f"{lasts}{why}" if rest < 2 * SHORTEST * take.sample_rate else ""
 
 
 def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
