@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from struck.model.exponentials import Exponentials
 from struck.recordings.fit import fit_recordings
 from struck.recordings.gain_control import UNKNOWN, gain_control
 from struck.recordings.onsets import find_hits
+from struck.recordings.poles.refinement import refine, with_best_gains
 from struck.recordings.poles.search import Fitted, fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import (
@@ -120,7 +122,8 @@ def test_a_dry_take_keeps_its_modes_whatever_room_is_told(seed: int) -> None:
 
 
 UNCLEAR = pytest.mark.xfail(
-    reason="37 of 40, as without the coder: by the Cramer-Rao bound 34 of them can be told apart",
+    reason="36 of 40; the least squares that start from the true modes find 36, too, for the pairs "
+    "at 3.8, 6.2 and 12.1 kHz are too close for their noise, and 37 of the take without a coder",
     strict=True,
 )
 SECOND = [pytest.param(2), *(pytest.param(seed, marks=pytest.mark.prove) for seed in (0, 3, 4))]
@@ -141,12 +144,28 @@ def test_a_coder_of_64_kilobits_makes_few_modes(seed: int) -> None:
     assert found.found >= 0.9
 
 
-def through_a_coder(kilobits: int, seed: int) -> Score:
+@pytest.mark.prove
+def test_least_squares_from_the_truth_find_no_more_where_too_few_are_found() -> None:
+    """What they miss is not in the sound: pairs that differ by less than the noise lets one see."""
+    heard = of_a_coder(128, seed=1)
+    fit, true = measured(heard), heard.truth.poles
+    begun = Exponentials(poles=true, gains=np.zeros((1, len(true)), complex))
+    best = refine(fit.segments, with_best_gains(fit.segments, begun), sweeps=8, steps=12)
+    nearest = np.abs(best.frequencies[:, None] - heard.truth.frequencies).argmin(axis=1)
+    known = score(heard.truth, best.poles, heard.truth.gains[:, nearest])
+    assert scored(heard, fit).found >= known.found
+
+
+def of_a_coder(kilobits: int, seed: int) -> Scene:
     clean = scene(40, 50, np.random.default_rng(seed))
-    heard = Scene(samples=coded(0.7 * clean.samples[0], kilobits)[None], truth=clean.truth)
+    return Scene(samples=coded(0.7 * clean.samples[0], kilobits)[None], truth=clean.truth)
+
+
+def through_a_coder(kilobits: int, seed: int) -> Score:
+    heard = of_a_coder(kilobits, seed)
     fit = measured(heard)
     assert any("coded with loss" in note for note in fit.notes)
-    return scored(clean, fit)
+    return scored(heard, fit)
 
 
 def phone(seed: int) -> Scene:
