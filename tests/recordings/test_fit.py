@@ -359,6 +359,15 @@ def test_what_is_no_hit_is_refused(name: str) -> None:
         fitting(Take(samples=sounding(), sample_rate=44100), modes=32)
 
 
+def test_where_all_modes_explain_too_little_a_number_of_them_is_offered() -> None:
+    take = Take(samples=chord(0.7), sample_rate=44100)
+    with pytest.raises(RecordingError, match="With modes=64 the blow is fitted too"):
+        fitting(take, modes=None)
+    with pytest.raises(RecordingError) as told:
+        fitting(take, modes=32)
+    assert "modes=64" not in str(told.value)
+
+
 @pytest.mark.parametrize("name", ["chord", pytest.param("cymbal", marks=pytest.mark.prove)])
 def test_what_is_not_modal_is_fitted_when_somebody_insists(name: str) -> None:
     samples = chord(0.7) if name == "chord" else cymbal(np.random.default_rng(2), 0.5)

@@ -259,6 +259,8 @@ def _require_modes(
     other = (
         f" That is by method={way!r}: leave method= out for the default." if way != "shared" else ""
     )
+    if told["budget"] is None and way == "shared":
+        other = " With modes=64 the blow is fitted too, for playing: of short sounds it is most."
     advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
     each = _each_alone(recorded.takes, told) if 1 < len(recorded.takes) <= _FEW else ""
     raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{each}{other}{advice}")
