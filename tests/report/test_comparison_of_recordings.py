@@ -233,6 +233,8 @@ def test_a_fitted_model_is_beside_its_own_recording_as_it_was_fitted(bar: ModalM
     assert not len(found.missing)
     assert not len(found.extra)
     assert found.decay_ratios == pytest.approx(1, abs=1e-6)
+    every = struck.fit(soft, modes=None, cache=False)
+    assert len(compare(every, soft).pairs) == len(every.frequencies)
     blow = np.flatnonzero(~model.of_object)
     assert len(blow)
     assert not np.isin(blow, compare(model, other).missing).any()

@@ -148,7 +148,8 @@ def fit_recordings(
     model = made.model if blow is None else without_blow(made.model, blow, made.lead)
     if pitch is not None or surface is not None:
         model = model.charted(pitch=pitch, geometry=surface)
-    return replace(made, model=model)
+    sought = model.provenance.extended(modes_sought=modes or "all")
+    return replace(made, model=replace(model, provenance=sought))
 
 
 def _fitted(

@@ -214,7 +214,7 @@ def compare(
     progress: Progress = silent,
 ) -> Comparison:
     """Compare a model with a recording of the body, or another model (see `struck.compare`)."""
-    blow, modes = _blow(at, strike), len(model.frequencies)
+    blow = _blow(at, strike)
     _require_place("model", model, blow)
     if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
         other = model_file.load_model(other)
@@ -225,9 +225,7 @@ def compare(
             "other model", other, against or _same_place(blow, model, other), listener
         )
     else:
-        theirs = _recorded_side(
-            other, against, recording, modes=modes, attack=model.recorded, progress=progress
-        )
+        theirs = _recorded_side(other, against, recording, model, progress)
         way = "" if strike or at is not None else "; give the place or the blow where you know them"
         theirs = replace(
             theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
@@ -323,9 +321,7 @@ def _recorded_side(
     other: FittedModes | Sound | Take | str | os.PathLike[str],
     against: Strike | None,
     recording: Sound | None,
-    *,
-    modes: int,
-    attack: bool,
+    model: ModalModel,
     progress: Progress,
 ) -> Side:
     """Return the side of a recording or fitted modes; parameters as in `compare`."""
@@ -335,7 +331,10 @@ def _recorded_side(
         return Side.of_recording(other, recording)
     if recording is not None:
         raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
-    return Side.of_take(_take(other), modes, progress, attack=attack)
+    # Modes under a budget must not be spent on the blow itself, unless the model's were.
+    every = model.provenance.details.get("modes_sought") == "all"
+    budget = None if every else max(FEWEST, len(model.frequencies))
+    return Side.of_take(_take(other), budget, progress, attack=model.recorded and not every)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -411,11 +410,15 @@ class Side:
 
     @classmethod
     def of_take(
-        cls, take: Take, modes: int = FEWEST, progress: Progress = silent, *, attack: bool = False
+        cls,
+        take: Take,
+        budget: int | None = FEWEST,
+        progress: Progress = silent,
+        *,
+        attack: bool = False,
     ) -> Side:
-        """Fit at most some modes to a recording of one body, and take its loudest hit."""
-        # Modes under a budget must not be spent on the blow itself, unless the model's were.
-        fitted = fit_poles(take, budget=max(FEWEST, modes), attack=attack, progress=progress)
+        """Fit at most a budget of modes to a recording of one body, and take its loudest hit."""
+        fitted = fit_poles(take, budget=budget, attack=attack, progress=progress)
         if not len(fitted.frequencies):
             reason = fitted.verdict.reason or "all that it holds are tones of the surroundings"
             raise RecordingError(f"{take.name}: {reason}: there is nothing to compare with")
