@@ -249,6 +249,14 @@ def test_what_does_not_fit_together_is_refused(changes: dict[str, object], messa
         Survey(**(given | changes))
 
 
+def test_listeners_in_millimetres_are_told() -> None:
+    survey = small()
+    given = {name: getattr(survey, name) for name in Survey.__dataclass_fields__}
+    far = Survey(**(given | {"listeners": 1000 * survey.listeners}))
+    assert any("give their places in m, not mm" in note for note in TimbreField.of(far).notes)
+    assert not any("not mm" in note for note in TimbreField.of(survey).notes)
+
+
 def test_recordings_without_anything_in_common_are_refused() -> None:
     survey = small()
     given = {name: getattr(survey, name) for name in Survey.__dataclass_fields__}

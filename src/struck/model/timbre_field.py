@@ -338,6 +338,7 @@ def _closeness(some: Array, others: Array, reach: float) -> Array:
 # which nothing of its listener part is used but the size.
 WORST, LOST = 0.1, 0.5
 _UNTOLD = 0.06  # energy by which listeners may be off when told by all others, over that heard
+_FARTHEST = 50.0  # of listeners whose places are believed, m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -562,7 +563,9 @@ def _grid_notes(
 ) -> tuple[str, ...]:
     """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
     notes, coarse = [], coarse[own[coarse]]
-    around = azimuths_of(survey.places)
+    around, far = azimuths_of(survey.places), np.median(np.linalg.norm(survey.places, axis=1))
+    if far > _FARTHEST:
+        notes.append(f"listeners are {far:.3g} m away: give their places in m, not mm")
     if part.mirrored and around <= ORDER:
         taken = f"a mode of {around} or more waves around is taken for one of fewer"
         notes.append(

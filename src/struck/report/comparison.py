@@ -369,13 +369,14 @@ class Side:
         beside = centre_of(model) + place_beside(model)
         place = beside if listener is None else position_of(listener)
         recorded = model.geometry is None
+        errors = 0.0 if model.errors is None or not recorded else np.nan_to_num(model.errors)
         return cls(
             name=name,
             partials=Partials(
                 frequencies=model.frequencies,
                 decays=model.decays,
                 amplitudes=_amplitudes(model, strike, place, begins),
-                frequency_errors=_errors(model) if recorded else np.zeros_like(model.frequencies),
+                frequency_errors=errors * model.frequencies,
                 decay_errors=np.zeros_like(model.frequencies),
             ),
             complete_to=np.inf if recorded else model.complete_to,
@@ -486,12 +487,6 @@ def _struck_at(model: ModalModel, strike: Strike) -> str:
     force = f"{blow.impulse:.3g} {'N s' if model.calibrated else 'of the recorded blow'}"
     during = f" in {1000 * blow.duration:.3g} ms" if blow.duration else ""
     return f"struck at {known.strip()} by {force}{during}"
-
-
-def _errors(model: ModalModel) -> Array:
-    """Return standard errors of frequencies that were fitted, Hz (M,); 0 where unknown."""
-    shares = np.zeros_like(model.frequencies) if model.errors is None else model.errors
-    return np.nan_to_num(shares) * model.frequencies
 
 
 def _shortened(sound: Sound, seconds: float) -> Sound:
