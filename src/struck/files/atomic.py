@@ -71,7 +71,7 @@ def unread(path: str | os.PathLike[str], error: Exception) -> str:
         return f"is missing, as there is no folder {folder}: check its name"
     if isinstance(error, FileNotFoundError):
         readable = os.access(folder, os.R_OK)  # a folder may be entered and yet not listed
-        known = os.listdir(folder) if readable else ()  # noqa: PTH208 - names alone
+        known = [each.name for each in folder.iterdir()] if readable else []
         offer = nearest(Path(path).name, known)
         return f"is missing, there is no file of that name: {offer}check its name"
     reason = getattr(error, "strerror", None) or error
