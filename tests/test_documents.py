@@ -139,6 +139,30 @@ def test_gallery_shows_every_verb_and_excitation() -> None:
     assert {name for name in SHOWN if f"{name}(" in text} == SHOWN
 
 
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+
+
+def test_readme_starts_with_the_two_commands_and_links_every_guide() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    first_block = text.split("```sh\n")[1].split("```")[0]
+    commands = re.findall(r"^make (\w+)", first_block, re.MULTILINE)
+    assert commands == ["demo", "test"]
+    assert text.index("make test") < text.index("pip install")
+    assert all(re.search(rf"^{command}:.* ## ", makefile, re.MULTILINE) for command in commands)
+    guides = {name_of(page) for page in (ROOT / "docs/how-to").glob("*.md")}
+    pages = {"CONTRIBUTING.md", "docs/explanation/architecture.md", "docs/explanation/trust.md"}
+    assert guides | pages <= set(LINK.findall(text))
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, id=name_of(page)) for page in PAGES])
+def test_links_lead_to_files_that_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = {link for link in LINK.findall(text) if "://" not in link}
+    generated = {"gallery/index"}  # pages that Sphinx makes
+    assert not {each for each in links - generated if not (page.parent / each).exists()}
+
+
 OFFLINE = """
 import runpy, socket, sys
 def refuse(*_): raise OSError("there is no network")
