@@ -12,7 +12,6 @@ import pickle
 import queue
 import signal
 import subprocess
-import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,9 @@ from typing import Any, cast
 
 from struck.batch.job import ALLOWED, Facts
 from struck.batch.job_table import BodyJob
+from struck.core.child_process import python_command, python_environment
 from struck.errors import SolverError
 
-# Models depend in their last bits on the number of threads that computed them: each job has one.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _PROGRAM = "from struck.batch.job import main; main()"
 
 
@@ -36,13 +34,13 @@ class _Worker:
     """A process that does one job after the other, each in a fork of it."""
 
     def __init__(self, events: queue.SimpleQueue[tuple[_Worker, Facts | None]]) -> None:
-        modules = os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
         self._process = subprocess.Popen(  # noqa: S603 - our own module, in this interpreter
-            [sys.executable, "-P", "-W", "ignore", "-c", _PROGRAM],
+            python_command("-W", "ignore", "-c", _PROGRAM),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, **_ONE_THREAD, "PYTHONPATH": modules},
+            # Models depend in their last bits on the number of threads: each job has one.
+            env=python_environment(),
             start_new_session=True,  # Ctrl-C is for the program, and all it starts ends together
         )
         self._thread = threading.Thread(target=self._listen, args=(events,), daemon=True)

@@ -106,7 +106,7 @@ def fingerprint() -> int:
 
 def compiler() -> list[str]:
     """Return the command of the C compiler."""
-    return [sys.executable, "-m", "ziglang", "cc"]
+    return [sys.executable, "-P", "-m", "ziglang", "cc"]
 
 
 def build(

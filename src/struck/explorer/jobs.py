@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from struck.core.child_process import python_command, python_environment
 from struck.errors import StruckError
 from struck.explorer.facts import facts
 from struck.explorer.objects import Thing, things
@@ -116,13 +117,11 @@ class Jobs:
         """Let one process compute one object after the other; another follows one that dies."""
         while waiting:
             process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                "-m",
-                "struck.explorer.jobs",
+                *python_command("-m", "struck.explorer.jobs"),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 limit=_LIMIT,
-                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                env=python_environment(),
                 start_new_session=True,  # Ctrl-C is for the server, which ends it
             )
             try:

@@ -11,7 +11,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from typing import IO, NoReturn, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.core.child_process import python_command, python_environment
 from struck.errors import MeshError, MissingDependencyError
 from struck.files.messages import (
     FORMATS,
@@ -50,7 +50,6 @@ _KILLED = (
     -signal.SIGKILL if hasattr(signal, "SIGKILL") else None
 )  # as Linux ends a process when memory runs out
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _LONGEST_START = 60.0  # s
 _LONGEST_MESSAGE = 500
 # Squares of lengths, and their sums, must stay within the range of double precision.
@@ -84,7 +83,7 @@ class Guard:
     ) -> None:
         self.limits = limits or ReadingLimits()
         self._command = command or [
-            *(sys.executable, "-P", "-W", "ignore", "-c", _PROGRAM),
+            *python_command("-W", "ignore", "-c", _PROGRAM),
             json.dumps(asdict(self.limits)),
         ]
         self._lock = threading.RLock()
@@ -149,8 +148,6 @@ class Guard:
         return self._process
 
     def _started(self) -> subprocess.Popen[bytes]:
-        # Modules are found as by the program, and not where it was started.
-        modules = os.pathsep.join(str(Path(path).absolute()) for path in sys.path if path)
         try:
             process = subprocess.Popen(  # noqa: S603 - our own module, in this interpreter
                 self._command,
@@ -158,7 +155,7 @@ class Guard:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 bufsize=0,
-                env={**os.environ, **_ONE_THREAD, "PYTHONPATH": modules},
+                env=python_environment(),
                 creationflags=_NO_WINDOW,
             )
         except OSError as error:
