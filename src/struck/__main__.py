@@ -1,4 +1,4 @@
-"""Start of the command `struck`: Ctrl-C, and settings that NumPy must find when it is imported."""
+"""Start of the command `struck`: Ctrl-C, and settings that libraries find when imported."""
 
 from __future__ import annotations
 
@@ -88,6 +88,7 @@ def main() -> int:
     interruption = Interruption()
     try:
         _choose_kernels()
+        _import_matplotlib_elsewhere()
         from struck.cli import main as run
 
         return run()
@@ -111,6 +112,26 @@ def _choose_kernels() -> None:
     kernels = blas_kernels(processor, os.environ)
     if kernels is not None:
         os.environ[_VARIABLE] = kernels
+
+
+def _import_matplotlib_elsewhere() -> None:
+    """Import matplotlib in another folder where the current one holds settings of it.
+
+    They rule no picture of struck, yet matplotlib reads them as it is imported, complains of bad
+    ones, and cannot be imported with those that are no text.
+    """
+    if not os.path.lexists("matplotlibrc"):  # pathlib costs 3 ms
+        return
+    try:
+        here = os.getcwd()  # noqa: PTH109
+        os.chdir(here)  # so that there is a way back
+        os.chdir(sys.prefix)
+    except OSError:
+        return
+    try:
+        import matplotlib  # noqa: F401, ICN001
+    finally:
+        os.chdir(here)
 
 
 if __name__ == "__main__":

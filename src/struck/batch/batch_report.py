@@ -25,6 +25,7 @@ from struck.files.atomic import write_bytes
 from struck.model.html import document, picture, table
 from struck.model.material import Material
 from struck.model.mesh import Mesh
+from struck.model.picture_style import in_default_style
 
 PAGES = ("report.json", "report.csv", "report.html")
 _SHOWN = 20  # bodies or strikes on the page
@@ -230,6 +231,7 @@ def _cells(row: BatchRow) -> tuple[str, ...]:
 class _Picture:
     """A body, drawn once, on which one strike after the other is marked."""
 
+    @in_default_style
     def __init__(self, surface: Mesh) -> None:
         from struck.report.charts import ORANGE, chart
         from struck.report.surface_picture import Painter

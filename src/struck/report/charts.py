@@ -16,6 +16,7 @@ from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
+from struck.model.picture_style import in_default_style
 from struck.report.surface_picture import Painter
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ _HEARING = 2e-5  # Pa
 _MODES = 5  # mode shapes in an overview
 
 
+@in_default_style
 def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
     """Draw levels over time and frequency, from `lowest` Hz or below the lowest peak on."""
     figure = chart(8.0, 4.5)
@@ -51,6 +53,7 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
     return figure
 
 
+@in_default_style
 @checked
 def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
     """Draw a body, its first modes, and the spectrum of a sound, or else the decays of its modes.
@@ -87,6 +90,7 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
     return figure
 
 
+@in_default_style
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure as .png, .pdf or .svg, whole or not at all."""
     require_ending(path, PICTURES, "pictures")
@@ -178,6 +182,7 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+@in_default_style
 def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str) -> Figure:
     figure = chart(11.0, 4.2)
     figure.suptitle(plain(title), fontsize=13, color=INK)

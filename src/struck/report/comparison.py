@@ -26,6 +26,7 @@ from struck.model.exponentials import samples
 from struck.model.gains import ShapeGains
 from struck.model.html import PAGES, document, picture, table
 from struck.model.model import LOUDEST, ModalModel
+from struck.model.picture_style import in_default_style
 from struck.model.provenance import Progress, silent
 from struck.recordings.calibration.agreement import FittedModes, Partials
 from struck.recordings.calibration.pairing import Pairing, explains, paired, pairs_by_chance
@@ -568,6 +569,7 @@ def _unpaired(side: Side, modes: Index) -> str:
     return f"<p><b>In the {html.escape(side.name)} alone</b> (Hz): {listed}</p>"
 
 
+@in_default_style
 def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Index]) -> Figure:
     """Draw both spectra in one, with ticks at the modes that only one side has."""
     figure = chart(11.0, 4.6)
@@ -595,6 +597,7 @@ def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Ind
     return figure
 
 
+@in_default_style
 def _differences(found: Comparison) -> Figure:
     """Draw how the other's modes differ from the model's, the fainter the less sure the pair."""
     sides, sure = (found.model, found.other), np.clip(found.pairing.confidence, 0.2, 1.0)

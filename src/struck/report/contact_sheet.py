@@ -11,6 +11,7 @@ from struck.errors import OptionError
 from struck.files.sound import Sound
 from struck.model.arrays import Array
 from struck.model.mesh import Mesh
+from struck.model.picture_style import in_default_style
 from struck.report.charts import draw_spectrogram, powers_in_time
 from struck.report.surface_picture import facing, frame, shade
 from struck.scene.animation import COLOURS, course_of, group_of
@@ -29,6 +30,7 @@ _ELEVATION, _AROUND = np.deg2rad(22), np.deg2rad(-58)
 _LIGHT = np.array([-0.42, 0.58, 0.70]) / np.linalg.norm([-0.42, 0.58, 0.70])
 
 
+@in_default_style
 def contact_sheet(scene: Scene, contacts: Contacts, sound: Sound, *, seconds: float) -> Figure:
     """Draw a scene at twelve moments, and the spectrogram of its sound.
 

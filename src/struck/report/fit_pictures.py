@@ -10,6 +10,7 @@ import numpy as np
 
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
+from struck.model.picture_style import in_default_style
 from struck.model.residual import Residual
 from struck.model.survey import Survey
 from struck.recordings.gain_table import arrivals
@@ -203,6 +204,7 @@ def _fades(length: int, rising: int, falling: int) -> Array:
 # Spectra of a hit and of what its modes leave, and how long these ring.
 
 
+@in_default_style
 def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
     """Draw original, model and residual from a lowest frequency on, on one scale of colours."""
     named = (("original", hit.original), ("model", hit.modes), ("residual", hit.rest))
@@ -222,6 +224,7 @@ def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
     return figure
 
 
+@in_default_style
 def spectra(hit: RenderedHit, frequencies: Array, sure: Mask, lowest: float) -> Figure:
     """Draw the spectra of original and residual, with the `sure` modes (M,) and others marked."""
     figure = chart(WIDE, 4.4)
@@ -245,6 +248,7 @@ def spectra(hit: RenderedHit, frequencies: Array, sure: Mask, lowest: float) -> 
 
 
 # `errors`: standard errors of the decays, 1/s, NaN where unknown; `highest`: of the axis, Hz.
+@in_default_style
 def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: float) -> Figure:
     """Draw how long each mode rings, with its standard error where one is known."""
     figure = chart(WIDE, 3.6)
@@ -289,6 +293,7 @@ _LABELS = 24
 _SAME = 1e-6
 
 
+@in_default_style
 def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
     """Draw how far each mode's gains are from a product of contact and listener, %."""
     figure = chart(WIDE, 3.2)
@@ -306,6 +311,7 @@ def rank_errors(frequencies: Array, errors: Array, unmeasured: Mask) -> Figure:
     return figure
 
 
+@in_default_style
 def gain_map(
     levels: Array, frequencies: Array, places: Sequence[str], unmeasured: Mask, what: str
 ) -> Figure:

@@ -16,6 +16,7 @@ from struck.model.contact import Contact
 from struck.model.gains import Gains, ShapeGains
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
+from struck.model.picture_style import in_default_style
 from struck.radiation.directivity import RadiatingGains
 from struck.radiation.multipoles import CLOSE
 from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, overview, save
@@ -88,6 +89,7 @@ def _surface_gains(model: ModalModel) -> ShapeGains:
 # Mode shapes, as figure 4 of 1998, and the response of a surface to a blow, as figure 4 of 2002.
 
 
+@in_default_style
 def _mode_shapes(model: ModalModel, count: int) -> Figure:
     gains = _surface_gains(model)
     if not 0 < count <= min(MOST_MODES, len(model.frequencies)):
@@ -143,6 +145,7 @@ def blow_response(model: ModalModel, strike: Strike, times: Array) -> tuple[Arra
     return shapes @ (blow.impulse * drives), moved
 
 
+@in_default_style
 def _response(model: ModalModel, strike: Strike) -> Figure:
     gains = _surface_gains(model)
     contact = model.contact(strike.at, strike.direction)
@@ -172,6 +175,7 @@ def _places(name: str, places: Array) -> Array:
     return rows
 
 
+@in_default_style
 @checked
 def grid_picture(
     contacts: Array,
@@ -222,6 +226,7 @@ def grid_picture(
 # The directivity of a mode: a balloon as far out as it is loud there, in dB, and three cuts.
 
 
+@in_default_style
 def _directivity(model: ModalModel, mode: int | str) -> Figure:
     if isinstance(mode, str) or not 0 <= mode < len(model.frequencies):
         raise OptionError(
@@ -295,6 +300,7 @@ def _shown(shares: Array) -> Array:
 # Brightness of a strike on three planes through the centre, as figure 5 of 2007.
 
 
+@in_default_style
 def _slices(model: ModalModel) -> Figure:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm

@@ -29,6 +29,7 @@ from struck.model.damping import Rayleigh
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
+from struck.model.picture_style import in_default_style
 from struck.model.provenance import Progress, silent
 from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
@@ -475,6 +476,7 @@ def _the_end(folder: Path, accuracy: str) -> Staged:
     )
 
 
+@in_default_style
 def _letter(letter: str) -> tuple[Extrusion, float]:
     """Return a letter as a plate, and its width, m."""
     from matplotlib.font_manager import FontProperties

@@ -9,6 +9,7 @@ import numpy as np
 
 from struck.errors import counted
 from struck.model.arrays import Array, Index, checked
+from struck.model.picture_style import in_default_style
 from struck.perception.auditory_scale import integrated
 from struck.perception.sound_map import SoundMap
 from struck.report.charts import FAINT, INK, chart
@@ -23,6 +24,7 @@ _COLOURS = "viridis"  # as bright as the sound, and the colour-blind can read it
 _SILENT = "#d9d9d9"
 
 
+@in_default_style
 @checked
 def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
     """Draw the spectral centroid over the contacts of a `sound_map`, and its sounds (`cells`)."""
