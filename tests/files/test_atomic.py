@@ -63,6 +63,89 @@ def test_symbolic_link_is_followed(tmp_path: Path) -> None:
     assert (tmp_path / "real").read_bytes() == b"new"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o666, 0o755, 0o000])
+def test_replaced_file_passes_on_its_mode(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    path.chmod(mode)
+    atomic.write_bytes(path, b"new")
+    assert stat.S_IMODE(path.stat().st_mode) == mode
+    path.chmod(0o600)
+    assert path.read_bytes() == b"new"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_what_replaces_a_private_file_is_private_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    modes = []
+    passed_on = atomic._pass_on_permissions
+
+    def seen(target: Path, replaced: os.stat_result, handle: int) -> None:
+        modes.append(stat.S_IMODE(os.fstat(handle).st_mode))
+        passed_on(target, replaced, handle)
+
+    monkeypatch.setattr(atomic, "_pass_on_permissions", seen)
+    (tmp_path / "a.bin").write_bytes(b"old")
+    atomic.write_bytes(tmp_path / "a.bin", b"new")
+    assert modes == [0o600]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_link_stays_and_its_file_passes_on_its_mode(tmp_path: Path) -> None:
+    (tmp_path / "real").write_bytes(b"old")
+    (tmp_path / "real").chmod(0o640)
+    (tmp_path / "link").symlink_to("real")
+    atomic.write_bytes(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert stat.S_IMODE((tmp_path / "real").stat().st_mode) == 0o640
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="for root alone")
+def test_root_passes_on_the_owner(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    os.chown(path, 65534, 65533)
+    path.chmod(0o4750)
+    atomic.write_bytes(path, b"new")
+    status = path.stat()
+    assert (status.st_uid, status.st_gid) == (65534, 65533)
+    assert stat.S_IMODE(status.st_mode) == 0o4750
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_another_group_may_do_what_all_others_may(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where owner and group cannot be passed on, nobody gets more than before."""
+
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    path.chmod(0o2764)
+    now = path.stat()
+    strange = os.stat_result((*now[:4], now.st_uid + 1, now.st_gid + 1, *now[6:]))
+    monkeypatch.setattr(atomic.os, "fchown", refuse)
+    with path.open("rb+") as file:
+        atomic._pass_on_permissions(path, strange, file.fileno())
+    assert stat.S_IMODE(path.stat().st_mode) == 0o744
+
+
+@pytest.mark.skipif(not hasattr(os, "setxattr"), reason="extended attributes of Linux")
+def test_attributes_are_passed_on(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    try:
+        os.setxattr(path, "user.origin", b"a test")
+    except OSError:
+        pytest.skip("this file system has no attributes")
+    atomic.write_bytes(path, b"new")
+    assert os.getxattr(path, "user.origin") == b"a test"
+
+
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, OSError, MemoryError])
 def test_failure_leaves_the_old_file_and_nothing_else(

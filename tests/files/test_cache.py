@@ -88,6 +88,17 @@ def test_environment_and_argument_choose(tmp_path: Path, monkeypatch: pytest.Mon
     assert folder(choice=True) == tmp_path / "struck"
 
 
+@pytest.mark.parametrize("named", ["~nosuchuser/x", "~nosuchuser"])
+def test_home_of_nobody_is_no_folder(
+    named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("STRUCK_CACHE", named)
+    with pytest.warns(CacheWarning, match=f"'{named}', and there is no such home.*whole path"):
+        assert opened() is None
+    assert not list(tmp_path.iterdir())
+
+
 def test_choosing_makes_no_folder(tmp_path: Path) -> None:
     chosen = opened(choice=tmp_path / "given")
     assert chosen is not None

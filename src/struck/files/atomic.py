@@ -28,6 +28,7 @@ _DAY = 86_400.0
 _BOOT, _NAMESPACE = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
 _LARGEST = 2**31  # bytes of a file that is read
 _PIPE = "a pipe or a device, not an ordinary file"
+_ACCESS_LIST = "system.posix_acl_access"  # name of the attribute, Linux
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
 
 
@@ -100,7 +101,9 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     """Write a file whole: readers see the old content or the new, never a part."""
     # The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
     # what a killed process leaves goes with the next file written there. Symbolic links are
-    # followed.
+    # followed. A file that is replaced passes on who may read and write it; as with every rename,
+    # the permissions of the folder decide whether it may be replaced.
+    require_file_name(path)
     target = real(path)
     if is_folder(target):
         raise FileFormatError(f"{path} is a folder: add the name of a file in it")
@@ -123,6 +126,15 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         raise FileFormatError(
             f"{path} cannot be written ({reason}): free some space, or give another name or folder"
         ) from error
+
+
+def require_file_name(path: str | os.PathLike[str]) -> None:
+    """Raise FileFormatError where a path is empty, or ends as that of a folder does."""
+    text = os.fspath(path)
+    if not text:
+        raise FileFormatError("the name of the file to write is empty: give one")
+    if text.endswith((os.sep, os.altsep or os.sep)):
+        raise FileFormatError(f"{text} is the name of a folder: add the name of a file in it")
 
 
 def ended(path: str | os.PathLike[str]) -> str:
@@ -152,6 +164,7 @@ def writable(
 
     Names that do not end in one of the `endings` that files of its `kind` have are refused too.
     """
+    require_file_name(path)
     target = Path(path)
     if is_folder(target):
         raise FileFormatError(f"{target} is a folder: give the name of a file in it")
@@ -198,18 +211,47 @@ def sweep(folder: Path) -> int:
 def _replace(target: Path, blocks: Iterable[bytes]) -> None:
     temporary = target.with_name(f".struck-{_host()}-{os.getpid()}-{secrets.token_hex(8)}.part")
     try:
-        _write_through(temporary, blocks)
+        _write_through(temporary, blocks, target)
         temporary.replace(target)
         _sync_folder(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _write_through(path: Path, blocks: Iterable[bytes]) -> None:
-    with path.open("xb") as file:
+def _write_through(path: Path, blocks: Iterable[bytes], target: Path) -> None:
+    """Write a new file to the disk, with the permissions of the target that it will replace."""
+    replaced = target.stat() if is_file(target) else None
+    # What is to replace a private file is private from its first byte on.
+    usual = 0o666 if replaced is None else 0o600
+    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, usual)) as file:
         file.writelines(blocks)
+        if replaced is not None and hasattr(os, "fchown"):  # Windows has other permissions
+            _pass_on_permissions(target, replaced, file.fileno())
         file.flush()
         os.fsync(file.fileno())
+
+
+def _pass_on_permissions(target: Path, replaced: os.stat_result, handle: int) -> None:
+    """Give an open file the owner, group, mode and access list of a file, as far as allowed."""
+    mode = stat.S_IMODE(replaced.st_mode)
+    with suppress(OSError):
+        os.fchown(handle, replaced.st_uid, -1)  # which is for root alone
+    with suppress(OSError):
+        os.fchown(handle, -1, replaced.st_gid)
+    status = os.fstat(handle)
+    if (status.st_uid, status.st_gid) != (replaced.st_uid, replaced.st_gid):
+        mode &= 0o777  # it runs as nobody else
+    if status.st_gid != replaced.st_gid:  # another group may do what all others may
+        mode = mode & ~0o070 | (mode & 0o007) << 3
+    if hasattr(os, "removexattr"):
+        with suppress(OSError):  # which a folder gives to what is made in it
+            os.removexattr(handle, _ACCESS_LIST)
+    os.fchmod(handle, mode)
+    for name in os.listxattr(target) if hasattr(os, "listxattr") else ():
+        group_kept = status.st_gid == replaced.st_gid  # a list says what the group may do, too
+        if name.startswith("user.") or (name == _ACCESS_LIST and group_kept):
+            with suppress(OSError):
+                os.setxattr(handle, name, os.getxattr(target, name))
 
 
 def _sync_folder(folder: Path) -> None:

@@ -167,7 +167,12 @@ def opened(*, choice: bool | str | os.PathLike[str] = True) -> Cache | None:
     if named.strip().lower() == OFF:
         return None
     if named:
-        return Cache(os.path.expanduser(named))  # noqa: PTH111  a user without a home is no error
+        folder = os.path.expanduser(named)  # noqa: PTH111  a user without a home is no error
+        if not folder.startswith("~"):
+            return Cache(folder)
+        text = f"{VARIABLE} is {named!r}, and there is no such home: finished work is not kept"
+        warnings.warn(f"{text}; set the whole path of a folder", CacheWarning, stacklevel=3)
+        return None
     folder = user_folder(sys.platform, os.environ)
     return None if folder is None else Cache(folder)
 

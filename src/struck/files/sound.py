@@ -17,6 +17,7 @@ from struck.files import wav
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import Array, checked, require_number
 
+LARGEST = float(np.finfo(np.float32).max)  # of a sample
 _CHANNELS = 256  # more than any sound has
 FULL_SCALE = 20.0  # Pa, that level="absolute" writes as 1.0
 _SOFTEST_SCALE = 1e-12  # Pa, the least that may be full scale
@@ -63,7 +64,10 @@ class Sound:
             )
         wrong = np.count_nonzero(~np.isfinite(samples))
         if wrong:
-            raise OptionError(f"{wrong} of {samples.size} samples are not finite numbers")
+            raise OptionError(
+                f"{wrong} of {samples.size} samples are not finite, or beyond the range of 32-bit "
+                f"numbers ({LARGEST:.2g}): fill the gaps, or scale the samples"
+            )
         if not (self.sample_rate >= 1 and float(self.sample_rate).is_integer()):
             raise OptionError(f"sample_rate is {self.sample_rate}: give a whole number of Hz")
         samples.setflags(write=False)
@@ -89,7 +93,8 @@ class Sound:
 
         recording = decoded(read_bytes(path), Path(path).suffix.lower(), str(path))
         factor, calibrated = _read_level(recording.comment)
-        samples = (recording.samples / factor).astype(np.float32)
+        # The factor of a sound near the least 32-bit number is itself beyond their range.
+        samples = (recording.samples / np.float64(factor)).astype(np.float32)
         return cls(samples=samples, sample_rate=recording.sample_rate, calibrated=calibrated)
 
     @property

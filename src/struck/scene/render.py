@@ -23,7 +23,7 @@ from struck.errors import OptionError, counted
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.strike import Strike, after_attack, residual_of, unyielding
-from struck.files.sound import Sound
+from struck.files.sound import LARGEST, Sound
 from struck.model.arrays import Array, Complex, require_number
 from struck.model.contact import Contact
 from struck.model.gains import ShapeGains
@@ -100,8 +100,14 @@ def render(
         told += _outrun(ears)
         samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
     calibrated = all(body.sounding.calibrated for body in bodies)
+    samples = np.atleast_2d(samples)
+    if (peak := float(np.abs(samples).max(initial=0.0))) > LARGEST:
+        raise OptionError(
+            f"the sound would reach {peak:.3g}{' Pa' if calibrated else ''}, and its samples hold "
+            f"at most {LARGEST:.2g}: give a smaller impulse, speed or force"
+        )
     return Sound(
-        samples=np.atleast_2d(samples).astype(np.float32),
+        samples=samples.astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
         notes=lost + told + notes,
