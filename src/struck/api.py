@@ -432,6 +432,7 @@ def explore(
     model: ModalModel | Sequence[ModalModel] | None = None,
     *,
     names: Sequence[str] | None = None,
+    objects: Sequence[str] | None = None,
     port: int = 0,
     browser: bool = True,
     wait: bool = True,
@@ -441,10 +442,18 @@ def explore(
     Parameters
     ----------
     model : ModalModel or sequence of them, optional
-        Called `names`; unless given, eighteen objects that are computed while one looks on.
-    port, browser, wait : int, bool, bool
-        Where on 127.0.0.1, a free port unless given; whether to open a browser, where there is a
-        display; whether to serve until Ctrl-C, else until `stop` is called.
+        Bodies to show. Default: the eighteen objects of the room, which are computed while it is
+        open.
+    names : sequence of str, optional
+        Title of each model. Default: "Body 1" and so on.
+    objects : sequence of str, optional
+        Names of the objects of the room to compute, such as "string" or "bell". Default: all.
+    port : int
+        Port of 127.0.0.1, from 1 to 65535. Default: 0, a free one.
+    browser : bool
+        Whether to open a browser where there is a display. Default: True.
+    wait : bool
+        Whether to serve until Ctrl-C, else until `stop` is called. Default: True.
 
     Returns
     -------
@@ -458,7 +467,9 @@ def explore(
     """
     from struck.explorer import server
 
-    return server.explore(model, names=names, port=port, browser=browser, wait=wait)
+    return server.explore(
+        model, names=names, objects=objects, port=port, browser=browser, wait=wait
+    )
 
 
 def show(

@@ -50,7 +50,7 @@ class Client:
             sent["Cookie"] = self.cookie
         if method == "POST":
             sent["Origin"] = self.origin
-        sent |= {name.capitalize(): value for name, value in headers.items()}
+        sent |= {name.replace("_", "-").capitalize(): value for name, value in headers.items()}
         data = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
         connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)

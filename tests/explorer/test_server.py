@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -49,6 +50,17 @@ def test_token_becomes_a_cookie_and_leaves_the_address(explorer: Explorer) -> No
     assert "HttpOnly" in cookie
     assert "samesite=strict" in cookie.lower()
     assert client.ask("GET", "/").status == 200
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_step_from_a_file_is_a_page_of_the_server(explorer: Explorer, site: str) -> None:
+    """A browser sends no strict cookie along a redirect that begins elsewhere."""
+    client = Client(explorer.url)
+    answer = client.ask("GET", client.path, sec_fetch_site=site)
+    assert answer.status == 200
+    assert b'content="0;url=/"' in answer.body
+    assert "samesite=strict" in answer.headers["set-cookie"].lower()
+    assert answer.headers["referrer-policy"] == "no-referrer"
 
 
 @pytest.mark.parametrize(
@@ -268,6 +280,10 @@ def test_without_its_libraries_the_install_line_is_said(
 def test_names_and_models_are_as_many(bar: struck.ModalModel) -> None:
     with pytest.raises(OptionError, match="2 names for 1 models"):
         struck.explore(bar, names=["a", "b"], browser=False)
+    with pytest.raises(OptionError, match="did you mean bell"):
+        struck.explore(objects=["bel"], browser=False)
+    with pytest.raises(OptionError, match="objects of the room too"):
+        struck.explore(bar, objects=["bell"], browser=False)
     with pytest.raises(OptionError, match="65535"):
         struck.explore(bar, port=70_000, browser=False)
     with pytest.raises(OptionError, match="model"):
@@ -281,5 +297,7 @@ def test_browser_opens_where_there_is_a_display(
     monkeypatch.setattr(server.webbrowser, "open", lambda url: opened.append(url) or True)
     monkeypatch.setattr(server, "has_display", lambda: True)
     with struck.explore(bar, wait=False) as explorer:
-        assert opened == [explorer.url]
+        (page,) = opened
+        assert explorer.url.partition("=")[2] not in page
+        assert explorer.url in Path(unquote(urlsplit(page).path)).read_text()
         assert explorer.url in capsys.readouterr().err

@@ -62,7 +62,7 @@ def test_demo_leaves_a_list_of_what_it_made(
         return {"scenes.html": "Scenes"}
 
     gallery = import_module("struck.report.gallery")
-    monkeypatch.setattr(gallery, "_pages_of_shapes", lambda _folder, _progress: {})
+    monkeypatch.setattr(gallery, "_pages_of_shapes", lambda *_: {})
     monkeypatch.setattr(gallery, "_page_of_scenes", scenes)
     monkeypatch.setattr(gallery, "recording", lambda _folder, _progress: "a drum")
     monkeypatch.setattr(gallery, "SOLIDS", ())

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
+from struck.cli.options import names
+from struck.core.termination import orderly_end
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
-EXAMPLES = ("bell.struck glass.struck",)
+EXAMPLES = ("bell.struck glass.struck", "--objects string,bell")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +22,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="MODEL",
         help="model files; a room of eighteen objects unless given",
+    )
+    parser.add_argument(
+        "--objects", type=names, metavar="NAME,...", help="of the room alone, as string,bell"
     )
     parser.add_argument("--port", type=int, default=0, help="of this machine; a free one")
     parser.add_argument(
@@ -35,12 +40,16 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     progress("reading models", 0.0)
     models = [struck.load(path) for path in options.models]
     progress.close()
-    explorer = struck.explore(
-        models,
-        names=[Path(path).stem for path in options.models],
-        port=options.port,
-        browser=not options.no_browser,
-        wait=False,
-    )
-    explorer.wait(options.seconds)
+    with (
+        orderly_end(),
+        struck.explore(
+            models,
+            names=[Path(path).stem for path in options.models],
+            objects=options.objects,
+            port=options.port,
+            browser=not options.no_browser,
+            wait=False,
+        ) as explorer,
+    ):
+        explorer.wait(options.seconds)
     return Result("the room is closed", url=explorer.url)

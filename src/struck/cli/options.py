@@ -99,6 +99,11 @@ def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names.split()}
 
 
+def names(text: str) -> list[str]:
+    """Return the names in a text with commas between."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
 def place(text: str) -> str | tuple[float, ...]:
     """Return a place's coordinates from text such as "0.1,0,2cm"; other text is a place's name."""
     try:

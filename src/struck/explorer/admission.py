@@ -15,9 +15,10 @@ from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+_STEP = '<!doctype html><title>struck</title><meta http-equiv="refresh" content="0;url=/">'
 LARGEST_BODY = 2**16  # bytes of a request: the page sends numbers alone
 _SAFE = {"GET", "HEAD"}
 _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
@@ -130,7 +131,10 @@ class Admission:
         """Return the answer to a browser that brings the token, or neither token nor cookie."""
         tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token", [])
         if scope["path"] == "/" and any(self._is_token(token) for token in tokens):
-            answer = RedirectResponse("/", 303)
+            # A redirect belongs to the page that led here, and where that is a file browsers send
+            # no strict cookie with it: so the step to the room is taken by a page of this server.
+            typed = given.get("sec-fetch-site", "none") == "none"
+            answer = RedirectResponse("/", 303) if typed else HTMLResponse(_STEP)
             answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
             return answer
         try:

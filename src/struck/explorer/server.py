@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import html
 import json
 import math
 import mimetypes
@@ -11,7 +12,6 @@ import os
 import secrets
 import socket
 import sys
-import tempfile
 import threading
 import time
 import webbrowser
@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from struck.core.build import LIBRARIES
-from struck.errors import MissingDependencyError, OptionError, StruckError
+from struck.core.termination import orderly_end
+from struck.errors import MissingDependencyError, OptionError, StruckError, require_choice
 from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
 from struck.explorer.jobs import PAGED, Jobs
 from struck.explorer.objects import Thing, things, turned
+from struck.explorer.private_folder import PrivateFolder
 from struck.model.arrays import checked
 from struck.model.material import materials
 from struck.model.model import ModalModel
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 STATIC = Path(__file__).parent / "static"
+_BY_HAND = "open it in a browser"
 _ENDED = 30.0  # s that an end may take: heads that are being made are waited for
 _APART = 0.25  # m between given bodies
 _ONE_HEAD = threading.Lock()
@@ -74,14 +77,21 @@ class Explorer:
         self._socket = _listening(port)
         self.port: int = self._socket.getsockname()[1]
         self._token = secrets.token_urlsafe(24)
-        self._scratch = tempfile.TemporaryDirectory(prefix="struck-", ignore_cleanup_errors=True)
-        self._jobs = Jobs(wanted, Path(self._scratch.name))
+        try:
+            self._folder = PrivateFolder()
+        except OSError as error:
+            self._socket.close()
+            raise OptionError(
+                f"no temporary folder can be made ({error.strerror or error}): free some space, or "
+                "name another in TMPDIR"
+            ) from error
+        self._jobs = Jobs(wanted, self._folder.path)
         try:
             for number, (model, name) in enumerate(zip(given, names, strict=True)):
                 self._jobs.give(_standing(model, name, number, len(given)), model)
         except BaseException:
             self._socket.close()
-            self._scratch.cleanup()
+            self._folder.remove()
             raise
         self._stopping = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -96,13 +106,33 @@ class Explorer:
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def wait(self, seconds: float | None = None) -> None:
-        """Serve until Ctrl-C or `stop`, or for a number of seconds; then end."""
+        """Serve until Ctrl-C or `stop`, or for a number of seconds; then end.
+
+        SIGTERM, and SIGHUP of a terminal that is closed, end the process once the room is closed,
+        unless the program handles or ignores them itself.
+        """
         end = math.inf if seconds is None else time.monotonic() + seconds
-        with contextlib.suppress(KeyboardInterrupt):
-            # Ctrl-C amid a thread's `join` lets Python 3.11 take the thread for ended.
-            while (left := end - time.monotonic()) > 0 and not self._ended.wait(min(0.5, left)):
-                pass
-        self.stop()
+        with orderly_end():
+            with contextlib.suppress(KeyboardInterrupt):
+                # Ctrl-C amid a thread's `join` lets Python 3.11 take the thread for ended.
+                while (left := end - time.monotonic()) > 0 and not self._ended.wait(min(0.5, left)):
+                    pass
+            self.stop()
+
+    def open_in_browser(self) -> bool:
+        """Open the room in the user's browser; return whether one could be started.
+
+        The command line of a browser can be read by every user of the machine: so it names a file
+        that this user alone can read, which leads to the address with the token.
+        """
+        address = html.escape(self.url)
+        page = self._folder.write_private(
+            "open.html",
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>struck</title>'
+            f'<meta http-equiv="refresh" content="0;url={address}"></head>'
+            f'<body><a href="{address}">Open the room</a></body></html>\n',
+        )
+        return webbrowser.open(page.as_uri())
 
     def stop(self) -> None:
         """End the server and all that still computes."""
@@ -112,7 +142,7 @@ class Explorer:
             self._ended.wait(_ENDED)
             self._thread.join(0.5)
         self._socket.close()
-        self._scratch.cleanup()
+        self._folder.remove()
 
     def __enter__(self) -> Self:
         return self
@@ -158,6 +188,7 @@ def explore(
     model: ModalModel | Sequence[ModalModel] | None = None,
     *,
     names: Sequence[str] | None = None,
+    objects: Sequence[str] | None = None,
     port: int = 0,
     browser: bool = True,
     wait: bool = True,
@@ -165,17 +196,34 @@ def explore(
     """Open bodies in the browser; see `struck.explore`."""
     given = [model] if isinstance(model, ModalModel) else list(model or ())
     chosen = list(names or (f"Body {number + 1}" for number in range(len(given))))
+    if given and objects is not None:
+        raise OptionError("there are models, and objects of the room too: leave one of them out")
     if len(chosen) != len(given):
         raise OptionError(f"there are {len(chosen)} names for {len(given)} models: give as many")
-    wanted = [] if given else things()
-    explorer = Explorer(wanted, given=given, names=chosen, port=port)
-    shown = browser and has_display() and webbrowser.open(explorer.url)
-    how = "opened in the browser" if shown else "open it in a browser"
-    sys.stderr.write(f"{explorer.url}\n{how}; Ctrl-C ends it\n")
-    sys.stderr.flush()
-    if wait:
-        explorer.wait()
+    wanted = [] if given else _chosen(objects)
+    with orderly_end():
+        explorer = Explorer(wanted, given=given, names=chosen, port=port)
+        try:
+            shown = browser and has_display() and explorer.open_in_browser()
+            how = "opened in the browser (if not, open this address)" if shown else _BY_HAND
+            sys.stderr.write(f"{explorer.url}\n{how}; Ctrl-C ends it\n")
+            sys.stderr.flush()
+            if wait:
+                explorer.wait()
+        except BaseException:
+            explorer.stop()
+            raise
     return explorer
+
+
+def _chosen(names: Sequence[str] | None) -> list[Thing]:
+    """Return objects of the room by their names, in the order of their computation."""
+    room = things()
+    if names is None:
+        return room
+    for name in names:
+        require_choice("objects", name, [thing.name for thing in room])
+    return [thing for thing in room if thing.name in names]
 
 
 def has_display() -> bool:

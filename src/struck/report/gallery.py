@@ -13,7 +13,7 @@ import numpy as np
 
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
-from struck.errors import FileFormatError
+from struck.errors import FileFormatError, require_choice
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.roughness import Profile, Roughness
@@ -384,28 +384,46 @@ SCENES_INTRODUCTION = (
 # The pages.
 
 _TITLE = "struck: a gallery"
+_SCENES = "scenes"
 LIST = "list.txt"  # of the files that were made
 
 
 @checked
-def gallery(folder: Path, progress: Progress = silent) -> Path:
+def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | None = None) -> Path:
     """Compute models, sounds, pictures and pages into a `folder`; return the first page.
 
-    `progress` is called with each stage's name and the fraction done.
+    Parameters
+    ----------
+    folder : path
+        Folder to make, and to write into.
+    progress : callable
+        Called with each stage's name and the fraction done. Default: silent.
+    pieces : sequence of str, optional
+        Names of the bodies to compute, with "tabla" for the recording and "scenes" for the rigid
+        bodies of 2002. Default: all.
 
     Raises
     ------
     FileFormatError
         When the folder cannot be made.
+    OptionError
+        On an unknown piece.
     """
+    known = [*(piece.name for piece in (*SHAPES, *SOLIDS)), NAME, _SCENES]
+    for piece in pieces or ():
+        require_choice("pieces", piece, known)
+    chosen = known if pieces is None else pieces
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
-    links = _pages_of_shapes(folder, progress)
-    _written(folder / f"{NAME}.html", recording(folder, progress))
-    links = {**links, f"{NAME}.html": TITLE, **_page_of_scenes(folder, progress)}
-    exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS]
+    links = _pages_of_shapes(folder, progress, chosen)
+    if NAME in chosen:
+        _written(folder / f"{NAME}.html", recording(folder, progress))
+        links[f"{NAME}.html"] = TITLE
+    if _SCENES in chosen:
+        links |= _page_of_scenes(folder, progress)
+    exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS if piece.name in chosen]
     first = _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
     made = sorted(path.name for path in folder.iterdir() if path.name != LIST)
     _written(folder / LIST, "\n".join(made) + "\n")
@@ -422,14 +440,15 @@ def _page_of_scenes(folder: Path, progress: Progress) -> Mapping[str, str]:
     return {"scenes.html": SCENES_TITLE}
 
 
-def _pages_of_shapes(folder: Path, progress: Progress) -> Mapping[str, str]:
-    """Write a page for each closed form; return titles by the pages' names."""
+def _pages_of_shapes(folder: Path, progress: Progress, chosen: Sequence[str]) -> dict[str, str]:
+    """Write a page for each closed form among the chosen; return titles by the pages' names."""
     back = {"index.html": _TITLE}
-    for piece in SHAPES:
+    shapes = [piece for piece in SHAPES if piece.name in chosen]
+    for piece in shapes:
         exhibit = piece.exhibit(folder, progress)
         text = page(f"struck: {piece.title}", SHAPES_INTRODUCTION, [exhibit], back)
         _written(folder / f"{piece.name}.html", text)
-    return {f"{piece.name}.html": piece.title for piece in SHAPES}
+    return {f"{piece.name}.html": piece.title for piece in shapes}
 
 
 def _written(path: Path, text: str) -> Path:
