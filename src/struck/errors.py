@@ -18,6 +18,7 @@ Each message holds the value, the bound and the way out, and the nearest name wh
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Callable, Iterable
 from typing import SupportsIndex
 
@@ -161,6 +162,24 @@ def kind_of(body: object) -> str:
     """Return the name of a body's class, or of the class of that name, as "a polygon membrane"."""
     name = body if isinstance(body, str) else type(body).__name__
     return article(re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower())
+
+
+def printable(text: str) -> str:
+    """Return a text as one line that can be printed: control characters are escaped.
+
+    A name of a file, or in one, could otherwise colour a terminal, turn the direction of the text
+    or forge a line. Bytes of a name that are no text, and separators of lines, are escaped too.
+    """
+    return text if text.isprintable() else "".join(map(_escaped, text))
+
+
+def _escaped(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":  # a byte of a name that Python could not decode
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    controls = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+    if unicodedata.category(letter) in controls:
+        return letter.encode("unicode_escape").decode("ascii")
+    return letter
 
 
 def article(noun: str) -> str:

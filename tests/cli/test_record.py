@@ -46,7 +46,7 @@ def test_takes_and_manifest_are_written_beside_the_plan(
     simulated = plan.parent / "simulated"
     result = struck_record(plan, "--simulate", simulated)
     manifest = plan.parent / "mug_takes" / "manifest.toml"
-    assert result.text == f"recorded 2 of 2 takes\nwrote {manifest}"
+    assert result.lines == ["recorded 2 of 2 takes", f"wrote {manifest}"]
     assert read_manifest(manifest).contacts.tolist() == [[1.0], [0.5]]
     told = capsys.readouterr()
     assert told.out == ""
@@ -57,7 +57,7 @@ def test_takes_and_manifest_are_written_beside_the_plan(
         "strike now",
     ]
     again = struck_record(plan, "--simulate", simulated)
-    assert again.text.startswith("recorded 0 of 2 takes (2 were there)")
+    assert again.lines[0].startswith("recorded 0 of 2 takes (2 were there)")
 
 
 def test_machines_are_told_what_was_recorded_kept_and_refused(plan: Path) -> None:
@@ -65,7 +65,7 @@ def test_machines_are_told_what_was_recorded_kept_and_refused(plan: Path) -> Non
     write(simulated / "contact2_1.wav", np.clip(3 * hit(), -1, 1))
     write(simulated / "contact2_1.2.wav", hit())
     result = struck_record(plan, "-o", takes, "--simulate", simulated, "--json")
-    assert "2 of 2 takes, 1 refused" in result.text
+    assert "2 of 2 takes, 1 refused" in result.lines[0]
     facts = json.loads(json.dumps(result.facts))
     [refusal] = facts.pop("refusals")
     assert facts == {

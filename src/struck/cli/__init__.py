@@ -24,6 +24,7 @@ from struck.errors import (
     ScaleWarning,
     StruckError,
     nearest,
+    printable,
 )
 from struck.model.provenance import TerminalProgress
 
@@ -79,7 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(type(error)(told), words)
     finally:
         progress.close()
-    plain, facts = options.in_shell_words(result.text), result.facts
+    plain = options.in_shell_words("\n".join(map(printable, result.lines)))
+    facts = result.facts
     if isinstance(notes := facts.get("notes"), list):
         facts["notes"] = list(map(options.in_shell_words, notes))
     text = json.dumps(facts, indent=2) if options.json else plain
@@ -89,7 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _print(text: str) -> int:
     """Print, and return the exit code: 0 also when the reader has gone, as `head` does."""
     try:
-        sys.stdout.write(text)
+        try:
+            sys.stdout.write(text)
+        except UnicodeEncodeError:  # by an encoding that lacks some letters
+            kind = sys.stdout.encoding
+            sys.stdout.write(text.encode(kind, "backslashreplace").decode(kind))
         sys.stdout.flush()
     except OSError as error:
         # What is left must not be tried again at the end of the process.
@@ -132,6 +138,8 @@ class Once(argparse.Action):
         if option_string is not None and self.dest in given:
             both = f"it is {given[self.dest]!r}, and {values!r} too" if self.nargs != 0 else "both"
             raise argparse.ArgumentError(self, f"{both}: give it once")
+        if "" in (values if isinstance(values, list) else [values]):
+            raise argparse.ArgumentError(self, "it is empty: give a value, or leave it out")
         given[self.dest] = values
         setattr(namespace, self.dest, values)
 
@@ -303,10 +311,13 @@ def _raised_by_shell(error: StruckError) -> bool:
 
 
 class Result:
-    """Result of a command: `facts` for machines, `text` for people, and the exit code."""
+    """Result of a command: `facts` for machines, `lines` for people, and the exit code.
 
-    def __init__(self, text: str, **facts: object) -> None:
-        self.text = text
+    A text is one line: a line break in it comes from a name, and is printed escaped.
+    """
+
+    def __init__(self, text: str | Sequence[str], **facts: object) -> None:
+        self.lines = [text] if isinstance(text, str) else list(text)
         self.facts = facts
         self.code = 0
 
@@ -314,7 +325,7 @@ class Result:
 def complain(message: str) -> None:
     """Print a message in one line on standard error, if it is open."""
     with suppress(OSError):
-        sys.stderr.write(f"struck: {message}\n")
+        sys.stderr.write(f"struck: {printable(message)}\n")
 
 
 _TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)

@@ -102,7 +102,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     material, more = material_of(options.material), how(options)
     model = struck.analyze(body, material, modes=options.modes, progress=progress, **more)
     struck.save(model, output)
-    return described(model, f"wrote {output}", output=str(output))
+    return described(model, [f"wrote {output}"], output=str(output))
 
 
 def _listed() -> Result:
@@ -111,7 +111,7 @@ def _listed() -> Result:
     rows = [("body", "needs", "may be given")]
     rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
     return Result(
-        "\n".join([aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; corners as {CORNERS}"]),
+        [*aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; corners as {CORNERS}"],
         bodies={kind: {"needs": needed, "takes": more} for kind, (needed, more) in every.items()},
     )
 

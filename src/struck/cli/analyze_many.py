@@ -9,6 +9,7 @@ from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
 from struck.cli.options import add_budget, material_of
+from struck.core.termination import orderly_end
 from struck.errors import OptionError, counted
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
@@ -50,18 +51,19 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             "table, as strikes.csv"
         )
     same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
-    report = analyze_many(
-        options.files,
-        None if named is None else material_of(named),
-        out=options.output,
-        strikes=int(number) if number.isdecimal() else number or None,
-        sample_rate=options.rate,
-        modes=options.modes,
-        resume=not options.anew,
-        progress=progress,
-        **{name: getattr(options, name) for name in same},
-        **how(options),
-    )
+    with orderly_end():
+        report = analyze_many(
+            options.files,
+            None if named is None else material_of(named),
+            out=options.output,
+            strikes=int(number) if number.isdecimal() else number or None,
+            sample_rate=options.rate,
+            modes=options.modes,
+            resume=not options.anew,
+            progress=progress,
+            **{name: getattr(options, name) for name in same},
+            **how(options),
+        )
     failed = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
     if len(report.failed) > len(failed):
         failed.append(f"and {len(report.failed) - len(failed)} more")
@@ -69,7 +71,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     failed += told[:20] + [f"and {counted(len(told) - 20, 'more warning')}"] * (len(told) > 20)
     page = report.folder / "report.html"
     result = Result(
-        "\n".join((*failed, str(report), f"open {page} in a browser to see and hear them")),
+        [*failed, str(report), f"open {page} in a browser to see and hear them"],
         page=str(page),
         computed=report.computed,
         rows=[row.plain() for row in report.rows],

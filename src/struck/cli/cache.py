@@ -31,7 +31,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         *([f"removed  {removed}"] if options.clear else []),
     ]
     return Result(
-        "\n".join(lines),
+        lines,
         folder=str(cache.folder),
         entries=len(entries),
         bytes=size,

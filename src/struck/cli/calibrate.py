@@ -59,7 +59,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         written["corrected"] = str(output)
     stiffness, ratio = found.standard_errors
     return Result(
-        "\n".join(lines),
+        lines,
         specific_stiffness=found.specific_stiffness,
         specific_stiffness_error=stiffness,
         poisson_ratio=found.poisson_ratio,

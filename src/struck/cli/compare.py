@@ -81,7 +81,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         found.save_page(output)
         lines.append(f"wrote {output}")
         written = {"output": str(output)}
-    return Result("\n".join(lines), **facts, **written)
+    return Result(lines, **facts, **written)
 
 
 def _require_order(model: str, other: str) -> None:

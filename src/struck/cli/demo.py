@@ -8,15 +8,19 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
+from struck.cli.options import names, refuse
 from struck.model.provenance import TerminalProgress
 
-EXAMPLES = ("--out gallery",)
+EXAMPLES = ("--out gallery", "--out gallery --pieces string,tabla")
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck demo`."""
     parser.add_argument(
         "--out", default="gallery", help="folder to make, unless the room is opened"
+    )
+    parser.add_argument(
+        "--pieces", type=names, metavar="NAME,...", help="of the gallery alone, as string,tabla"
     )
     parser.add_argument(
         "--open",
@@ -31,12 +35,16 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.report.gallery import LIST, gallery
 
     if options.open and sys.stdin is not None and sys.stdin.isatty() and has_display():
+        refuse(options, ("pieces",), "is of the gallery, and --open opens the room")
         explorer = struck.explore()
         return Result("the room is closed", page=explorer.url)
-    page = gallery(Path(options.out), progress)
+    page = gallery(Path(options.out), progress, pieces=options.pieces)
     return Result(
-        f"open {page.resolve()} in a browser to see and hear it; {page.with_name(LIST)} lists all "
-        "that was made\nto strike objects in a browser: struck explore",
+        [
+            f"open {page.resolve()} in a browser to see and hear it",
+            f"{page.with_name(LIST)} lists all that was made",
+            "to strike objects in a browser: struck explore",
+        ],
         page=str(page),
         made=str(page.with_name(LIST)),
     )

@@ -87,7 +87,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     beyond = [f"{counted(lost, 'mode')} at or above {rate / 2:g} Hz left out"] * (lost > 0)
     return Result(
-        "\n".join([*beyond, f"wrote {output}"]),
+        [*beyond, f"wrote {output}"],
         output=str(output),
         convention=convention,
         left_out=lost,

@@ -137,7 +137,7 @@ def _result(fitting: Fitting, written: list[str], *, output: str, report: str | 
     caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
     return described(
         fitting.model,
-        "\n".join([ratio, *caution, *written]),
+        [ratio, *caution, *written],
         decay_errors=or_null(fitted.decay_errors),
         of_room=None if fitting.room is None else np.flatnonzero(fitting.room).tolist(),
         modal=verdict.modal,

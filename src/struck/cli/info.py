@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     facts = {"levels": [asdict(each) for each in places]}
     asked = len(model.decays) if options.modes is None else options.modes  # None for all
     listed = asked if "modes" in options.given else None
-    return described(model, "", listed=listed, whole=options.all, places=aligned(rows), **facts)
+    return described(model, [], listed=listed, whole=options.all, places=aligned(rows), **facts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,19 +97,19 @@ def _parts(file: str, units: str | None) -> Result:
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
     unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
-    return Result("\n".join([aligned(rows), *more, *unit]), parts=[asdict(part) for part in parts])
+    return Result([*aligned(rows), *more, *unit], parts=[asdict(part) for part in parts])
 
 
 def described(
     model: struck.ModalModel,
-    last: str,
+    last: Sequence[str],
     *,
     listed: int | None = None,
     whole: bool = False,
-    places: str = "",
+    places: Sequence[str] = (),
     **facts: object,
 ) -> Result:
-    """Return the contents of a model, with a table of `places`, a `last` line and more `facts`.
+    """Return the contents of a model, with a table of `places`, `last` lines and more `facts`.
 
     Its first modes for people, for machines all unless some are `listed`; the `whole` on demand.
     """
@@ -121,11 +122,11 @@ def described(
     rows = modes_rows(model.frequencies[shown], model.t60[shown], model.decays[shown], known[shown])
     left = len(own) - len(shown)
     more = [f"... and {left} more: struck info MODEL --modes {len(own)}"] if left else []
-    blocks = [*([places, ""] if places else []), aligned([HEADINGS, *rows]), *more]
+    blocks = [*places, *([""] if places else []), *aligned([HEADINGS, *rows]), *more]
     blocks += [] if whole else ["how it was made: struck info MODEL --all"]
     lines = [each for each in summary(model, whole=whole) if not (places and each[:6] == "places")]
     return Result(
-        "\n".join([*lines, "", *blocks, last]).rstrip(),
+        [*lines, "", *blocks, *last],
         frequencies=model.frequencies[told].tolist(),
         decays=model.decays[told].tolist(),
         errors=None if model.errors is None else or_null(known[told]),

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import struck
 from struck.cli import Result
 from struck.cli.options import add_budget, add_listener, listener, refuse, require_alone, same
-from struck.errors import DeviceError, OptionError
+from struck.core.termination import orderly_end
+from struck.errors import DeviceError, OptionError, printable
 from struck.model.provenance import TerminalProgress
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         **same(options, "block ahead voices volume"),
     )
     progress.close()
-    with player:
+    with orderly_end(), player:
         strikes, seconds = _played(player, models, options)
         modes = sum(len(model.frequencies) for model in models)
         return played_result(player, notes, modes=modes, strikes=strikes, seconds=seconds)
@@ -143,7 +144,7 @@ def _explain(player: Player, places: dict) -> None:
         return
     named = [f"{key}={place}" for key, place in places.items() if place and ":" not in str(place)]
     sys.stderr.write(
-        f"latency {1000 * player.latency:.0f} ms; space strikes, {' '.join(named)}, "
+        f"latency {1000 * player.latency:.0f} ms; space strikes, {printable(' '.join(named))}, "
         "letters strike all over, q ends\n"
     )
 
@@ -171,18 +172,19 @@ def played_result(player: Player, notes: Sequence[str] = (), **more: float) -> R
     names = ("load", "simulation_load", "underflows", "late", "dropped", "slipped", "overdue")
     names += ("peak", "sample_rate", "latency")
     lead = "".join(f"{value:.0f} {name}, " for name, value in more.items())
-    text = "\n".join((*notes, lead + _line(player)))
-    return Result(text, **more, **{name: getattr(player, name) for name in names})
+    facts = {name: getattr(player, name) for name in names}
+    return Result([*notes, lead + _line(player)], **more, **facts)
 
 
 def _devices() -> Result:
-    from struck.live.device import PortAudio, listed
+    from struck.live.device import PortAudio
 
     with PortAudio() as portaudio:
         devices = portaudio.devices()
     if not devices:
         raise DeviceError("no audio device can play: connect one, or start a sound server")
-    return Result(listed(devices), devices=[str(device) for device in devices])
+    lines = list(map(str, devices))
+    return Result(lines, devices=lines)
 
 
 def device(text: str | None) -> int | str | None:

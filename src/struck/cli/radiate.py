@@ -44,4 +44,4 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         raise OptionError(f"{left[-1]}; {lowest}: give another --band, or leave it as it is")
     struck.save(found, output)
     last = f"wrote {output}: {counted(modes, 'mode')}"
-    return Result("\n".join([last, *left]), model=str(output), modes=modes)
+    return Result([last, *left], model=str(output), modes=modes)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from struck.cli import Result
 from struck.cli.options import require_alone
 from struck.cli.play import device as device_of
-from struck.errors import DeviceError, OptionError, RecordingError
+from struck.core.termination import orderly_end
+from struck.errors import DeviceError, OptionError, RecordingError, printable
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
 
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         raise OptionError("there is nothing to record: give a plan, as `struck record plan.toml`")
     plan = read_plan(options.plan)
     folder = Path(options.output or f"{Path(options.plan).with_suffix('')}_takes")
-    with _recorder(plan, options) as recorder:
+    with orderly_end(), _recorder(plan, options) as recorder:
         operator = Terminal(progress, waits=options.simulate is None)
         outcome = capture(plan, folder, recorder, operator=operator, progress=progress)
     return _result(plan, outcome)
@@ -112,7 +113,7 @@ class Terminal:
             self.tell(text)
             return
         self._progress.close()
-        sys.stderr.write(f"{text}\n  press Enter, keep still, and strike at the cue ")
+        sys.stderr.write(f"{printable(text)}\n  press Enter, keep still, and strike at the cue ")
         sys.stderr.flush()
         if not sys.stdin.readline():
             raise RecordingError(
@@ -123,7 +124,7 @@ class Terminal:
     def tell(self, text: str) -> None:
         """Write a line to the person at the terminal."""
         self._progress.close()
-        sys.stderr.write(f"{text}\n")
+        sys.stderr.write(f"{printable(text)}\n")
         sys.stderr.flush()
 
 
@@ -131,8 +132,10 @@ def _result(plan: CapturePlan, outcome: Outcome) -> Result:
     refused = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
     kept = f" ({outcome.kept} were there)" if outcome.kept else ""
     return Result(
-        f"recorded {outcome.recorded} of {plan.count} takes{kept}{refused}\n"
-        f"wrote {outcome.manifest}",
+        [
+            f"recorded {outcome.recorded} of {plan.count} takes{kept}{refused}",
+            f"wrote {outcome.manifest}",
+        ],
         manifest=str(outcome.manifest),
         planned=plan.count,
         recorded=outcome.recorded,
@@ -142,10 +145,11 @@ def _result(plan: CapturePlan, outcome: Outcome) -> Result:
 
 
 def _devices() -> Result:
-    from struck.live.device import PortAudio, listed
+    from struck.live.device import PortAudio
 
     with PortAudio() as portaudio:
         devices = portaudio.recorders()
     if not devices:
         raise DeviceError("no audio device can record: connect one, or start a sound server")
-    return Result(listed(devices), devices=[str(device) for device in devices])
+    lines = list(map(str, devices))
+    return Result(lines, devices=lines)

@@ -124,7 +124,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     notes = [*lost, *sound.notes]
     return Result(
-        "\n".join((*notes, last)),
+        [*notes, last],
         output=str(output),
         seconds=sound.duration,
         factor=factor,
@@ -190,7 +190,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if idle := [name for name in OF_A_SOUND if name in given[0]]:
         notes.append(f"not used of {table}: {', '.join(idle)}; options say them anew")
     last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: {scale}"
-    return Result("\n".join((*notes, last)), output=options.output, sounds=rows, notes=notes)
+    return Result([*notes, last], output=options.output, sounds=rows, notes=notes)
 
 
 def _require_folder(options: argparse.Namespace, table: str) -> None:

@@ -108,9 +108,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     rows, blows = counted(len(contacts), "row"), counted(len(events.impacts), "point")
     count = f"{rows} of contacts, {blows} of blows, "
     count += counted(len(events.sustained), "lasting contact")
-    text = "\n".join((*notes, count, *(f"wrote {each}" for each in files[1:]), last))
+    lines = [*notes, count, *(f"wrote {each}" for each in files[1:]), last]
     return Result(
-        text,
+        lines,
         output=str(output),
         files=[str(each) for each in files],
         contacts=len(contacts),

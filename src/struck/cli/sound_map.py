@@ -57,7 +57,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     told = f"{found}".removeprefix("SoundMap(").removesuffix(")")
     lines = [told, *(f"wrote {name}" for name in written.values())]
     return Result(
-        "\n".join(lines),
+        lines,
         contacts=found.contacts.tolist(),
         bound=found.bound,
         threshold=found.threshold,

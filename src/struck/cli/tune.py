@@ -48,7 +48,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     found = tune(body, material_of(options.material), **given, progress=progress)
     (before, rang), (value, rings) = found.before, found.after
     return Result(
-        f"{options.vary} = {value:.7g}\n{found}",
+        [f"{options.vary} = {value:.7g}", str(found)],
         **{options.vary: value},
         before=before,
         mode=found.mode,

@@ -199,7 +199,7 @@ def choose(devices: list[Device], wanted: int | str | None = None, *, what: str 
     if len(chosen) != 1:
         how = "no audio device is" if not chosen else f"{len(chosen)} audio devices are"
         raise DeviceError(
-            f"{how} {_described(wanted)}: give the number of one of\n{listed(devices)}"
+            f"{how} {_described(wanted)}: give the number of one of {_listed(devices)}"
         )
     return chosen[0]
 
@@ -218,9 +218,9 @@ def _described(wanted: int | str | None) -> str:
     return f"number {wanted}" if isinstance(wanted, int) else f"named like {wanted!r}"
 
 
-def listed(devices: list[Device]) -> str:
-    """Return a line for each device."""
-    return "\n".join(f"  {device}" for device in devices)
+def _listed(devices: list[Device]) -> str:
+    """Return all devices in one line."""
+    return "; ".join(map(str, devices))
 
 
 class Stream:
@@ -390,7 +390,7 @@ class PortAudio:
             code,
             f"{chosen.name} ({chosen.host}) refuses {channels} channels{recorded} at "
             f"{sample_rate:g} Hz in blocks of {block}",
-            f"; there is\n{listed(there)}\nand {TO_FILE}",
+            f"; there is {_listed(there)}; and {TO_FILE}",
         )
         return Stream(self, handle, chosen)
 

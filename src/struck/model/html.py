@@ -13,6 +13,7 @@ import numpy as np
 
 from struck.model.arrays import Array
 from struck.model.damping import NAMES
+from struck.model.picture_style import in_default_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,6 +47,7 @@ def document(title: str, body: str, *, style: str = "") -> str:
     )
 
 
+@in_default_style
 def picture(text: str, figure: Figure) -> str:
     """Return a figure as an image within the page, with `text` for blind readers."""
     data = io.BytesIO()
@@ -95,13 +97,13 @@ def modes_table(frequencies: Array, t60: Array, decays: Array, errors: Array | N
     return table(HEADINGS, modes_rows(frequencies, t60, decays, errors))
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as text in columns, the first to the left, the others to the right."""
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows as lines of text in columns, the first to the left, the others to the right."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return "\n".join(
+    return [
         "  ".join(
             cell.ljust(width) if column == 0 else cell.rjust(width)
             for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in rows
-    )
+    ]

@@ -14,7 +14,7 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
-from struck.errors import counted
+from struck.errors import counted, printable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +138,7 @@ class TerminalProgress:
         now = time.monotonic()
         if stage != self._stage:
             self._stage, self._begun = stage, now
-        text = f"{stage}{_share(fraction, now - self._begun)}"
+        text = f"{printable(stage)}{_share(fraction, now - self._begun)}"
         if self._shown:
             kept = "\n" if stage.startswith(FORECAST) else ""
             self._stream.write(f"\r\x1b[K{text}{kept}")
