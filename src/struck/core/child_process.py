@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+_SAFE = "PYTHONSAFEPATH"  # variable of the environment, which does as -P
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -25,3 +28,17 @@ def python_environment() -> dict[str, str]:
     # A name with a separator in it would be read as two.
     modules = os.pathsep.join(each for each in dict.fromkeys(folders) if os.pathsep not in each)
     return {**os.environ, **_ONE_THREAD, "PYTHONPATH": modules}
+
+
+@contextmanager
+def safe_children() -> Iterator[None]:
+    """Let each Python that a library starts within a block pass over the current folder, too."""
+    before = os.environ.get(_SAFE)
+    os.environ[_SAFE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE]
+        else:
+            os.environ[_SAFE] = before

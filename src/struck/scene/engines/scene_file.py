@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 from xml.etree import ElementTree as ET
 
+from struck.core.child_process import safe_children
 from struck.errors import FileFormatError, MeshError, MissingDependencyError, SimulationError
 from struck.files.atomic import is_file, read_bytes, real
 from struck.files.meshes import load_surface
@@ -208,7 +209,8 @@ class SceneFile:
 def mujoco_itself():  # noqa: ANN201 - a module
     """Return MuJoCo, or say how it is installed."""
     try:
-        import mujoco
+        with safe_children():  # glfw, which it imports, asks its library's version of another one
+            import mujoco
     except ImportError:
         raise MissingDependencyError(
             'simulations run in MuJoCo: pip install "struck[sim]"'
