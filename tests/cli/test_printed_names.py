@@ -192,3 +192,12 @@ def test_a_sound_needs_the_name_of_a_file(name: str) -> None:
     with pytest.raises(struck.errors.StruckError, match=r"empty|a folder|no ending"):
         sound.save(name)
     assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize("words", ["explore --no-browser --objects ,", "demo --pieces string,,bar"])
+@pytest.mark.usefixtures("folder")
+def test_missing_names_of_a_list_are_refused(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words.split()) == 2
+    assert "give names with commas between" in capsys.readouterr().err

@@ -280,6 +280,8 @@ def test_without_its_libraries_the_install_line_is_said(
 def test_names_and_models_are_as_many(bar: struck.ModalModel) -> None:
     with pytest.raises(OptionError, match="2 names for 1 models"):
         struck.explore(bar, names=["a", "b"], browser=False)
+    with pytest.raises(OptionError, match="objects is empty"):
+        struck.explore(objects=[], browser=False)
     with pytest.raises(OptionError, match="did you mean bell"):
         struck.explore(objects=["bel"], browser=False)
     with pytest.raises(OptionError, match="objects of the room too"):

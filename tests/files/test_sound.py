@@ -12,6 +12,7 @@ import pytest
 import soundfile
 from scipy import signal
 
+import struck
 from struck.errors import FileFormatError, OptionError
 from struck.files import wav
 from struck.files.sound import Sound
@@ -177,3 +178,27 @@ def test_spectrogram_is_that_of_scipy() -> None:
 def test_spectrogram_needs_windows(arguments: dict[str, float]) -> None:
     with pytest.raises(OptionError, match="at least one sample"):
         tone().spectrogram(**arguments)
+
+
+@pytest.mark.parametrize("peak", [1e-30, 1e-38, 1e-44, 1e38])
+def test_softest_and_loudest_samples_come_back(peak: float, tmp_path: Path) -> None:
+    """The factor to full scale of a peak of 1e-44 is itself beyond 32 bits."""
+    samples = np.float32([[0, peak, -peak, peak / 2]])
+    Sound(samples=samples, sample_rate=8000).save(tmp_path / "a.wav")
+    read = Sound.load(tmp_path / "a.wav").samples
+    np.testing.assert_allclose(read, samples, rtol=1e-6, atol=1.5e-45)  # the least step
+    assert np.abs(read).max() > 0
+
+
+def test_samples_beyond_their_range_name_it() -> None:
+    with pytest.raises(OptionError, match=r"2 of 3 samples .* range .*3\.4e\+38.* or scale"):
+        Sound(samples=np.array([[1.0, 1e39, np.nan]]), sample_rate=8000)
+
+
+def test_sound_that_would_be_too_loud_says_what_to_give() -> None:
+    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
+    with (
+        pytest.warns(struck.errors.ScaleWarning),
+        pytest.raises(OptionError, match=r"would reach .* Pa, .* 3\.4e\+38: .*smaller impulse"),
+    ):
+        struck.render(bar, struck.Strike(impulse=1e38), seconds=0.01)

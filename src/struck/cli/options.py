@@ -101,7 +101,10 @@ def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
 
 def names(text: str) -> list[str]:
     """Return the names in a text with commas between."""
-    return [name.strip() for name in text.split(",") if name.strip()]
+    several = [name.strip() for name in text.split(",")]
+    if not all(several):
+        raise argparse.ArgumentTypeError(f"it is {text!r}: give names with commas between")
+    return several
 
 
 def place(text: str) -> str | tuple[float, ...]:

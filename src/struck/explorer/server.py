@@ -221,6 +221,8 @@ def _chosen(names: Sequence[str] | None) -> list[Thing]:
     room = things()
     if names is None:
         return room
+    if not names:
+        raise OptionError("objects is empty: give names of objects, or leave it out for all")
     for name in names:
         require_choice("objects", name, [thing.name for thing in room])
     return [thing for thing in room if thing.name in names]

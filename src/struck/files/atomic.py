@@ -247,7 +247,11 @@ def _pass_on_permissions(target: Path, replaced: os.stat_result, handle: int) ->
         with suppress(OSError):  # which a folder gives to what is made in it
             os.removexattr(handle, _ACCESS_LIST)
     os.fchmod(handle, mode)
-    for name in os.listxattr(target) if hasattr(os, "listxattr") else ():
+    names: list[str] = []
+    if hasattr(os, "listxattr"):
+        with suppress(OSError):  # of a file system without attributes
+            names = os.listxattr(target)
+    for name in names:
         group_kept = status.st_gid == replaced.st_gid  # a list says what the group may do, too
         if name.startswith("user.") or (name == _ACCESS_LIST and group_kept):
             with suppress(OSError):
