@@ -1,5 +1,6 @@
 # Each target sets up what it needs in .venv: make and Python 3.11 or newer are enough.
 #   make prove ONLY=name      the proofs whose name holds it
+#   make prove PART=2/4       the second quarter of the proofs that measure no time
 #   make test PYTHON=python3.12
 #   make demo OPEN=0          a gallery of files, and no browser
 
@@ -10,8 +11,9 @@ PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
 	$$python -c '$(RECENT)' 2>/dev/null && echo $$python && break; done)
 INSTALL = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 ONLY ?=
+PART ?=
 OPEN ?=
-# With ONLY, one of the two runs may hold no test: pytest then says 5.
+# With ONLY, a run may hold no test: pytest then says 5.
 FEW = $(if $(ONLY),|| test $$? -eq 5)
 # Dozens of tests start struck anew: what Python has once compiled, none of them compiles again.
 export PYTHONDONTWRITEBYTECODE :=
@@ -30,9 +32,9 @@ demo: $(ENVIRONMENT)/all.stamp  ## Open the room of objects; without a display, 
 test: $(ENVIRONMENT)/test.stamp  ## A sample of every promise
 	$(BIN)/python -m pytest --numprocesses 2
 
-prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name for a part
-	$(BIN)/python -m pytest -m "prove and not timed" $(if $(ONLY),-k "$(ONLY)") --numprocesses 2 $(FEW)
-	$(BIN)/python -m pytest -m "prove and timed" $(if $(ONLY),-k "$(ONLY)") $(FEW)
+prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name, PART=k/4 for some
+	$(BIN)/python -m pytest -m "prove and not timed" $(if $(PART),--part "$(PART)") $(if $(ONLY),-k "$(ONLY)") --numprocesses 2 $(FEW)
+	$(if $(PART),,$(BIN)/python -m pytest -m "prove and timed" $(if $(ONLY),-k "$(ONLY)") $(FEW))
 
 check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, and what nothing reaches
 	$(BIN)/ruff check

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 
 import hypothesis
 import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
+
+from tests.parts import SECONDS, part, part_of
 
 # Before NumPy is imported: two workers with a thread pool each would fight for the same cores.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -35,20 +38,64 @@ _LONG = (
 # Long together, and to be kept together.
 _FIRST = (_SOUND, "tests/physics/test_errors.py", "tests/recordings/test_real_takes.py")
 
+# Every untimed proof that was collected, before any option deselects some.
+PROOFS = pytest.StashKey[list[str]]()
+
+
+def group_of(nodeid: str) -> str:
+    """Return the group of a test, which one worker runs: a file, as its tests use the same."""
+    if nodeid.startswith(_LONG):
+        return nodeid
+    return _SOUND if nodeid.startswith(_SOUND) else nodeid.partition("::")[0]
+
 
 class _Scheduling(LoadScopeScheduling):
-    """A file's tests go to one worker, as they share what takes long to make."""
+    """Schedules the groups of tests in the order of their collection."""
+
+    def __init__(self, config: pytest.Config, log: Producer) -> None:
+        super().__init__(config, log)
+        config.option.loadscopereorder = False  # by xdist those of one test, however long, are last
 
     def _split_scope(self, nodeid: str) -> str:
-        if nodeid.startswith(_LONG):
-            return nodeid
-        return _SOUND if nodeid.startswith(_SOUND) else nodeid.partition("::")[0]
+        return group_of(nodeid)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, so that no worker waits for it at the end."""
-    items.sort(key=lambda item: not item.nodeid.startswith(_LONG))
-    items.sort(key=lambda item: not item.nodeid.startswith(_FIRST))
+def _untimed_proof(item: pytest.Item) -> bool:
+    return item.get_closest_marker("prove") is not None and item.get_closest_marker("timed") is None
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--part",
+        type=part,
+        metavar="k/n",
+        help="of the untimed proofs only the k-th of n parts that take about equally long",
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Select the part."""
+    proofs = [item for item in items if _untimed_proof(item)]
+    config.stash[PROOFS] = [item.nodeid for item in proofs]
+    if config.option.part is not None:
+        number, parts = config.option.part
+        selected = [item for item in proofs if part_of(group_of(item.nodeid), parts) == number]
+        config.hook.pytest_deselected(items=list(set(items).difference(selected)))
+        items[:] = selected
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Sort the tests, the longest first, so that no worker waits for it at the end."""
+    counts = Counter(group_of(item.nodeid) for item in session.items)
+
+    def order(item: pytest.Item) -> tuple[float, bool, bool, int]:
+        nodeid, group = item.nodeid, group_of(item.nodeid)
+        seconds = SECONDS.get(group, 0.0) if _untimed_proof(item) else 0.0
+        return -seconds, not nodeid.startswith(_FIRST), not nodeid.startswith(_LONG), -counts[group]
+
+    session.items.sort(key=order)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
