@@ -28,6 +28,7 @@ from struck.files import guard as guards
 from struck.files.guard import Contents, Guard, read_contents
 from struck.files.meshes import load_mesh
 from struck.files.messages import Frame, Part, ReadingLimits, read_frame, write_frame
+from tests.explorer.served import patience
 
 MIB = 2**20
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
@@ -130,9 +131,9 @@ def test_one_reader_for_many_files(guard: Guard, tetrahedron: Path) -> None:
 @pytest.mark.prove
 @pytest.mark.skipif(not BUNNY.exists(), reason=f"{BUNNY.name} is not beside the checkout")
 def test_a_scan_in_time() -> None:
-    started = time.perf_counter()
+    limit, started = 5 * patience(), time.perf_counter()
     (part,) = read_contents(BUNNY).parts
-    assert time.perf_counter() - started < 5
+    assert time.perf_counter() - started < limit
     assert len(part.faces) == 69451
 
 

@@ -82,11 +82,11 @@ def test_too_many_strikes_in_a_block_are_dropped_and_counted(by_hand: Make, coun
     player = by_hand(ball())
     player.hear(OPENED)
     blow = Strike(at="top")
-    begun = time.perf_counter()
+    begun = time.process_time()
     for _ in range(count):
         player.strike(blow)
     heard = player.hear(20)
-    assert time.perf_counter() - begun < 30
+    assert time.process_time() - begun < 30
     assert count - 1024 <= player.dropped < count
     assert np.abs(heard).max() <= CEILING
     player.hear(2000)
