@@ -161,12 +161,8 @@ def test_level_of_a_body_without_modes_is_that_of_its_recoil() -> None:
     assert peak(replace(die, recoil=None), "top") == 0.0
 
 
-@pytest.mark.prove
-@pytest.mark.timed
-def test_whole_room_stands_within_two_minutes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("STRUCK_CACHE", str(tmp_path))
+def fill_room(seconds: float) -> None:
+    """Wait until every object of the room is ready, at most this long, s."""
     begun = time.monotonic()
     with Explorer(things()) as explorer:
         client = Client(explorer.url)
@@ -174,10 +170,27 @@ def test_whole_room_stands_within_two_minutes(
         states: list[str] = []
         while not states or set(states) - {"ready"}:
             assert "failed" not in states
-            assert time.monotonic() - begun < 120
+            assert time.monotonic() - begun < seconds
             time.sleep(0.5)
             states = [one["state"] for one in client.ask("GET", "/api/room").json["objects"]]
     assert len(states) == 18
+
+
+@pytest.mark.prove
+def test_every_object_of_the_room_becomes_ready(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STRUCK_CACHE", str(tmp_path))
+    fill_room(1200)  # on a busy machine too
+
+
+@pytest.mark.prove
+@pytest.mark.timed
+def test_whole_room_stands_within_two_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STRUCK_CACHE", str(tmp_path))
+    fill_room(120)
 
 
 @pytest.mark.prove
