@@ -219,7 +219,7 @@ pathlib.Path.home = homeless
 """
 
 
-@pytest.mark.parametrize("home", ["read-only", "none"])
+@pytest.mark.parametrize("home", [pytest.param("read-only", marks=pytest.mark.prove), "none"])
 def test_first_run_needs_no_home(home: str, tmp_path: Path) -> None:
     environment = homeless(tmp_path)
     if home == "none":

@@ -74,6 +74,6 @@ def test_mutant_is_caught(mutant: dict[str, Any], tmp_path: Path) -> None:
 
 
 @pytest.mark.prove
-def test_without_a_mutant_their_tests_pass() -> None:
-    tests = sorted({test for mutant in MUTANTS for test in mutant["tests"]})
-    assert run(tests, ROOT / "src") == 0
+def test_without_a_mutant_tests_pass() -> None:
+    """One for all: make test and make prove run each of them without its fault."""
+    assert run(MUTANTS[0]["tests"], ROOT / "src") == 0

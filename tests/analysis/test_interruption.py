@@ -231,13 +231,6 @@ def agree(body: Path, folder: Path, expected: bytes, count: int) -> None:
 
 
 @pytest.mark.prove
-def test_two_analyses_on_one_cache_agree(
-    body: Path, tmp_path: Path, undisturbed: tuple[bytes, set[str]]
-) -> None:
-    agree(body, tmp_path / "run", undisturbed[0], 2)
-
-
-@pytest.mark.prove
 def test_eight_analyses_on_one_cache_agree(
     body: Path, tmp_path: Path, undisturbed: tuple[bytes, set[str]]
 ) -> None:

@@ -58,17 +58,17 @@ def below(system: System, highest: Sequence[float]) -> list[int]:
 
 
 BODIES = swept()
-SOME = ("tube 0.3, wall 0.5", "block 0.5 x 0.5")
+SAMPLE = "tube 0.3, wall 0.5"
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name in SOME else pytest.mark.prove) for name in BODIES],
+    [pytest.param(name, marks=() if name == SAMPLE else pytest.mark.prove) for name in BODIES],
 )
 def test_preview_has_the_modes_that_finer_elements_have(name: str) -> None:
     body = BODIES[name]
     highest = highest_of(body)
-    finer = assemble(body.volume_mesh("standard" if name in SOME else "fine"), ALUMINIUM)
+    finer = assemble(body.volume_mesh("standard" if name == SAMPLE else "fine"), ALUMINIUM)
     model = struck.analyze(body, ALUMINIUM, band=(1, highest), accuracy="preview", cache=False)
     # The last may lie beyond the band by their errors.
     error = model.errors[-1]

@@ -142,8 +142,8 @@ def test_seconds_of_anything(by_hand: Make, seconds: float) -> None:
 
 
 @pytest.mark.prove
-def test_ten_minutes_of_anything(by_hand: Make) -> None:
-    assert ordeal(by_hand, 600, 120) < 5 * 2**20
+def test_two_minutes_of_anything(by_hand: Make) -> None:
+    assert ordeal(by_hand, 120, 30) < 5 * 2**20
 
 
 def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:

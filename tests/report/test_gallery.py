@@ -44,7 +44,9 @@ def test_a_recorded_drum_becomes_a_model_and_a_page(tmp_path: Path) -> None:
 def test_pages_tell_formulas_from_elements_and_which_damping_is_used() -> None:
     origin = import_module("struck.report.gallery")._origin
     tube = struck.solids.Tube(length=0.1, radius=0.0125, wall=0.001)
-    by_elements = struck.analyze(tube, "aluminium", accuracy="preview", damping="heard")
+    by_elements = struck.analyze(
+        tube, "aluminium", accuracy="preview", damping="heard", band=(20, 6000)
+    )
     assert 'finite elements; damping "as heard"' in origin(by_elements)
     bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
     assert "a formula; its own losses" in origin(struck.analyze(bar, "steel"))
