@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -75,3 +79,44 @@ def test_demo_leaves_a_list_of_what_it_made(
     listed = (tmp_path / "made" / "list.txt").read_text(encoding="utf-8").splitlines()
     assert listed == sorted({"index.html", "scenes.html", f"{NAME}.html"})
     assert {path.name for path in (tmp_path / "made").iterdir()} == {*listed, "list.txt"}
+
+
+@pytest.mark.parametrize(("terminal", "display"), [(True, True), (True, False), (False, True)])
+def test_demo_opens_the_room_where_there_are_a_terminal_and_a_display(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    *,
+    terminal: bool,
+    display: bool,
+) -> None:
+    """The command as `make demo` runs it."""
+    opened, made = [], tmp_path / "made"
+
+    def explore() -> SimpleNamespace:
+        opened.append("the room")
+        return SimpleNamespace(url="http://127.0.0.1")
+
+    def gallery(folder: Path, _progress: object) -> Path:
+        return folder / "index.html"
+
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: terminal)
+    monkeypatch.setattr(struck, "explore", explore)
+    monkeypatch.setattr(import_module("struck.explorer.server"), "has_display", lambda: display)
+    monkeypatch.setattr(import_module("struck.report.gallery"), "gallery", gallery)
+    assert main(["demo", "--out", str(made), "--open"]) == 0
+    both = terminal and display
+    assert opened == (["the room"] if both else [])
+    assert (str(made / "index.html") in capsys.readouterr().out) is not both
+
+
+@pytest.mark.parametrize(("variables", "options"), [((), " --open"), (("OPEN=0",), "")])
+def test_make_demo_runs_the_command(variables: tuple[str, ...], options: str) -> None:
+    root = Path(__file__).parents[2]
+    passed = ("MAKE", "OPEN")
+    environment = {name: os.environ[name] for name in os.environ if not name.startswith(passed)}
+    command = ["make", "--no-print-directory", "-n", "-o", ".venv/all.stamp", "demo", *variables]
+    done = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == f".venv/bin/struck demo --out gallery{options}"
