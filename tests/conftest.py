@@ -71,6 +71,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="k/n",
         help="of the untimed proofs only the k-th of n parts that take about equally long",
     )
+    parser.addoption(
+        "--group-seconds",
+        action="store_true",
+        help="list how long each group of tests takes, as in tests/parts.py",
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -96,6 +101,20 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         return -seconds, not nodeid.startswith(_FIRST), not nodeid.startswith(_LONG), -counts[group]
 
     session.items.sort(key=order)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """List the seconds of each group of tests, the longest first."""
+    if not terminalreporter.config.option.group_seconds:
+        return
+    seconds: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                seconds[group_of(report.nodeid)] += report.duration
+    terminalreporter.section("seconds of each group")
+    for group, total in seconds.most_common():
+        terminalreporter.line(f'    "{group}": {total:.0f},')
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:

@@ -7,9 +7,60 @@ import re
 from functools import cache
 from zlib import crc32
 
-# Processor time in s of the proofs of a file, or of one test where a file's tests run separately.
-# Only the balance of the parts and of the workers depends on these measurements.
-SECONDS: dict[str, float] = {}
+# Seconds of the proofs of a file, or of one test where a file's tests run separately, on an idle
+# machine: rough estimates from processor times on a busy one, to be replaced by what
+# `pytest --group-seconds` prints. Only the balance of the parts and of the workers depends on them.
+SECONDS: dict[str, float] = {
+    "tests/analysis/test_analysis.py": 40,
+    "tests/analysis/test_forecast.py": 60,
+    "tests/analysis/test_interruption.py": 80,
+    "tests/analysis/test_pools.py": 30,
+    "tests/batch/test_batch.py": 200,
+    "tests/batch/test_cluster.py": 60,
+    "tests/browser/test_limits_of_the_room.py": 60,
+    "tests/browser/test_sound_page.py": 80,
+    "tests/cli/test_control_c.py::test_early_moments[forty]": 40,
+    "tests/cli/test_control_c.py::test_moments_of_every_command[2]": 70,
+    "tests/cli/test_control_c.py::test_moments_of_every_command[3]": 70,
+    "tests/cli/test_control_c.py::test_moments_of_every_command[4]": 70,
+    "tests/cli/test_control_c.py::test_moments_of_every_command[5]": 70,
+    "tests/cli/test_control_c.py::test_moments_of_every_command[6]": 70,
+    "tests/core/test_sanitizers.py": 120,
+    "tests/core/test_wheels.py": 60,
+    "tests/explorer/test_jobs.py": 80,
+    "tests/files/test_fuzz.py": 120,
+    "tests/files/test_made_files.py": 100,
+    "tests/files/test_mutations.py": 60,
+    "tests/files/test_recorded_model_file.py": 60,
+    "tests/files/test_surfaces.py": 60,
+    "tests/live/": 150,
+    "tests/papers/test_2002_table2.py": 100,
+    "tests/physics/test_errors.py": 250,
+    "tests/physics/test_everyday.py": 400,
+    "tests/physics/test_laws.py": 100,
+    "tests/physics/test_materials.py": 60,
+    "tests/physics/test_polygons.py": 80,
+    "tests/physics/test_slender_parts.py": 30,
+    "tests/physics/test_sphere.py": 120,
+    "tests/physics/test_thin_bodies.py": 100,
+    "tests/physics/test_tube.py": 40,
+    "tests/radiation/test_boundary_elements.py": 100,
+    "tests/recordings/calibration/test_calibrate.py": 60,
+    "tests/recordings/poles/test_search.py": 60,
+    "tests/recordings/test_corbett2007.py": 60,
+    "tests/recordings/test_measured_modes.py": 150,
+    "tests/recordings/test_real_takes.py": 300,
+    "tests/recordings/test_residual_sound.py": 60,
+    "tests/recordings/test_vase.py": 60,
+    "tests/report/test_gallery.py": 40,
+    "tests/report/test_obrien2002.py": 100,
+    "tests/solids/fem/test_memory.py": 60,
+    "tests/solids/filling/test_membership.py": 60,
+    "tests/solids/surface/test_dirty.py": 60,
+    "tests/test_hostile_calls.py::test_five_hundred_times_nobody_should_type_them": 150,
+    "tests/test_hostile_calls.py::test_five_thousand_times_nobody_should": 150,
+    "tests/test_mutants.py": 150,
+}
 
 
 def part(text: str) -> tuple[int, int]:

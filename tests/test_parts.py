@@ -47,6 +47,13 @@ def test_measured_seconds_are_of_proofs(proofs: list[str]) -> None:
     assert set(SECONDS) <= set(map(conftest.group_of, proofs))
 
 
+def test_parts_take_equally_long() -> None:
+    totals = [0.0] * 4
+    for group, seconds in SECONDS.items():
+        totals[part_of(group, 4) - 1] += seconds
+    assert max(totals) < 1.05 * min(totals)
+
+
 @pytest.fixture(scope="module")
 def tests_of_three_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder of thirty files, each with a test, two proofs and a timed proof."""
