@@ -255,7 +255,9 @@ def called_back(random: Random, keep: Keep = lambda array: array) -> Iterator[Si
     size = {"points": points, "block": block, "voices": voices}
     stepped = Stepped(poles, **size, sample_rate=48000, quiet=0.1)
     arena = callback.arena(stepped, volume=0.1)
-    arena.points, kept, sizes = points, [], {}
+    arena.last = keep(np.zeros((len(counts), points)))  # as for ears of so many points
+    arena.beside, arena.points = arena.last.ctypes.data, points
+    kept, sizes = [], {}
     if heard:
         memory, arrays = _ears_memory(random, len(counts), block, keep)
         arena.ears, sizes = ctypes.pointer(memory), {"paths": memory.paths, "taps": memory.taps}
