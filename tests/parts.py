@@ -8,7 +8,7 @@ from functools import cache
 from zlib import crc32
 
 # Seconds of the proofs of a file, or of one test where a file's tests run separately, on an idle
-# machine: rough estimates from processor times on a busy one, to be replaced by what
+# machine: rough estimates, made where no idle machine was, to be replaced by what
 # `pytest --group-seconds` prints. Only the balance of the parts and of the workers depends on them.
 SECONDS: dict[str, float] = {
     "tests/analysis/test_analysis.py": 40,
