@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
-from struck.analysis.discretisation import Source as ElementsSource
+from struck.analysis.source_options import Source, is_shape, require_applicable
 from struck.core.machine import in_few_threads
 from struck.errors import (
     NoModeError,
     OptionError,
     ScaleWarning,
     StruckError,
-    kind_of,
     require_choice,
 )
 from struck.files.cache import opened
@@ -63,11 +61,8 @@ MODES: Stage[Modes] = holding("modes", Modes, Mesh, Provenance)
 
 
 if TYPE_CHECKING:
-    from typing_extensions import TypeIs
-
     from struck.shapes.shape import Shape
 
-Source: TypeAlias = "ElementsSource | Shape"
 Fixed = ArrayLike | Callable[[Array], Mask]
 METHODS = ("formula", "fem", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
@@ -127,14 +122,16 @@ def analyze(
     heard = by_name(radiation)
     recoil = recoil and heard.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
-    if is_shape(body):
-        file.refuse(f"{kind_of(body)} is no file, and has its own size, axes and one piece")
-        if method in {None, "formula"}:
-            recoil = recoil and not body.supported
-            told = {"wall": wall, "fixed": fixed, "holes": holes, "accuracy": accuracy}
-            told |= {"repair": repair, "backend": backend}
-            return _by_formula(body, chosen, heard, wanted, progress, recoil=recoil, **told)
+    formula = is_shape(body) and method in {None, "formula"}
+    if is_shape(body) and not formula:
         require_choice("method", method, ("quadratic", *METHODS))
+    given = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    named = {option.name: getattr(file, option.name) for option in fields(file)}
+    require_applicable(body, formula=formula, **named, **given, fixed=fixed, backend=backend)
+    if is_shape(body):
+        if formula:
+            recoil = recoil and not body.supported
+            return _by_formula(body, chosen, heard, wanted, progress, recoil=recoil)
         body = body.solid()
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
@@ -142,7 +139,6 @@ def analyze(
     solver = _solver(method, backend or "auto")
     recoil = recoil and method == "quadratic" and fixed is None
     progress("cutting the body into elements", 0.0)
-    given = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
     source = discretise(body, file, stages, **given)
     work = _Work(
         stages=stages,
@@ -194,12 +190,6 @@ def _recoiling(model: ModalModel) -> ModalModel:
     )
 
 
-def is_shape(body: Source) -> TypeIs[Shape]:
-    """Return whether a body is in closed form, without loading struck.shapes for all others."""
-    shapes = sys.modules.get("struck.shapes.shape")
-    return shapes is not None and isinstance(body, shapes.Shape)
-
-
 def _by_formula(
     shape: Shape,
     material: Material,
@@ -208,14 +198,8 @@ def _by_formula(
     progress: Progress,
     *,
     recoil: bool,
-    **given: object,
 ) -> ModalModel:
-    """Return the model of a shape, which takes none of the options `given`."""
-    for name, value in given.items():
-        if value is not None:
-            told = f"{name}={'' if name == 'fixed' else repr(value)} does not apply to "
-            told += f"{kind_of(shape)}, which is computed by a formula: leave it out"
-            raise OptionError(told + (", or take method='fem'" if _by_fem(shape, name) else ""))
+    """Return the model of a shape."""
     modes = shape.modes(material, band, none=recoil, progress=progress)
     versions = {name: version(name) for name in ("struck", "numpy", "scipy")}
     provenance = modes.provenance.extended(body=repr(shape), versions=versions)
@@ -227,15 +211,6 @@ def _by_formula(
         places={**places_of(modes.surface), **shape.places},
     )
     return _recoiling(model) if recoil else model
-
-
-def _by_fem(shape: Shape, name: str) -> bool:
-    """Return whether finite elements of a shape take the option of that name."""
-    try:
-        held = shape.solid().fixed is not None
-    except OptionError:
-        return False
-    return name in {"accuracy", "backend"} or (name == "fixed" and not held)
 
 
 def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:

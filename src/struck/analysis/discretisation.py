@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from struck.analysis.cached_steps import Stage, Stages, holding
-from struck.errors import MeshError, OptionError, RepairWarning, kind_of
+from struck.errors import MeshError, OptionError, RepairWarning
 from struck.model.arrays import Array
 from struck.model.mesh import Arrays, Mesh
 from struck.model.provenance import Provenance
@@ -70,12 +70,6 @@ class FileOptions:
     size: float | None = None
     part: str | None = None
     up: str | None = None
-
-    def refuse(self, reason: str, *taken: str) -> None:
-        """Raise OptionError where an option was given whose name is not in `taken`."""
-        for option in fields(self):
-            if getattr(self, option.name) is not None and option.name not in taken:
-                raise OptionError(f"{option.name}= does not apply here: {reason}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -331,7 +325,7 @@ def discretise(
     repair: bool | None,
     holes: str | None = None,
 ) -> Discretisation:
-    """Return a body ready to be cut into elements, once its options fit it."""
+    """Return a body ready to be cut into elements, by options that apply to it."""
     require_holes(holes, wall)
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
@@ -347,18 +341,6 @@ def discretise(
             up = up_of(up, file.up, of_file=of_file)
         level = accuracy or "standard"
         return FilledSurface(repair=source, wall=wall, accuracy=level, units=units, up=up)
-    for name, value in {"wall": wall, "holes": holes, "repair": repair}.items():
-        if value is not None:
-            kind = kind_of(getattr(source, "of", source))
-            raise OptionError(
-                f"{name}= applies to surfaces, and {kind} has its own dimensions: leave it out, or "
-                "for a hollow body give a mesh of its surface"
-            )
-    if accuracy is not None and getattr(source, "elements", None) is not None:
-        raise OptionError(
-            f"accuracy={accuracy!r} chooses elements, and {kind_of(source)} brings its own: "
-            "leave one of them out"
-        )
     if isinstance(source, VolumeMesh):
         mine = isinstance(body, VolumeMesh)
         units = file.units or ("m" if mine else "m, as none were given")
@@ -380,7 +362,6 @@ def _load(
         from struck.files.meshes import SUFFIXES, load_volume
 
         if Path(body).suffix.lower() in SUFFIXES:
-            file.refuse("elements of another program take units= only", "units")
             return load_volume(body, units=file.units)
         return stages.kept(
             SURFACE,
@@ -392,13 +373,11 @@ def _load(
             holes=holes,
         )
     if isinstance(body, VolumeMesh | Solid):
-        file.refuse("this body is no file, and has its own size, axes and one piece")
         return body
     from struck.files.meshes import arrays_of, mesh_of, part_of
 
     mesh = None
     if isinstance(body, Mesh):
-        file.refuse("a Mesh is in metres already", "part")
         mesh = body
     elif arrays_of(body) is not None:
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)

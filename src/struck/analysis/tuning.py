@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from struck.analysis.analysis import is_shape
 from struck.analysis.discretisation import Solid
+from struck.analysis.source_options import is_shape
 from struck.core.machine import in_few_threads
 from struck.errors import MeshError, NoModeError, OptionError, kind_of, nearest
 from struck.model.arrays import Array, checked

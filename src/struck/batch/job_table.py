@@ -26,6 +26,7 @@ import numpy as np
 
 from struck.analysis.analysis import analyze
 from struck.analysis.cached_steps import fingerprint, method
+from struck.analysis.source_options import applicable
 from struck.batch.strike_set import StrikeSet
 from struck.errors import (
     ArgumentError,
@@ -151,8 +152,8 @@ def jobs_of(
     jobs, taken = [], {}
     for path, root in found.items():
         given = {"material": material, **options}
-        if Path(path).suffix.lower() in READERS:  # elements, which no accuracy chooses
-            given.pop("accuracy", None)
+        if not applicable(path, accuracy=None):
+            given.pop("accuracy", None)  # which chooses the elements of the other files
         for row in rows.get(path, [{}]):
             job = _job(path, root, {**given, **row}, make)
             other = taken.setdefault(job.output.casefold(), job)

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from struck.analysis.analysis import Source, analyze
+from struck.analysis.analysis import analyze
+from struck.analysis.source_options import Source, applicable
 from struck.model.arrays import Array
 from struck.model.material import Material
 from struck.model.model import ModalModel
@@ -29,7 +30,6 @@ from struck.shapes import (
     RoundSection,
     String,
 )
-from struck.shapes.shape import Shape
 from struck.solids import Tube, VolumeMesh
 from struck.solids.revolution import bell, bowl
 
@@ -144,9 +144,9 @@ def computed(
     """Return a function that analyzes a body with the given options."""
 
     def make(progress: Progress) -> ModalModel:
-        made = body()
-        chosen: dict = options if isinstance(made, Shape) else {"accuracy": "preview", **options}
-        return analyze(made, material, progress=progress, **chosen)
+        source = body()
+        chosen: dict[str, Any] = {**applicable(source, accuracy="preview"), **options}
+        return analyze(source, material, progress=progress, **chosen)
 
     return make
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
+from struck.analysis.source_options import applicable
 from struck.errors import FileFormatError, require_choice
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
@@ -82,12 +83,11 @@ class Piece:
         model = analyze(
             source,
             self.material,
-            up="z" if isinstance(body, Mesh) else None,
             band=self.band,
             wall=self.wall,
             damping=self.damping,
-            accuracy=None if isinstance(body, Shape) else "preview",
             progress=staged,
+            **applicable(source, accuracy="preview", up="z"),
         )
         model_file.save(model, folder / f"{self.name}.struck")
         staged("sounds", 0.0)

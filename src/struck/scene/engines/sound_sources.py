@@ -15,6 +15,7 @@ import numpy as np
 from struck.analysis.analysis import Fixed, analyze
 from struck.analysis.cached_steps import fingerprint
 from struck.analysis.discretisation import Solid
+from struck.analysis.source_options import applicable
 from struck.errors import MaterialError, OptionError, StruckError, nearest
 from struck.files.model_file import load_model
 from struck.model.arrays import Array, checked
@@ -171,7 +172,7 @@ class SoundSources:
                     wall=wall,
                     fixed=fixed,
                     band=options.band,
-                    accuracy=options.accuracy,
+                    **applicable(shape, accuracy=options.accuracy),
                     cache=options.cache,
                     progress=options.progress,
                 )
