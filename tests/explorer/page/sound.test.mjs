@@ -231,6 +231,67 @@ test('a context that went on alone for a while loses no strike, and keeps its ti
   assert.ok(decibels(apart(rest, played(other, rest.length))) < -100);
 });
 
+/** Play two channels; at some samples another head begins to hear. */
+function heardByHeads(kit, head, length, changes = {}) {
+  const synthesis = new Synthesis(kit, head);
+  synthesis.post(command(KINDS.POSE, 0, 0, 0, POSE));
+  synthesis.post(command(KINDS.POSE, 0, 0, 1, [0.5, 1.2, 0.3, -1, 0.2, 0, 0, 0, 1]));
+  synthesis.add(0, BODY);
+  [0, 3000, 24000].forEach((sample) => synthesis.post(strike(sample)));
+  const channels = [0, 1].map(() => new Float32Array(length));
+  for (let first = 0; first < length; first += BLOCK) {
+    if (changes[first]) synthesis.setHead(changes[first]);
+    synthesis.process(channels.map((all) => all.subarray(first, first + BLOCK)));
+  }
+  return channels;
+}
+
+for (const [name, kit] of Object.entries(KITS)) {
+  test(`${name}: another head takes over what rings, without a click`, async () => {
+    const [ball, ear] = [await readHead(contentOf('exact.head')), new SinglePoint()];
+    const measured = await readHead(contentOf('kemar.head'));
+    const length = 30720;
+    for (const [from, to] of [[ear, measured], [measured, ball], [ball, ear]]) {
+      const begun = 7 * 1280; // amid the ringing of two blows
+      const found = heardByHeads(kit(2), from, length, { [begun]: to });
+      const [before, after] = [from, to].map((head) => heardByHeads(kit(2), head, length));
+      const done = begun + 4 * STRETCH; // the next stretch, responses that fill, the crossfade
+      for (const channel of [0, 1]) {
+        const [one, other] = [before[channel], after[channel]];
+        assert.deepEqual(found[channel].subarray(0, begun), one.subarray(0, begun));
+        const error = apart(found[channel].subarray(done), other.subarray(done));
+        assert.ok(decibels(error) < -100, `${decibels(error)} dB`);
+        const rough = (samples) =>
+          loudest(samples.map((x, k, all) => (k > 2 ? x - 3 * all[k - 1] + 3 * all[k - 2] - all[k - 3] : 0)));
+        const part = (samples) => samples.subarray(begun, done);
+        const limit = Math.max(rough(part(one)), rough(part(other)));
+        assert.ok(rough(part(found[channel])) < 1.05 * limit);
+      }
+    }
+  });
+}
+
+test('heads that change over and over take no more memory', async () => {
+  const heads = [new SinglePoint(), await readHead(contentOf('exact.head'))];
+  const kit = KITS.wasm(2);
+  const changes = (count) =>
+    Object.fromEntries(Array.from({ length: count }, (_, k) => [k * 5 * STRETCH, heads[k % 2]]));
+  const channels = [0, 1].map(() => new Float32Array(BLOCK));
+  const synthesis = new Synthesis(kit, heads[0]);
+  synthesis.add(0, BODY);
+  const play = (count) => {
+    const when = changes(count);
+    for (let first = 0; first < count * 5 * STRETCH; first += BLOCK) {
+      if (when[first]) synthesis.setHead(when[first]);
+      synthesis.process(channels);
+    }
+  };
+  play(4);
+  const bytes = kit.buffer.byteLength;
+  play(60);
+  assert.equal(kit.buffer.byteLength, bytes);
+});
+
 test('strikes beyond the voices are dropped and counted', () => {
   const synthesis = scene(KITS.wasm, { voices: 3 });
   for (let k = 0; k < 10; k++) synthesis.post(strike(64));

@@ -108,8 +108,8 @@ export class WasmKit {
     return new WasmBank(this, count, voices);
   }
 
-  line(taps, half) {
-    return new WasmLine(this, taps, half);
+  line(taps, half, ears, before) {
+    return new WasmLine(this, taps, half, ears, before);
   }
 
   /** Limit `mix` in place. */
@@ -245,16 +245,25 @@ export class WasmBank {
 
 /** The sound of one body on its way to the ears. */
 export class WasmLine {
-  constructor(kit, taps, half) {
-    const ears = kit.session.channels;
+  /**
+   * @param {WasmKit} kit
+   * @param {number} taps of responses
+   * @param {number} half samples that it holds
+   * @param {number} [ears]
+   * @param {WasmLine} [before] the line of other ears on the way of the same sound, whose samples
+   *   it takes over: both write the same into them
+   */
+  constructor(kit, taps, half, ears = kit.session.channels, before = undefined) {
     this.kit = kit;
     this.taps = taps;
     this.half = half;
     this.ears = ears;
-    this.now = 0;
+    this.now = before?.now ?? 0;
+    this.lent = false; // its samples, to a line that frees them
     const room = taps - 1 + BLOCK;
     this.sizes = [8 * half, 48 * ears, 8 * ears * taps, 4 * ears * room, 16 * ears];
-    this.places = this.sizes.map((each) => kit.take(each));
+    this.places = this.sizes.map((each, k) => (before && !k ? before.line : kit.take(each)));
+    if (before) before.lent = true;
     const [line, ways, responses, history, numbers] = this.places;
     this.line = line;
     this.ways = ways;
@@ -317,6 +326,8 @@ export class WasmLine {
 
   free() {
     this.kit.drop(this);
-    this.places.forEach((place, k) => this.kit.give(place, this.sizes[k]));
+    this.places.forEach((place, k) => {
+      if (k || !this.lent) this.kit.give(place, this.sizes[k]);
+    });
   }
 }

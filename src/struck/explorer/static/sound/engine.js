@@ -12,6 +12,8 @@ import { LONGEST_FORCE, REPORT, latencyOf } from './synthesis.js';
 const RING_WORDS = 2 ** 18;
 const STRIKE_PEAK = 10 ** (-12 / 20); // of full scale: peak of a default strike
 const LISTENED = 0.25; // s of the strike that sets the loudness
+const CHANNELS = 2;
+const JUST = 0.01; // s after a blow in which another model takes it over, as it has hardly sounded
 const HEADS = { mono: null, stereo: 'exact', binaural: 'kemar' };
 
 // Whether a browser has vectors in WebAssembly: a function that returns the sum of one.
@@ -55,7 +57,7 @@ export async function createEngine(context, options = {}) {
     ? await headTables(headUrl(HEADS[ears], context.sampleRate), notes)
     : null;
   await context.audioWorklet.addModule(new URL('processor.js', import.meta.url));
-  return new Engine(context, { core, head, voices, ears: head ? ears : 'mono', notes });
+  return new Engine(context, { core, head, headUrl, voices, ears: head ? ears : 'mono', notes });
 }
 
 /** Return the compiled core, or null and a note where the browser cannot run it. */
@@ -101,21 +103,22 @@ export class Engine {
   #asked = new Map();
   #fullScale = 1;
   #volume = 0;
+  #wished = ''; // ears that are on their way
   /** @type {((report: Report) => void)[]} */
   #listening = [];
 
-  constructor(context, { core, head, voices, ears, notes }) {
+  constructor(context, { core, head, headUrl, voices, ears, notes }) {
     this.context = context;
     this.ears = ears;
+    this.headUrl = headUrl;
     this.kind = core ? 'wasm' : 'javascript';
     this.note = notes.join(' ');
     this.sampleRate = context.sampleRate;
     const shared = globalThis.crossOriginIsolated && typeof SharedArrayBuffer !== 'undefined';
     this.ring = shared ? Ring.ofWords(RING_WORDS) : null;
-    const channels = head ? 2 : 1;
     this.node = new AudioWorkletNode(context, 'struck', {
       numberOfInputs: 0,
-      outputChannelCount: [channels],
+      outputChannelCount: [CHANNELS],
       processorOptions: {
         core,
         head,
@@ -188,7 +191,7 @@ export class Engine {
     const add = { count: re.length, modes: model.count, poles, outputs, centre, radius: model.radius };
     this.#adding++;
     this.node.port.postMessage({ number, add });
-    this.#bodies.set(number, { model, place, holds: new Map() });
+    this.#bodies.set(number, { model, place, holds: new Map(), blow: null });
   }
 
   /**
@@ -209,9 +212,32 @@ export class Engine {
     this.#tell(time, KINDS.MODEL, number, re.length, poles, re, im);
   }
 
-  /** Put another model in the place of a body, which fades. */
+  /** Put another model in the place of a body, which fades; it takes over a blow of just now. */
   replaceModel(number, model) {
-    this.#add(number, model, this.#body(number).place);
+    const { place, blow, model: before } = this.#body(number);
+    this.#add(number, model, place);
+    if (!blow || this.context.currentTime - blow.time > JUST) return;
+    const growth = (model.size ?? 1) / (before.size ?? 1);
+    const point = blow.said.contact.point.map((each) => each * growth);
+    this.strike({ ...blow.said, contact: { ...blow.said.contact, point } });
+  }
+
+  /**
+   * Hear by other ears once their tables are there: what rings goes on, by a crossfade.
+   * @param {'mono' | 'stereo' | 'binaural'} ears
+   * @returns {Promise<string>} what falls short, in a sentence, or nothing
+   */
+  async setEars(ears) {
+    if (!(ears in HEADS)) throw new RangeError(`ears are '${ears}': give mono, stereo or binaural`);
+    this.#wished = ears;
+    const notes = [];
+    const name = HEADS[ears];
+    const head = name ? await headTables(this.headUrl(name, this.sampleRate), notes) : null;
+    if (this.#wished !== ears) return ''; // others were chosen meanwhile
+    this.ears = head ? ears : 'mono';
+    const buffers = new Set(Object.values(head?.tensors ?? {}).map(({ data }) => data.buffer));
+    this.node.port.postMessage({ head }, [...buffers]);
+    return notes.join(' ');
   }
 
   /** Let a body fade and go. */
@@ -229,7 +255,8 @@ export class Engine {
    * @returns {{impulse: number, duration: number, sample: number}} N s, s, and the first sample
    */
   strike({ body: number, contact, drive, time, ...said }) {
-    const { model } = this.#body(number);
+    const body = this.#body(number);
+    const { model } = body;
     const blow = resolved(model, contact, said);
     const pulse = sampledPulse({ ...blow, onset: time ?? 0, sampleRate: this.sampleRate });
     const pushed = model.drive(contact, drive);
@@ -245,6 +272,11 @@ export class Engine {
       pushed,
     );
     this.#send(words, first !== undefined || force.length > LONGEST_FORCE);
+    if (time === undefined)
+      body.blow = {
+        said: { body: number, contact, drive, ...said },
+        time: this.context.currentTime,
+      };
     const soonest = Math.ceil(this.context.currentTime * this.sampleRate);
     return { ...blow, sample: first ?? soonest + LEAD };
   }

@@ -25,8 +25,8 @@ export class PlainKit {
     return new PlainBank(count, voices, this.session.sampleRate);
   }
 
-  line(taps, half) {
-    return new PlainLine(this, taps, half);
+  line(taps, half, ears, before) {
+    return new PlainLine(this, taps, half, ears, before);
   }
 
   limit(opened) {
@@ -216,14 +216,13 @@ export class PlainBank {
 
 /** The sound of one body on its way to the ears: the twin of `hear_plainly`. */
 export class PlainLine {
-  constructor(kit, taps, half) {
-    const ears = kit.session.channels;
+  constructor(kit, taps, half, ears = kit.session.channels, before = undefined) {
     this.kit = kit;
     this.taps = taps;
     this.half = half;
     this.ears = ears;
-    this.now = 0;
-    this.samples = new Float32Array(half);
+    this.now = before?.now ?? 0;
+    this.samples = before?.samples ?? new Float32Array(half);
     this.delays = new Float64Array(3 * ears);
     this.gains = new Float64Array(3 * ears);
     this.before = new Float32Array(ears * taps);

@@ -39,13 +39,15 @@ class Watch {
   }
 }
 
+/** Return the head of tables, or one ear without them. */
+const headFrom = (given) => (given ? headOf(given.text, given.tensors) : new SinglePoint());
+
 class StruckProcessor extends AudioWorkletProcessor {
   constructor({ processorOptions: given, outputChannelCount: [channels] }) {
     super();
     const session = { sampleRate, channels };
     const kit = given.core ? new WasmKit(given.core, session) : new PlainKit(session);
-    const head = given.head ? headOf(given.head.text, given.head.tensors) : new SinglePoint();
-    this.synthesis = new Synthesis(kit, head, { voices: given.voices, start: currentFrame });
+    this.synthesis = new Synthesis(kit, headFrom(given.head), { voices: given.voices, start: currentFrame });
     this.ring = given.ring ? new Ring(given.ring) : null;
     this.watch = given.realTime ? new Watch() : null;
     this.next = 0;
@@ -54,11 +56,13 @@ class StruckProcessor extends AudioWorkletProcessor {
   }
 
   #receive(data) {
+    this.ring?.read(this.synthesis.take); // what was said before this message
     if (data instanceof Float64Array) this.synthesis.post(data);
     else if (data.add) {
       this.synthesis.add(data.number, data.add);
       this.port.postMessage('added');
     } else if (data.ask) this.port.postMessage(data.ask);
+    else if ('head' in data) this.synthesis.setHead(headFrom(data.head));
     else if (data.close) this.alive = false;
     else if (data.burn) this.burn = data.burn; // tests overload it on purpose
   }

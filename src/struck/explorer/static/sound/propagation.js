@@ -85,16 +85,17 @@ export class Propagation {
   /**
    * @param {import('./head.js').Head} head
    * @param {number} sampleRate Hz
+   * @param {Propagation} [before] that of another head, which moves along with this one
    */
-  constructor(head, sampleRate) {
+  constructor(head, sampleRate, before = undefined) {
     this.head = head;
     this.rate = sampleRate;
     this.lead = leadOf(sampleRate);
-    this.start = -this.lead / sampleRate;
-    this.stretches = 0;
-    this.course = new Course();
+    this.start = before?.start ?? -this.lead / sampleRate;
+    this.stretches = before?.stretches ?? 0;
+    this.course = before?.course ?? new Course();
     this.pose = new Float64Array(9);
-    this.axes = Float64Array.from([1, 0, 0, 0, 1, 0, 0, 0, 1]);
+    this.axes = Float64Array.from(before?.axes ?? [1, 0, 0, 0, 1, 0, 0, 0, 1]);
     this.seen = new Float64Array(3);
     this.later = new Float64Array(head.ears);
   }

@@ -11,6 +11,7 @@ import { READ } from './weights.js';
 const HALF = 16384; // samples that a delay line holds: 117 m at 48 kHz
 export const LONGEST_FORCE = 4096; // samples of a strike that fit into a voice
 const FADE_BLOCKS = 8; // in which a body that leaves falls silent: 21 ms at 48 kHz
+const CROSSFADE = 2 * STRETCH; // samples from one head to another: 21 ms at 48 kHz
 
 /** Entries of a report. */
 export const REPORT = {
@@ -51,20 +52,19 @@ class Voice {
   }
 }
 
-/** A body that sounds: its modes, its voices, and the way of its sound to the ears. */
+/** A body that sounds: its modes and its voices. */
 class Body {
   silent = 0; // samples since it fell asleep
   left = Infinity; // blocks for which it is heard
 
-  constructor(kit, propagation, voices, { count, modes = count, poles, outputs, centre, radius }) {
+  constructor(kit, voices, { count, modes = count, poles, outputs, centre, radius }) {
     this.count = count; // of modes, and of the terms of recoil behind them
     this.modes = modes;
     this.bank = kit.bank(count, voices);
     this.bank.setPoles(poles, 0);
     this.bank.setOutputs(outputs, 0);
-    this.line = kit.line(propagation.head.taps, HALF);
-    this.line.longest = HALF - BLOCK - READ;
-    this.way = propagation.way(this.line, centre, radius);
+    this.centre = centre;
+    this.radius = radius;
     this.voices = Array.from({ length: voices }, () => new Voice());
   }
 
@@ -75,16 +75,19 @@ class Body {
     return -1;
   }
 
-  /** Make the block that begins at a sample, and let the ears hear it. */
-  make(now, since) {
+  /** Whether its line may hold sound: after a longer sleep it holds zeros alone. */
+  get sounds() {
+    return this.silent < 2 * HALF;
+  }
+
+  /** Make the block that begins at a sample; return how many voices push it. */
+  make(now) {
     let pushed = 0;
     for (let number = 0; number < this.voices.length; number++)
       pushed += this.#push(number, now) ? 1 : 0;
     if (this.left > 0) this.bank.make();
     this.silent = this.bank.asleep || !(this.left > 0) ? this.silent + BLOCK : 0;
     if (this.left < Infinity) this.#fade();
-    // What sleeps for longer than a line holds leaves zeros alone in it.
-    if (this.silent < 2 * HALF) this.line.hear(this.bank.sound, since, STRETCH);
     return pushed;
   }
 
@@ -114,7 +117,59 @@ class Body {
 
   free() {
     this.bank.free?.();
-    this.line.free?.();
+  }
+}
+
+/** What the ears of one head hear: a line and a way from each body, in the order of the bodies. */
+class Hearing {
+  #lines = [];
+  #ways = [];
+
+  constructor(kit, head, before) {
+    this.kit = kit;
+    this.propagation = new Propagation(head, kit.session.sampleRate, before?.propagation);
+    for (const line of before?.lines ?? []) this.#lines.push(this.#line(line));
+  }
+
+  get lines() {
+    return this.#lines;
+  }
+
+  #line(before) {
+    const { taps, ears } = this.propagation.head;
+    const line = this.kit.line(taps, HALF, ears, before);
+    line.longest = HALF - BLOCK - READ;
+    return line;
+  }
+
+  /** Add a body, or begin the way of one whose line was taken over. */
+  add({ centre, radius }) {
+    const number = this.#ways.length;
+    this.#lines[number] ??= this.#line();
+    this.#ways.push(this.propagation.way(this.#lines[number], centre, radius));
+  }
+
+  /** Go on with all ways to the next stretch. */
+  goOn() {
+    this.propagation.goOn(this.#ways);
+  }
+
+  /** Let the ears hear a block of all bodies, into `kit.heard`. */
+  hear(bodies, since) {
+    this.kit.heard.fill(0);
+    for (let k = 0; k < bodies.length; k++)
+      if (bodies[k].sounds) this.#lines[k].hear(bodies[k].bank.sound, since, STRETCH);
+  }
+
+  /** Free the line of a body. */
+  drop(number) {
+    this.#lines[number].free?.();
+    this.#lines.splice(number, 1);
+    this.#ways.splice(number, 1);
+  }
+
+  free() {
+    for (const line of this.#lines) line.free?.();
   }
 }
 
@@ -124,8 +179,11 @@ export class Synthesis {
   #bodies = new Map();
   /** @type {Body[]} */
   #list = [];
-  /** @type {any[]} */
-  #ways = [];
+  /** @type {Hearing[]} the head that hears, and one that takes its place */
+  #hearings = [];
+  /** @type {import('./head.js').Head | null} that shall hear next */
+  #next = null;
+  #faded = 0; // samples of the crossfade to the second hearing; below 0: its responses fill
   /** @type {{sample: number, words: Float64Array}[]} that wait for their time, the last first */
   #waiting = [];
 
@@ -139,8 +197,8 @@ export class Synthesis {
     this.voices = voices;
     this.now = start;
     this.start = start;
-    this.channels = head.ears;
-    this.propagation = new Propagation(head, kit.session.sampleRate);
+    this.channels = kit.session.channels;
+    this.#hearings = [new Hearing(kit, head)];
     this.propagation.start += start / kit.session.sampleRate;
     this.since = STRETCH;
     this.opened = true;
@@ -155,10 +213,31 @@ export class Synthesis {
   /** Add a body, or put another in the place of one, which fades. */
   add(number, given) {
     this.#leave(number);
-    const body = new Body(this.kit, this.propagation, this.voices, given);
+    const body = new Body(this.kit, this.voices, given);
     this.#bodies.set(number, body);
     this.#list.push(body);
-    this.#ways.push(body.way);
+    for (const hearing of this.#hearings) hearing.add(body);
+  }
+
+  /** The ways of sound to the head that hears now. */
+  get propagation() {
+    return this.#hearings[0].propagation;
+  }
+
+  /** Hear by another head from the next stretch on: what rings goes on, by a crossfade. */
+  setHead(head) {
+    this.#next = head;
+  }
+
+  /** At the begin of a stretch: end a crossfade that is over, and begin one that is asked for. */
+  #changeHeads() {
+    if (this.#hearings.length > 1 && this.#faded >= CROSSFADE) this.#hearings.shift().free();
+    if (this.#hearings.length > 1 || !this.#next) return;
+    const hearing = new Hearing(this.kit, this.#next, this.#hearings[0]);
+    for (const body of this.#list) hearing.add(body);
+    this.#hearings.push(hearing);
+    this.#faded = -STRETCH * Math.ceil(this.#next.taps / STRETCH);
+    this.#next = null;
   }
 
   #leave(number) {
@@ -244,12 +323,13 @@ export class Synthesis {
     this.#runWaiting();
     const { kit } = this;
     if (this.since === STRETCH) {
-      this.propagation.goOn(this.#ways);
+      this.#changeHeads();
+      for (const hearing of this.#hearings) hearing.goOn();
       this.since = 0;
     }
-    kit.heard.fill(0);
     this.report[REPORT.VOICES] = 0;
-    for (const body of this.#list) this.report[REPORT.VOICES] += body.make(this.now, this.since);
+    for (const body of this.#list) this.report[REPORT.VOICES] += body.make(this.now);
+    this.#hear();
     this.since += BLOCK;
     this.now += BLOCK;
     this.#level();
@@ -257,15 +337,38 @@ export class Synthesis {
     if (this.since === STRETCH) this.#forget();
   }
 
+  /** Let all heads hear the block, into `kit.mix`; of two the second fades in. */
+  #hear() {
+    const { kit } = this;
+    kit.mix.fill(0);
+    const changing = this.#hearings.length > 1;
+    for (const hearing of this.#hearings) {
+      hearing.hear(this.#list, this.since);
+      const incoming = changing && hearing === this.#hearings[1];
+      for (let channel = 0; channel < this.channels; channel++) {
+        const row = Math.min(channel, hearing.propagation.head.ears - 1) * BLOCK;
+        for (let k = 0; k < BLOCK; k++) {
+          let weight = 1;
+          if (changing) {
+            const done = Math.min(Math.max((this.#faded + k + 1) / CROSSFADE, 0), 1);
+            weight = Math.sin((Math.PI / 2) * (incoming ? done : 1 - done)) ** 2;
+          }
+          kit.mix[channel * BLOCK + k] += weight * kit.heard[row + k];
+        }
+      }
+    }
+    if (changing) this.#faded += BLOCK;
+  }
+
   /** Go from the last block's gain to the wanted one, and note the loudest sample. */
   #level() {
-    const { mix, heard } = this.kit;
+    const { mix } = this.kit;
     const step = (this.wanted - this.gain) / BLOCK;
     let peak = this.report[REPORT.PEAK];
     for (let channel = 0; channel < this.channels; channel++) {
       for (let k = 0; k < BLOCK; k++) {
         const place = channel * BLOCK + k;
-        mix[place] = heard[place] * (this.gain + step * (k + 1));
+        mix[place] *= this.gain + step * (k + 1);
         peak = Math.max(peak, Math.abs(mix[place]));
       }
     }
@@ -277,9 +380,9 @@ export class Synthesis {
   #forget() {
     for (let place = this.#list.length - 1; place >= 0; place--) {
       const body = this.#list[place];
-      if (body.left > 0 || body.silent < 2 * HALF) continue;
+      if (body.left > 0 || body.sounds) continue;
       this.#list.splice(place, 1);
-      this.#ways.splice(place, 1);
+      for (const hearing of this.#hearings) hearing.drop(place);
       body.free();
     }
   }
@@ -298,7 +401,8 @@ export class Synthesis {
   /** Call the present by another number: the context went on while nobody asked for samples. */
   #jump(by) {
     this.now += by;
-    this.propagation.start += by / this.kit.session.sampleRate;
+    for (const { propagation } of this.#hearings)
+      propagation.start += by / this.kit.session.sampleRate;
     for (const body of this.#list) for (const voice of body.voices) voice.first += by;
   }
 
