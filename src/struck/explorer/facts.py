@@ -42,6 +42,10 @@ def facts(model: ModalModel) -> dict[str, Any]:
         "tensioned": model.tensioned,
         "method": model.provenance.method,
         "dropped": list(model.provenance.dropped),
+        # Modes that a fit spends on the noise of the blow, by their numbers.
+        "noise": np.flatnonzero(~model.of_object).tolist(),
+        # Whether the page plays the mean over all directions of what the model radiates.
+        "averaged": hasattr(model.gains, "averaged"),
         "points": points,
         "peak": max((peak(model, each["point"]) for each in points), default=0.0),
     }

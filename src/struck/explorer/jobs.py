@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from struck.core.child_process import python_command, python_environment
-from struck.errors import StruckError
+from struck.errors import FileFormatError, SolverError
 from struck.explorer.facts import facts
 from struck.explorer.objects import Thing, things
 from struck.explorer.page_files import model_bytes
@@ -148,8 +148,8 @@ class Jobs:
                 code = await process.wait()
                 job.state = "failed"
                 job.message = (
-                    f"the process that computed it ended (code {code}): there may be too little "
-                    "memory; start again for another try"
+                    f"its computation was ended from outside (code {code}), perhaps for want of "
+                    "memory; close other programs and start again"
                 )
             else:
                 for name, value in json.loads(line).items():
@@ -211,11 +211,22 @@ class _Teller:
 
 
 def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
+    """Compute an object, and return what became of it in words for the page."""
     try:
         values = _kept(thing.make(teller), path)
-    except (StruckError, MemoryError, OSError) as error:
-        return {"message": str(error) or type(error).__name__, "state": "failed"}
+    except Exception as error:  # noqa: BLE001 - the other objects are computed all the same
+        sys.stderr.write(f"{thing.title}: {type(error).__name__}: {error}\n")
+        return {"message": _reason(error), "state": "failed"}
     return {"facts": values, "fraction": 1.0, "stage": "", "state": "ready"}
+
+
+def _reason(error: Exception) -> str:
+    """Return why an object is missing, to a person who chose none of its options."""
+    if isinstance(error, MemoryError | SolverError):
+        return "it needs more memory than there is; close other programs and start again"
+    if isinstance(error, OSError | FileFormatError):
+        return f"its file could not be written ({error}); make room for it and start again"
+    return "this is a fault of struck, whose details are in the terminal; all others can be played"
 
 
 if __name__ == "__main__":

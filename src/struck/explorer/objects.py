@@ -59,6 +59,8 @@ class Thing:
         Turns its coordinates into those of the room.
     swelling : tuple of 3
         How many times thicker it is drawn along its own axes, where it is too thin to be seen.
+    figure : str
+        "drum" or "": how a body without a surface is drawn; by default as a recording.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Thing:
     kind: str = "elements"
     rotation: Array = field(default_factory=lambda: np.eye(3))
     swelling: Place = (1.0, 1.0, 1.0)
+    figure: str = ""
 
     def json_values(self) -> dict[str, object]:
         """Return the facts of the object before it is computed."""
@@ -80,6 +83,7 @@ class Thing:
             "position": list(self.position),
             "rotation": np.asarray(self.rotation).tolist(),
             "swelling": list(self.swelling),
+            "figure": self.figure,
         }
 
 
@@ -252,5 +256,5 @@ _ELEMENTS = (
 
 def things() -> list[Thing]:
     """Return the objects of the room, formulas first, slow ones last."""
-    tabla = Thing(**_entry("tabla"), kind="recording", make=recorded)
+    tabla = Thing(**_entry("tabla"), kind="recording", make=recorded, figure="drum")
     return [*_FORMULAS, tabla, *_chimes(), *_ELEMENTS]

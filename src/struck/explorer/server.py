@@ -25,7 +25,8 @@ from struck.errors import MissingDependencyError, OptionError, StruckError, requ
 from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
 from struck.explorer.jobs import PAGED, Jobs
-from struck.explorer.objects import Thing, things, turned
+from struck.explorer.objects import Thing, things
+from struck.explorer.placement import stand
 from struck.explorer.private_folder import PrivateFolder
 from struck.model.arrays import checked
 from struck.model.material import materials
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).parent / "static"
 _BY_HAND = "open it in a browser"
 _ENDED = 30.0  # s that an end may take: heads that are being made are waited for
-_APART = 0.25  # m between given bodies
 _ONE_HEAD = threading.Lock()
 
 
@@ -87,8 +87,8 @@ class Explorer:
             ) from error
         self._jobs = Jobs(wanted, self._folder.path)
         try:
-            for number, (model, name) in enumerate(zip(given, names, strict=True)):
-                self._jobs.give(_standing(model, name, number, len(given)), model)
+            for thing, model in zip(stand(given, names), given, strict=True):
+                self._jobs.give(thing, model)
         except BaseException:
             self._socket.close()
             self._folder.remove()
@@ -266,26 +266,6 @@ def _listening(port: int) -> socket.socket:
     return listening
 
 
-def _standing(model: ModalModel, name: str, number: int, many: int) -> Thing:
-    """Return a given body as an object of the room, in a row with the others, on a stand."""
-
-    def made(_progress: object) -> ModalModel:
-        return model
-
-    surface = model.geometry
-    low = [0.0, 0.0, 0.0] if surface is None else surface.bounds.mean(axis=0).tolist()
-    bottom = 0.0 if surface is None else float(surface.bounds[0, 2])
-    return Thing(
-        name=f"given_{number + 1}",
-        title=name,
-        text=model.provenance.method or "a model",
-        kind="file",
-        make=made,
-        position=((number - (many - 1) / 2) * 2 * _APART - low[0], -low[1], 0.6 - bottom),
-        rotation=turned(),
-    )
-
-
 # The application
 
 
@@ -423,7 +403,7 @@ def _head(name: str, rate: int) -> bytes:
 
 def _prepare_heads() -> None:
     """Make the tables of the ears at usual rates, Hz, so that the first click need not wait."""
-    for rate in (44_100, 48_000):
+    for rate in (48_000, 44_100):  # most devices run at the first
         _head("kemar", rate)
 
 

@@ -2,18 +2,20 @@
 
 import { resolved } from './excitation/hertz.js';
 import { FormatError, readModel } from './model/model.js';
-import { LOST, fetchChange, fetchDrive, fetchModel, fetchRoom, follow } from './connection.js';
+import { fetchChange, fetchDrive, fetchModel, fetchRoom, follow } from './connection.js';
 import { say, unsay } from './panel/messages.js';
 import { ModeList, Ringing, loudness } from './panel/modes.js';
 import { ObjectList } from './panel/objects.js';
 import { ObjectPanel } from './panel/object.js';
 import { Spectrum } from './panel/spectrum.js';
+import { announceBlow, announceChoice } from './panel/status.js';
 import { Instrument } from './room/instrument.js';
 import { Room } from './room/room.js';
 
 const STRIKERS = ['fingertip', 'felt', 'wood', 'steel'];
 const PATIENCE = 1500; // ms after which what is silent stays so
 const CYCLE = 1.4; // s of one swing of a mode that is shown
+const CLICK = matchMedia('(pointer: coarse)').matches ? 'Tap' : 'Click';
 const get = (id) => document.getElementById(id);
 
 /** What the page holds: read by tests, and by who is curious. */
@@ -23,7 +25,8 @@ globalThis.struck = page;
 /** Say what an error says, and what comes of it. */
 function complain(error, what) {
   if (!(error instanceof Error)) throw error;
-  say(what ? `${what}: ${error.message}` : error.message, { bad: true });
+  if (error.id) say(error.message, { bad: true, id: error.id });
+  else say(what ? `${what}: ${error.message}` : error.message, { bad: true });
 }
 
 const heads = await fetchRoom().catch((error) => complain(error));
@@ -44,7 +47,11 @@ Object.assign(page, { room, instrument, strikeAt, choose });
 /** Show an object as the server tells of it, and read its model once that is there. */
 async function tell(told) {
   objects.tell(told);
-  if (told.state === 'failed') say(`${told.title} could not be computed: ${told.message}`, { bad: true, id: told.id });
+  showProgress();
+  if (told.state === 'failed') {
+    tellFailures();
+    chooseFirst();
+  }
   if (told.state !== 'ready' || page.models.has(told.id)) return;
   page.models.set(told.id, null);
   try {
@@ -55,12 +62,49 @@ async function tell(told) {
     page.models.set(told.id, model);
     page.ringing.set(told.id, new Ringing(model));
     instrument.add(told, model);
-    if (page.chosen === null) choose(told.id);
     page.sounding ??= performance.now();
   } catch (error) {
     page.models.delete(told.id);
+    if (error instanceof FormatError) objects.refuse(told.id);
     complain(error, error instanceof FormatError ? `${told.title} cannot be read` : told.title);
   }
+  showProgress();
+  chooseFirst();
+}
+
+/** Say which objects could not be computed: in one message, however many they are. */
+function tellFailures() {
+  const reasons = new Map();
+  for (const { state, title, message } of objects.told.values()) {
+    if (state === 'failed') reasons.set(message, [...(reasons.get(message) ?? []), title]);
+  }
+  const parts = [...reasons].map(([reason, titles]) => `${titles.join(', ')} could not be computed: ${reason}`);
+  say(parts.join('. '), { bad: true, id: 'failed' });
+}
+
+/** Choose the first object of the list, unless one was chosen: none is there before it. */
+function chooseFirst() {
+  const [first] = objects.playable;
+  if (page.chosen === null && first) choose(first.id);
+}
+
+/** Return the chosen object, or the first one that is there. */
+function current() {
+  return page.chosen ?? objects.playable.find(({ id }) => page.models.get(id))?.id ?? null;
+}
+
+/** Say in the empty room what it waits for. */
+function showProgress() {
+  const there = [...page.models.values()].some(Boolean);
+  const waiting = objects.playable.length;
+  get('empty').hidden = there || !waiting;
+  if (!there && waiting) {
+    const [first] = objects.playable;
+    get('empty').firstElementChild.textContent = first.kind === 'file'
+      ? `${first.title} is being read, and appears here in a moment.`
+      : `${waiting} objects are being computed, and appear here one by one. The first is the ${first.title.toLowerCase()}, in some seconds.`;
+  }
+  hint();
 }
 
 /** Choose an object: what is told, changed, and struck by keys. */
@@ -71,13 +115,15 @@ function choose(id) {
     modes.selected = null;
     get('mode-shown').textContent = 'Choose a mode to see the body move in it.';
   }
+  const model = instrument.model(id) ?? page.models.get(id);
+  const told = objects.told.get(id);
+  if (page.chosen !== id) announceChoice(told.title, model);
   page.chosen = id;
   objects.choose(id);
-  const model = instrument.model(id) ?? page.models.get(id);
-  panel.fill(objects.told.get(id), model);
-  modes.fill(model);
+  panel.fill(told, model);
+  modes.fill(model, told.facts.noise);
   spectrum.mark([...model.frequencies].slice(0, 200));
-  room.number(id, objects.told.get(id).facts.points);
+  room.number(id, told.facts.points);
   wake();
 }
 
@@ -90,7 +136,8 @@ function showMode(mode) {
   else if (!model.shapes) words.textContent = 'A recording tells where this mode lies, not how the body moves in it.';
   else {
     const slow = Math.round(frequency * CYCLE);
-    words.textContent = room.still ? `Mode ${mode + 1} at its farthest.` : `Mode ${mode + 1}, ${slow} times slowed down.`;
+    const number = modes.order.indexOf(mode) + 1;
+    words.textContent = room.still ? `Mode ${number} at its farthest.` : `Mode ${number}, ${slow} times slowed down.`;
   }
   room.showMode(page.chosen, model.shapes && mode !== null ? { mode, shape: model.modeShape(mode), cycle: CYCLE } : null);
 }
@@ -136,6 +183,7 @@ function land(id, contact, how) {
   const blow = instrument.strike(id, contact, how);
   Object.assign(page, { blow, contact, drive: how.drive, struck: id, blows: page.blows + 1 });
   page.last.set(id, contact);
+  announceBlow(objects.told.get(id).title, instrument.pending);
   if (blow && page.ringing.get(id)) page.ringing.get(id).strike(contact, blow, performance.now() / 1000);
   room.mark(id, contact.point.map((value) => value / sizeOf(id)));
   wake();
@@ -161,11 +209,20 @@ function release({ id }) {
 
 /** Strike the chosen object at one of its numbered points. */
 function strikeNumber(number) {
-  const told = objects.told.get(page.chosen);
-  const place = told?.facts.points[number];
+  const id = current();
+  const place = objects.told.get(id)?.facts.points[number];
   if (!place) return;
+  choose(id);
   const point = place.point ?? [0, 0, 0];
-  strikeAt(page.chosen, { point: scaled(page.chosen, point), direction: place.direction ?? undefined });
+  strikeAt(id, { point: scaled(id, point), direction: place.direction ?? undefined });
+}
+
+/** Strike the chosen object where it is loudest. */
+function strikeLoudest() {
+  const id = current();
+  if (!id) return;
+  choose(id);
+  strikeAt(id, loudestOf(id));
 }
 
 function dampLast(on) {
@@ -177,7 +234,7 @@ function dampLast(on) {
 
 // Changes
 
-/** Carry a change out, null for none; return whether that is all of it. */
+/** Carry a change out, null for none; return whether that is all of it, or null: it was refused. */
 async function change(id, wanted) {
   try {
     const answer = wanted ? await fetchChange(id, wanted) : null;
@@ -191,7 +248,7 @@ async function change(id, wanted) {
     else page.ringing.set(id, new Ringing(model));
     if (page.chosen === id) {
       const { selected } = modes;
-      modes.fill(model);
+      modes.fill(model, objects.told.get(id).facts.noise);
       panel.tell(model);
       spectrum.mark([...model.frequencies].slice(0, 200), modes.selected === null ? null : model.frequencies[selected]);
       if (modes.selected !== null) showMode(modes.selected);
@@ -199,8 +256,8 @@ async function change(id, wanted) {
     wake();
     return answer?.settled ?? true;
   } catch (error) {
-    say(error.message, { bad: true, id: 'change' });
-    return true;
+    say(error.message, { bad: true, id: error.id ?? 'change' });
+    return null;
   }
 }
 
@@ -229,10 +286,17 @@ function loud(ringing, now) {
   return ringing.amplitudes.some((each, n) => each > 0 && ringing.share(n, now) > 0.35);
 }
 
+/** Say what can be done now, and whether the sound is still getting ready. */
 function hint() {
-  const text = instrument.ready
-    ? 'Click an object to strike it; hold to damp it; drag beside it to look around.'
-    : 'Click any object: sound starts with your first click.';
+  const there = [...page.models.values()].some(Boolean);
+  let text = `${CLICK} any object: sound starts with your first ${CLICK.toLowerCase()}.`;
+  if (instrument.pending) text = 'The sound is getting ready; your last blow will be heard then.';
+  else if (!there && !instrument.ready) text = `Objects are on their way. Sound starts with your first ${CLICK.toLowerCase()} or key.`;
+  else if (!there) text = 'The sound is ready. Objects are on their way.';
+  else if (instrument.ready) {
+    text = `${CLICK} an object to strike it; hold to damp it; drag beside it to look around.`;
+    if (instrument.waiting) text = `You hear with one ear until two are ready. ${text}`;
+  }
   if (get('hint').textContent !== text) get('hint').textContent = text;
 }
 
@@ -278,13 +342,14 @@ function slide(id, words, set) {
 }
 slide('speed', (value) => `${(10 ** value).toPrecision(2)} m/s`, (value) => { page.speed = 10 ** value; });
 slide('volume', (value) => `${value} dB`.replace('-', '−'), (value) => instrument.setVolume(value));
+get('empty').querySelector('button').onclick = hint; // any click starts the sound
 get('ears').onchange = (event) => instrument.setEars(event.target.value).catch((error) => complain(error));
 get('even').onchange = (event) => instrument.setEven(event.target.checked);
 get('simple').checked = room.stage?.simple ?? true;
 get('simple').disabled = !room.stage;
 get('simple').onchange = (event) => room.stage.simplify(event.target.checked);
 get('whole').onclick = () => { room.home(); get('whole').hidden = true; };
-get('hit').onclick = () => page.chosen && strikeAt(page.chosen, loudestOf(page.chosen));
+get('hit').onclick = strikeLoudest;
 const damp = get('damp');
 for (const name of ['pointerdown', 'keydown']) damp.addEventListener(name, (event) => (event.key ?? ' ') === ' ' && dampLast(true));
 for (const name of ['pointerup', 'pointercancel', 'keyup', 'blur']) damp.addEventListener(name, () => dampLast(false));
@@ -306,7 +371,7 @@ function key(event) {
   const digit = /^[0-9]$/.test(event.key) ? (Number(event.key) + 9) % 10 : null;
   if (step) choose(objects.beside(page.chosen, step));
   else if (digit !== null) event.repeat || strikeNumber(digit);
-  else if (event.key === ' ' && !event.target.matches('button, summary')) event.repeat || (page.chosen && strikeAt(page.chosen, loudestOf(page.chosen)));
+  else if (event.key === ' ' && !event.target.matches('button, summary')) event.repeat || strikeLoudest();
   else if (event.key === 'd' || event.key === 'D') event.repeat || dampLast(true);
   else if (event.key === 'm' || event.key === 'M') modes.next();
   else if (event.key === '+' || event.key === '=') room.zoom(0.85);
@@ -321,5 +386,5 @@ addEventListener('keyup', (event) => (event.key === 'd' || event.key === 'D') &&
 
 if (!globalThis.crossOriginIsolated) say('the page is not isolated, so that blows reach the sound a little later: open the address that struck printed, with 127.0.0.1 in it', { id: 'isolation' });
 hint();
-follow(tell, (lost) => (lost ? say(LOST, { bad: true, id: 'lost' }) : unsay('lost')));
+follow(tell, (error) => (error ? complain(error) : unsay('lost')));
 page.ready = true;

@@ -4,15 +4,17 @@ const place = document.getElementById('messages');
 const shown = new Map();
 
 /**
- * Show a sentence; one that is shown already is not shown twice.
+ * Show a sentence; one that is shown already, under whatever id, is not shown twice.
  * @param {string} text
  * @param {{bad?: boolean, id?: string}} [options] `id`: a later message of that id takes its place
  */
 export function say(text, { bad = false, id = text } = {}) {
   unsay(id);
+  if ([...shown.values()].some((each) => each.dataset.text === text)) return;
   const message = document.createElement('div');
   message.className = bad ? 'message bad' : 'message';
   message.setAttribute('role', bad ? 'alert' : 'status');
+  message.dataset.text = text;
   const words = document.createElement('span');
   const sentence = /[.!?]$/.test(text) ? text : `${text}.`;
   words.textContent = sentence[0].toUpperCase() + sentence.slice(1);

@@ -2,6 +2,12 @@
 
 const NAMES = ['C', 'C♯', 'D', 'D♯', 'E', 'F', 'F♯', 'G', 'G♯', 'A', 'A♯', 'B'];
 const RANGE = 60; // dB that the bars show
+const HEARD = [20, 20_000]; // Hz
+
+/** Return whether a frequency, Hz, can be heard. */
+export function isAudible(frequency) {
+  return frequency >= HEARD[0] && frequency <= HEARD[1];
+}
 
 /** Return the nearest equal-tempered note (A4 = 440 Hz) with the cents beside it. */
 export function note(frequency) {
@@ -16,6 +22,7 @@ export function note(frequency) {
 function lasting(decay) {
   const t60 = Math.log(1000) / Math.max(decay, 1e-9);
   if (t60 > 999) return 'endless';
+  if (t60 < 0.01) return `${(1000 * t60).toPrecision(1)} ms`;
   return `${t60 >= 10 ? t60.toFixed(0) : t60.toFixed(t60 >= 1 ? 1 : 2)} s`;
 }
 
@@ -86,6 +93,7 @@ export class ModeList {
     this.place = place;
     this.chosen = chosen;
     this.rows = [];
+    this.order = []; // modes in the order of the rows
     this.selected = null;
     place.addEventListener('click', (event) => {
       const row = event.target.closest('[role="option"]');
@@ -94,15 +102,22 @@ export class ModeList {
     place.addEventListener('keydown', (event) => this.#key(event));
   }
 
-  /** List the modes of a model; the chosen one stays, where there is as many. */
-  fill(model) {
-    const head = document.createElement('div');
-    head.className = 'mode head';
-    head.setAttribute('role', 'presentation');
-    head.append(...['', 'Hz', 'note', 'T60', 'level'].map(cell));
-    this.rows = Array.from({ length: model.count }, (_, n) => {
+  /**
+   * List the modes of a model; the chosen one stays, where there are as many.
+   * @param {import('../model/model.js').Model} model
+   * @param {number[]} [noise] modes of the original that a fit spends on the noise of the blow,
+   *   which come last
+   */
+  fill(model, noise = []) {
+    const head = heading('mode head', ...['', 'Hz', 'note', 'T60', 'level'].map(cell));
+    const blow = new Set(noise);
+    const every = Array.from({ length: model.count }, (_, n) => n);
+    const isNoise = (n) => blow.has(model.modes ? model.modes[n] : n);
+    this.order = [...every.filter((n) => !isNoise(n)), ...every.filter(isNoise)];
+    const objects = this.order.length - every.filter(isNoise).length;
+    this.rows = this.order.map((n, place) => {
       const row = document.createElement('div');
-      row.className = 'mode';
+      row.className = place < objects ? 'mode' : 'mode noise';
       row.id = `mode-${n}`;
       row.dataset.mode = n;
       row.setAttribute('role', 'option');
@@ -111,11 +126,22 @@ export class ModeList {
       const bar = document.createElement('span');
       bar.className = 'bar';
       bar.append(document.createElement('i'));
-      row.append(cell(n + 1), cell(frequency.toFixed(frequency < 1000 ? 1 : 0)), cell(note(frequency)), cell(lasting(model.decays[n])), bar);
+      const name = cell(isAudible(frequency) ? note(frequency) : 'inaudible');
+      row.append(cell(place + 1), cell(frequency.toFixed(frequency < 1000 ? 1 : 0)), name, cell(lasting(model.decays[n])), bar);
       return row;
     });
-    this.place.replaceChildren(head, ...this.rows);
+    const shown = [head, ...this.rows];
+    if (objects < this.order.length) {
+      const text = `${this.order.length - objects} of the noise of the blow`;
+      shown.splice(1 + objects, 0, heading('mode part', text));
+    }
+    this.place.replaceChildren(...shown);
     if (!(this.selected < model.count)) this.selected = null;
+  }
+
+  /** Return the row of a mode, if there is one. */
+  #row(mode) {
+    return mode === null ? undefined : this.rows[this.order.indexOf(mode)];
   }
 
   /** Show how loudly modes ring; return whether any does. */
@@ -124,10 +150,10 @@ export class ModeList {
     const height = this.rows[0]?.offsetHeight || 24;
     const last = Math.min(this.rows.length, Math.ceil(bottom / height) + 1);
     let any = false;
-    for (let n = Math.max(0, Math.floor(top / height) - 2); n < last; n += 1) {
-      const share = ringing ? ringing.share(n, time) : 0;
+    for (let at = Math.max(0, Math.floor(top / height) - 3); at < last; at += 1) {
+      const share = ringing ? ringing.share(this.order[at], time) : 0;
       any ||= share > 0;
-      this.rows[n].lastChild.firstChild.style.transform = `scaleX(${share.toFixed(3)})`;
+      this.rows[at].lastChild.firstChild.style.transform = `scaleX(${share.toFixed(3)})`;
     }
     return any;
   }
@@ -135,9 +161,9 @@ export class ModeList {
   /** Choose a mode; the chosen one once more: none. */
   choose(mode) {
     const next = mode === this.selected ? null : mode;
-    this.rows[this.selected]?.setAttribute('aria-selected', 'false');
+    this.#row(this.selected)?.setAttribute('aria-selected', 'false');
     this.selected = next;
-    const row = this.rows[next];
+    const row = this.#row(next);
     row?.setAttribute('aria-selected', 'true');
     if (row) this.#reveal(row);
     if (row) this.place.setAttribute('aria-activedescendant', row.id);
@@ -155,14 +181,15 @@ export class ModeList {
 
   /** Choose the next mode. */
   next() {
-    if (this.rows.length) this.choose(this.selected === null ? 0 : (this.selected + 1) % this.rows.length);
+    const { length } = this.order;
+    if (length) this.choose(this.order[(this.order.indexOf(this.selected) + 1) % length]);
   }
 
   #key(event) {
     const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (step && this.rows.length) {
-      const from = this.selected ?? (step > 0 ? -1 : this.rows.length);
-      const to = Math.min(this.rows.length - 1, Math.max(0, from + step));
+      const from = this.selected === null ? (step > 0 ? -1 : this.rows.length) : this.order.indexOf(this.selected);
+      const to = this.order[Math.min(this.rows.length - 1, Math.max(0, from + step))];
       if (to !== this.selected) this.choose(to);
     } else if ((event.key === 'Escape' || event.key === 'Enter') && this.selected !== null) {
       this.choose(this.selected);
@@ -170,6 +197,14 @@ export class ModeList {
     event.preventDefault();
     event.stopPropagation();
   }
+}
+
+function heading(name, ...parts) {
+  const row = document.createElement('div');
+  row.className = name;
+  row.setAttribute('role', 'presentation');
+  row.append(...parts);
+  return row;
 }
 
 function cell(text) {

@@ -1,10 +1,12 @@
 /** The chosen object: what it is, and its material, size and damping to be changed while it rings. */
 
+import { isAudible } from './modes.js';
+
 const PAUSE = 40; // ms between two questions to the server while a slider moves
 const get = (id) => document.getElementById(id);
 
 const fields = {
-  panel: get('object'), title: get('object-title'), text: get('object-text'), facts: get('object-facts'), dropped: get('object-dropped'),
+  panel: get('object'), title: get('object-title'), text: get('object-text'), facts: get('object-facts'), notes: get('object-notes'), dropped: get('object-dropped'),
   changes: get('changes'), material: get('material'), size: get('size'), damping: get('damping'), original: get('original'),
 };
 
@@ -19,15 +21,33 @@ function length(metres) {
   return metres < 0.0995 ? `${(1000 * metres).toPrecision(2)} mm` : `${(100 * metres).toFixed(0)} cm`;
 }
 
+const THRESHOLD = 2e-5; // Pa, of hearing
+
+/** Return sentences about what is heard of an object otherwise than one would think. */
+function notesOf(facts, model) {
+  const notes = [];
+  if (facts.averaged) notes.push('Its computed timbre field is played as its average over all directions; struck render and struck play play the field itself.');
+  const audible = [...model.frequencies].some(isAudible);
+  if (!audible) {
+    const lowest = model.count ? `None of its ${model.count} modes can be heard: the lowest lies at ${(model.frequencies[0] / 1000).toPrecision(3)} kHz` : 'It has no mode that can be heard';
+    notes.push(`${lowest}. A blow ${model.recoil ? 'is heard by its recoil alone, as a short click' : 'makes no sound that can be heard'}.`);
+  } else if (facts.calibrated && facts.peak < THRESHOLD) {
+    notes.push('A blow on it is too soft to be heard at 1 m; here it is made louder.');
+  }
+  return notes;
+}
+
 export class ObjectPanel {
   /**
    * @param {Record<string, string>} materials groups by name
-   * @param {(id: string, wanted: object | null) => Promise<boolean>} change carries a change
-   *   out; returns whether more of it is to be asked for, without "quick": false
+   * @param {(id: string, wanted: object | null) => Promise<boolean | null>} change carries a change
+   *   out; returns whether that is all of it, else it is to be asked for without "quick"; null
+   *   where the change was refused
    */
   constructor(materials, change) {
     this.change = change;
     this.wishes = new Map(); // by object
+    this.done = new Map(); // by object: the last wish that came true
     const names = Object.keys(materials).sort((a, b) => materials[a].localeCompare(materials[b]) || a.localeCompare(b));
     for (const group of new Set(names.map((name) => materials[name]))) {
       const part = document.createElement('optgroup');
@@ -66,7 +86,9 @@ export class ObjectPanel {
   tell(model) {
     const { size, complete_to: complete, calibrated } = this.told.facts;
     const factor = this.#wishOf().size;
-    const parts = [`${model.count} modes`];
+    const parts = [`${model.count} mode${model.count === 1 ? '' : 's'}`];
+    const { noise } = this.told.facts;
+    if (noise.length) parts.push(`${noise.length} of them of the noise of the blow`);
     const dropped = model.metadata.provenance?.dropped ?? [];
     fields.dropped.hidden = !dropped.length;
     fields.dropped.textContent = `Left out: ${dropped.join('; ')}.`;
@@ -75,6 +97,9 @@ export class ObjectPanel {
     if (model.mass) parts.push(model.mass < 1 ? `${(1000 * model.mass).toPrecision(3)} g` : `${model.mass.toPrecision(3)} kg`);
     if (!calibrated) parts.push('level relative');
     fields.facts.textContent = parts.join(' · ');
+    const notes = notesOf(this.told.facts, model);
+    fields.notes.hidden = !notes.length;
+    fields.notes.textContent = notes.join(' ');
   }
 
   #wishOf() {
@@ -120,11 +145,23 @@ export class ObjectPanel {
     do {
       this.again = false;
       // At once as far as may be, and the rest when nothing else is wished meanwhile.
-      const wish = this.wishes.get(this.asked) ?? null;
-      settled = await this.change(this.asked, wish && { ...wish, quick });
+      const now = this.asked;
+      const wish = this.wishes.get(now) ?? null;
+      settled = await this.change(now, wish && { ...wish, quick });
+      if (settled === null) this.#revert(now);
+      else this.done.set(now, wish);
       quick = this.again;
       if (quick) await new Promise((done) => setTimeout(done, PAUSE));
-    } while (quick || !settled);
+    } while (quick || settled === false);
     this.asking = false;
+  }
+
+  /** Show what an object is still like, unless something else is wished by now. */
+  #revert(id) {
+    if (this.again) return;
+    const wish = this.done.get(id);
+    if (wish) this.wishes.set(id, wish);
+    else this.wishes.delete(id);
+    if (this.told.id === id) this.#show();
   }
 }

@@ -10,6 +10,7 @@ export class ObjectList {
     this.chosen = chosen;
     this.buttons = new Map();
     this.told = new Map();
+    this.refused = new Set();
   }
 
   /** Show an object as the server tells of it. */
@@ -63,9 +64,22 @@ export class ObjectList {
     this.buttons.get(id)?.classList.toggle('ringing', rings);
   }
 
+  /** Note that an object that is there cannot be shown. */
+  refuse(id) {
+    this.refused.add(id);
+    this.buttons.get(id).disabled = true;
+    this.buttons.get(id).querySelector('.state').textContent = WORDS.failed;
+    this.buttons.get(id).querySelector('.dot').hidden = true;
+  }
+
+  /** Return the objects that can be played or will be, in the order of the list. */
+  get playable() {
+    return [...this.told.values()].filter(({ id, state }) => state !== 'failed' && !this.refused.has(id));
+  }
+
   /** Return the object that is `step` away from another among those that are there. */
   beside(id, step) {
-    const there = [...this.told.values()].filter(({ state }) => state === 'ready').map((told) => told.id);
+    const there = this.playable.filter(({ state }) => state === 'ready').map((told) => told.id);
     const at = there.indexOf(id);
     if (!there.length) return null;
     return there[(at < 0 ? (step > 0 ? 0 : there.length - 1) : at + step + there.length) % there.length];

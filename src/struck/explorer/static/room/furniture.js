@@ -32,15 +32,19 @@ function rod(from, to, radius, look) {
   return mesh;
 }
 
-/** Return floor and wall as one sheet that bends up behind the objects. */
-function backdrop() {
-  const [wall, bend, side] = [1.36, 0.5, 9];
-  const profile = [new THREE.Vector2(-7, 0), new THREE.Vector2(wall - bend, 0)];
+/**
+ * Return floor and wall as one sheet that bends up behind the objects.
+ * @param {{wall: number, front: number, side: number, top: number}} size m: where the wall is, how
+ *   far the floor reaches to the front and to each side, and how high the wall is
+ */
+export function backdrop({ wall, front, side, top }) {
+  const bend = 0.5;
+  const profile = [new THREE.Vector2(-front, 0), new THREE.Vector2(wall - bend, 0)];
   for (let step = 1; step <= 24; step += 1) {
     const angle = (step / 24) * (Math.PI / 2);
     profile.push(new THREE.Vector2(wall - bend + bend * Math.sin(angle), bend - bend * Math.cos(angle)));
   }
-  profile.push(new THREE.Vector2(wall, 6));
+  profile.push(new THREE.Vector2(wall, top));
   const points = [];
   const faces = [];
   profile.forEach(({ x: y, y: z }, row) => {
@@ -116,19 +120,20 @@ function outline(corners, [x, y, z]) {
   });
 }
 
-/** Return the empty room. */
-export function emptyRoom() {
-  return backdrop();
-}
-
-/** Return what an object of the room stands on or hangs from; a given one stands on a plinth. */
-export function holderOf(told) {
+/**
+ * Return what an object of the room stands on or hangs from; a given one stands on a plinth.
+ * @param {object} told what the server tells of the object
+ * @param {THREE.Box3} around the box around it in the room
+ */
+export function holderOf(told, around) {
   const group = new THREE.Group();
   if (HOLDERS[told.id]) group.add(...HOLDERS[told.id]());
   if (told.kind === 'file') {
-    const [width, depth] = (told.facts.size ?? [0.2, 0.2]).map((edge) => Math.max(0.08, edge / 2 + 0.04));
-    const middle = told.middle ?? told.position;
-    group.add(box([middle[0] - width, -depth, 0], [middle[0] + width, depth, 0.6], PAINT));
+    const middle = around.getCenter(new THREE.Vector3());
+    const size = around.getSize(new THREE.Vector3());
+    const [width, depth] = [size.x, size.y].map((edge) => Math.max(0.08, edge / 2 + 0.04));
+    const low = [middle.x - width, middle.y - depth, 0];
+    group.add(box(low, [middle.x + width, middle.y + depth, around.min.z], PAINT));
   }
   return group;
 }

@@ -28,6 +28,7 @@ export class Instrument {
     this.onReport = () => {};
     this.onReady = () => {};
     this.queued = null;
+    this.waiting = false; // for the ears that were chosen, while others hear
     this.awake = this.#gesture.bind(this);
     for (const name of GESTURES) addEventListener(name, this.awake, { capture: true });
   }
@@ -35,6 +36,11 @@ export class Instrument {
   /** Whether it can sound by now. */
   get ready() {
     return this.engine !== null && this.context.state === 'running';
+  }
+
+  /** Whether it was asked to sound and cannot yet. */
+  get pending() {
+    return Boolean(this.starting) && !this.failed && !this.ready;
   }
 
   #gesture() {
@@ -47,8 +53,10 @@ export class Instrument {
       this.late = setTimeout(silent, STARTED);
     }
     this.starting ??= this.#start().catch((error) => {
+      this.failed = true;
       this.say(`there is no sound: ${error.message}. Pictures and modes still work; another browser may help`, 'engine');
     });
+    this.onReady();
   }
 
   #open() {
@@ -72,10 +80,11 @@ export class Instrument {
     this.onReady();
     if (this.queued) this.strike(...this.queued);
     this.queued = null;
+    await this.setEars(this.settings.ears);
   }
 
   async #engine() {
-    const engine = await createEngine(this.context, { ears: this.settings.ears });
+    const engine = await createEngine(this.context); // one ear, which needs no tables
     if (engine.note) this.say(engine.note, 'engine');
     this.analyser = this.context.createAnalyser();
     Object.assign(this.analyser, { fftSize: 8192, smoothingTimeConstant: 0.55, minDecibels: -110, maxDecibels: -10 });
@@ -95,7 +104,7 @@ export class Instrument {
   /** Return the model that the engine is given: as loud as the others where that is asked for. */
   #sounding({ told, model, change }) {
     const peak = Math.max(told.facts.peak, SOFTEST);
-    const even = this.settings.even || told.kind === 'recording';
+    const even = this.settings.even || !told.facts.calibrated;
     return new ChangedModel(model, change, even ? USUAL / peak : 1);
   }
 
@@ -174,17 +183,16 @@ export class Instrument {
     for (const entry of this.bodies.values()) this.engine.changeModel(entry.body, this.#sounding(entry));
   }
 
-  /** Hear by other ears: the engine starts anew, and what rings ends. */
+  /** Hear by other ears as soon as their tables are there; what rings goes on. */
   async setEars(ears) {
     this.settings.ears = ears;
     if (!this.engine) return;
-    const before = this.engine;
-    const next = await this.#engine();
-    before.close();
-    this.engine = next;
-    for (const entry of this.bodies.values()) {
-      entry.held = undefined;
-      this.#enter(entry);
-    }
+    this.waiting = ears !== 'mono';
+    this.onReady();
+    const note = await this.engine.setEars(ears);
+    if (this.settings.ears !== ears) return;
+    this.waiting = false;
+    this.say(note || null, 'ears');
+    this.onReady();
   }
 }

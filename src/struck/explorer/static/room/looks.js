@@ -65,6 +65,14 @@ export function surfaceOf(material) {
   return surface;
 }
 
+/** Return the surfaces of a record: its label and its grooves. */
+export function recordSurfaces() {
+  return [
+    { color: 0xb4541f, roughness: 0.7 },
+    { color: 0x2b3238, roughness: 0.35 },
+  ].map((look) => new THREE.MeshStandardMaterial({ ...look, metalness: 0, side: THREE.DoubleSide }));
+}
+
 /** The surface of a body that shows a mode, coloured at its vertices. */
 export function modeSurface() {
   return new THREE.MeshStandardMaterial({

@@ -48,15 +48,19 @@ export class Room {
     const surface = model.vertices && model.faces ? { vertices: model.vertices, faces: model.faces } : null;
     const solid = new Solid(told, surface);
     this.solids.set(told.id, solid);
-    if (told.kind === 'file') {
-      const box = solid.box();
-      told.middle = box.getCenter(new THREE.Vector3()).toArray();
-      this.stage.own = box.union(this.stage.own ?? box);
-      this.stage.home();
-    }
     const group = new THREE.Group();
-    group.add(solid.group, holderOf(told));
+    group.add(solid.group, holderOf(told, solid.box()));
+    this.#enclose();
+    if (told.kind === 'file' && !this.stage.visited) this.stage.home();
     this.stage.add(group);
+  }
+
+  /** Let the camera, the light and the wall follow the bodies that are there. */
+  #enclose() {
+    const solids = [...this.solids.values()];
+    const boxes = solids.map((solid) => solid.box());
+    const own = solids.some(({ told }) => told.kind === 'file');
+    this.stage.enclose(boxes, own);
   }
 
   /** Show an object of another size or material. */
@@ -65,6 +69,7 @@ export class Room {
     if (!solid) return;
     solid.resize(size);
     solid.wear(material);
+    this.#enclose();
     this.stage.moved = true;
     this.stage.refresh();
   }
@@ -152,7 +157,7 @@ export class Room {
   mark(id, point) {
     const solid = this.solids.get(id);
     if (!solid) return;
-    const at = solid.faces ? solid.inRoom(point) : solid.inRoom([0, 0, 0.162]);
+    const at = solid.inRoom(solid.spot ?? point);
     this.marked = at.clone();
     const size = 0.012 * Math.max(0.35, at.distanceTo(this.stage.camera.position) / 3);
     for (const mesh of [this.dot, this.ring]) {

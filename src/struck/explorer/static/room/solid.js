@@ -1,7 +1,7 @@
 /** A body as the room shows it: its surface, one of its modes in motion, and what was struck. */
 
 import * as THREE from 'three';
-import { displacementColour, modeSurface, surfaceOf } from './looks.js';
+import { displacementColour, modeSurface, recordSurfaces, surfaceOf } from './looks.js';
 
 const CREASE = Math.cos((38 * Math.PI) / 180); // sharper edges stay edges
 const MANY_FACES = 300_000; // beyond them, corners share their normals
@@ -81,12 +81,17 @@ function facesAround(vertices, faces) {
 export class Solid {
   /**
    * @param {object} told what the server tells of the object
-   * @param {{vertices: Float64Array, faces: Uint32Array} | null} surface null: drawn as a drum
+   * @param {{vertices: Float64Array, faces: Uint32Array} | null} surface null: a recording, drawn
+   *   as a drum or as a token
    */
   constructor(told, surface) {
     this.told = told;
-    this.mesh = new THREE.Mesh(surface ? this.#geometry(surface) : drum(), surfaceOf(told.facts.material));
-    if (!surface) this.mesh.material = drumSurfaces();
+    if (surface) this.mesh = new THREE.Mesh(this.#geometry(surface), surfaceOf(told.facts.material));
+    else {
+      const { geometry, surfaces, spot } = told.figure === 'drum' ? drum() : token();
+      this.mesh = new THREE.Mesh(geometry, surfaces);
+      this.spot = spot; // where a blow is shown
+    }
     this.mesh.castShadow = true;
     this.mesh.receiveShadow = true;
     this.mesh.userData.id = told.id;
@@ -257,32 +262,39 @@ export class Solid {
   }
 }
 
-/** Return a small drum, for what was recorded and has no shape. */
-function drum() {
-  const profile = [[0, 0], [0.07, 0], [0.098, 0.035], [0.104, 0.08], [0.094, 0.15], [0.088, 0.162], [0, 0.162]];
-  const geometry = new THREE.LatheGeometry(profile.map(([r, z]) => new THREE.Vector2(r, z)), 64);
-  geometry.rotateX(Math.PI / 2);
+/** Return a body of revolution about y of a profile (r, y), of two parts: rows up to `last`, and the rest. */
+function lathe(profile, last) {
+  const geometry = new THREE.LatheGeometry(profile.map(([r, y]) => new THREE.Vector2(r, y)), 64);
   geometry.clearGroups();
-  const sides = profile.length - 1;
-  // By segments of the profile: all but the last are the wood, the last the skin.
   const index = [...geometry.index.array];
-  const skin = [];
-  const wood = [];
+  const [first, rest] = [[], []];
   for (let at = 0; at < index.length; at += 3) {
-    const top = [0, 1, 2].every((k) => index[at + k] % profile.length >= sides - 1);
-    (top ? skin : wood).push(...index.slice(at, at + 3));
+    const within = [0, 1, 2].every((k) => index[at + k] % profile.length <= last);
+    (within ? first : rest).push(...index.slice(at, at + 3));
   }
-  geometry.setIndex([...wood, ...skin]);
-  geometry.addGroup(0, wood.length, 0);
-  geometry.addGroup(wood.length, skin.length, 1);
+  geometry.setIndex([...first, ...rest]);
+  geometry.addGroup(0, first.length, 0);
+  geometry.addGroup(first.length, rest.length, 1);
+  return geometry;
+}
+
+function finished(geometry) {
   geometry.computeVertexNormals();
   geometry.computeBoundingBox();
   return geometry;
 }
 
-function drumSurfaces() {
-  return [
-    surfaceOf({ name: 'rosewood', group: 'wood' }),
-    surfaceOf({ name: 'polyester film', group: 'plastic' }),
-  ];
+/** Return a small drum, for one that was recorded. */
+function drum() {
+  const profile = [[0, 0], [0.07, 0], [0.098, 0.035], [0.104, 0.08], [0.094, 0.15], [0.088, 0.162], [0, 0.162]];
+  const geometry = finished(lathe(profile, profile.length - 2).rotateX(Math.PI / 2));
+  const surfaces = [surfaceOf({ name: 'rosewood', group: 'wood' }), surfaceOf({ name: 'polyester film', group: 'plastic' })];
+  return { geometry, surfaces, spot: [0, 0, 0.162] };
+}
+
+/** Return a record that stands upright, for what was recorded and has no shape. */
+function token() {
+  const profile = [[0, -0.008], [0.03, -0.008], [0.032, -0.006], [0.08, -0.006], [0.08, 0.006], [0, 0.006]];
+  const geometry = finished(lathe(profile, 1).translate(0, 0, 0.08));
+  return { geometry, surfaces: recordSurfaces(), spot: [0, -0.008, 0.08] };
 }
