@@ -103,7 +103,7 @@ def test_control_c_waits_for_the_thread_of_the_server() -> None:
     assert explorer._thread.ident not in sys._current_frames()
 
 
-def test_object_that_fails_says_why(tmp_path: Path) -> None:
+def test_object_that_fails_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from struck.explorer.jobs import _answer, _Teller
 
     class Lines:
@@ -124,6 +124,14 @@ def test_object_that_fails_says_why(tmp_path: Path) -> None:
     assert "missing" in answer["message"]
     lines = [json.loads(line) for line in stream.text.splitlines()]
     assert all(0 <= line["fraction"] <= 1 for line in lines)
+    capsys.readouterr()
+    # A fault of its options is none of the person's: its words are for the terminal.
+    refused = replace(thing, make=lambda _progress: struck.analyze(table(), "oak", wall=0.01))
+    answer = _answer(refused, tmp_path / "bar.struck", teller)
+    assert answer["state"] == "failed"
+    assert "fault of struck" in answer["message"]
+    assert "=" not in answer["message"]
+    assert "wall= applies to surfaces" in capsys.readouterr().err
 
 
 def test_facts_of_a_recording_name_no_place_on_it() -> None:
