@@ -68,7 +68,7 @@ def refusals(body: Source, *, formula: bool = True) -> dict[str, str]:
 
 
 def require_applicable(body: Source, *, formula: bool = True, **options: object) -> None:
-    """Refuse options that do not apply to a body; those that are None were not given.
+    """Refuse options that do not apply to a body; None is the value of an option not given.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def require_applicable(body: Source, *, formula: bool = True, **options: object)
 
 
 def applicable(body: Source, **options: Any) -> dict[str, Any]:  # noqa: ANN401 - of `analyze`
-    """Return those of some options that apply to a body: for defaults that all bodies share."""
+    """Return the options that apply to a body: for defaults that several kinds of body share."""
     messages = refusals(body)
     return {name: value for name, value in options.items() if name not in messages}
 

@@ -211,7 +211,7 @@ class _Teller:
 
 
 def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
-    """Compute an object, and return what became of it in words for the page."""
+    """Compute an object; return its state, with its facts or the reason of a failure."""
     try:
         values = _kept(thing.make(teller), path)
     except Exception as error:  # noqa: BLE001 - the other objects are computed all the same
@@ -221,7 +221,7 @@ def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
 
 
 def _reason(error: Exception) -> str:
-    """Return why an object is missing, to a person who chose none of its options."""
+    """Return the reason why an object is missing, in words for a user of the page."""
     if isinstance(error, MemoryError | SolverError):
         return "it needs more memory than there is; close other programs and start again"
     if isinstance(error, OSError | FileFormatError):

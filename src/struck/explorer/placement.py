@@ -57,7 +57,7 @@ def _rotation(model: ModalModel) -> Array:
 
 
 def _swelling(model: ModalModel) -> Place:
-    """Return by what factors a wire is drawn thicker than it is, along its own axes."""
+    """Return the factors by which a wire is drawn thicker than it is, along its axes."""
     if model.geometry is None:
         return (1.0, 1.0, 1.0)
     size = np.ptp(model.geometry.bounds, axis=0)
@@ -103,7 +103,7 @@ def _positions(boxes: Array) -> list[Place]:
 
 
 def _text(model: ModalModel) -> str:
-    """Return a sentence about what a model comes from."""
+    """Return a sentence about the origin of a model."""
     method = model.provenance.method
     if not model.recorded:
         return method or "A model."

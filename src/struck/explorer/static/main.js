@@ -256,7 +256,8 @@ async function change(id, wanted) {
     wake();
     return answer?.settled ?? true;
   } catch (error) {
-    say(error.message, { bad: true, id: error.id ?? 'change' });
+    if (error.id) complain(error);
+    else say(`${objects.told.get(id).title} stays as it was: ${error.message}`, { bad: true, id: 'change' });
     return null;
   }
 }

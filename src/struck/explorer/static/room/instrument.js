@@ -28,6 +28,8 @@ export class Instrument {
     this.onReport = () => {};
     this.onReady = () => {};
     this.queued = null;
+    this.failed = false; // the engine cannot be had
+    this.stuck = false; // the audio device does not start
     this.waiting = false; // for the ears that were chosen, while others hear
     this.awake = this.#gesture.bind(this);
     for (const name of GESTURES) addEventListener(name, this.awake, { capture: true });
@@ -40,14 +42,18 @@ export class Instrument {
 
   /** Whether it was asked to sound and cannot yet. */
   get pending() {
-    return Boolean(this.starting) && !this.failed && !this.ready;
+    return Boolean(this.starting) && !this.failed && !this.stuck && !this.ready;
   }
 
   #gesture() {
     this.context ??= this.#open();
     if (!this.context) return;
     if (this.context.state !== 'running') {
-      const silent = () => this.context.state === 'running' || this.say(SILENT, 'device');
+      const silent = () => {
+        this.stuck = this.context.state !== 'running';
+        if (this.stuck) this.say(SILENT, 'device');
+        this.onReady();
+      };
       this.context.resume().catch(silent);
       clearTimeout(this.late); // some browsers leave the promise open where there is no device
       this.late = setTimeout(silent, STARTED);
@@ -63,6 +69,7 @@ export class Instrument {
     try {
       const context = new AudioContext({ latencyHint: 'interactive' });
       context.onstatechange = () => {
+        this.stuck &&= context.state !== 'running';
         if (context.state === 'running') this.say(null, 'device');
         this.onReady();
       };
