@@ -13,6 +13,7 @@ const [LEAST, NEAREST] = [0.25, 0.15]; // m that the camera stays away by itself
 const FARTHEST = 7; // m, of the camera from what it looks at, and more where bodies need it
 const FILLED = 0.72; // share of the picture that a body takes when the camera comes near it
 const ALL_FILLED = 0.88; // and that all of a person's own take
+const WALL = 1.36; // m: where the wall of the room is
 const LIGHT = { from: [-2.2, -2.6, 4.2], to: [0.1, 0.5, 0.5] };
 const FIELD = 30; // degrees, from bottom to top of a wide picture
 const FLIGHT = 0.5; // s of a move of the camera
@@ -59,6 +60,7 @@ export class Stage {
     this.moved = true;
     this.onMoved = () => {};
     this.own = null; // the box around a person's own bodies, if these are what stands there
+    this.all = null; // the box around all bodies, where they need more than the room has
     this.enclose([], false);
     this.home();
     new ResizeObserver(() => this.#resize()).observe(canvas.parentElement);
@@ -168,12 +170,12 @@ export class Stage {
     this.own = own ? all.clone() : null;
     const edges = boxes.map((each) => Math.max(...each.getSize(new THREE.Vector3()).toArray()));
     this.controls.minDistance = Math.min(NEAREST, 3 * Math.min(...edges, NEAREST));
-    this.all = all.clone();
+    const steady = !own && ROOM.containsBox(all); // the room's own limits, light and wall
+    this.all = steady ? null : all.clone();
     all.expandByPoint(new THREE.Vector3(all.min.x, all.min.y, 0));
     this.#limit();
     const middle = all.getCenter(new THREE.Vector3());
     const reach = all.getSize(new THREE.Vector3()).length() / 2;
-    const steady = !own && ROOM.containsBox(all); // the room's own light and wall
     const [from, to] = [new THREE.Vector3(...LIGHT.from), new THREE.Vector3(...LIGHT.to)];
     const away = from.clone().sub(to).setLength(reach + 4);
     this.sun.position.copy(steady ? from : middle.clone().add(away));
@@ -184,7 +186,7 @@ export class Stage {
     this.sun.target.updateMatrixWorld();
     const { maxDistance } = this.controls;
     const size = {
-      wall: Math.max(1.36, all.max.y + 0.4), front: Math.max(7, maxDistance - all.min.y), side: Math.max(9, reach + maxDistance), top: Math.max(6, 1.2 * maxDistance),
+      wall: steady ? WALL : Math.max(WALL, all.max.y + 0.4), front: Math.max(7, maxDistance - all.min.y), side: Math.max(9, reach + maxDistance), top: Math.max(6, 1.2 * maxDistance),
     };
     const same = this.sheet && Object.keys(size).every((key) => this.sheet.userData[key] === size[key]);
     if (!same) {
@@ -199,9 +201,10 @@ export class Stage {
 
   /** Let the camera go as far away as the picture of all bodies needs. */
   #limit() {
-    const needed = this.#distance(this.all, new THREE.Vector3(...WAY).normalize(), FILLED);
+    const [way, size] = [new THREE.Vector3(...WAY).normalize(), new THREE.Vector3()];
+    const needed = this.all ? this.#distance(this.all, way, FILLED) : 0;
     this.controls.maxDistance = Math.max(FARTHEST, 1.5 * needed);
-    const far = Math.max(40, 2 * this.controls.maxDistance + 2 * this.all.getSize(new THREE.Vector3()).length());
+    const far = Math.max(40, 2 * this.controls.maxDistance + 2 * (this.all?.getSize(size).length() ?? 0));
     if (this.camera.far === far) return;
     this.camera.far = far;
     this.camera.updateProjectionMatrix();
