@@ -299,6 +299,7 @@ function hint() {
     if (instrument.waiting) text = `You hear with one ear until two are ready. ${text}`;
   }
   if (get('hint').textContent !== text) get('hint').textContent = text;
+  get('empty').querySelector('button').hidden = instrument.pending || instrument.ready;
 }
 
 instrument.onReady = () => {
