@@ -142,16 +142,16 @@ OVERTAKEN = """async () => {
     mass: model.mass, centre: model.centre, inertia: model.inertia, material: model.material,
     recoil: model.recoil,
   });
-  const rings = [];
+  const peaks = [];
   for (let round = 0; round < 20; round += 1) {
     instrument.change('given_1', part(2 + (round % 2)));
     await new Promise((done) => setTimeout(done, 60));
     struck.strikeAt('given_1', { point: [0.15, 0.015, 0.0025] });
     instrument.change('given_1', part(3 - (round % 2)));
     await new Promise((done) => setTimeout(done, 200));
-    rings.push(struck.report.ringing);
+    peaks.push(struck.report.peak); // long after the body that was struck has faded
   }
-  return [struck.report.dropped, Math.min(...rings)];
+  return [struck.report.dropped, Math.min(...peaks)];
 }"""
 
 
@@ -164,7 +164,7 @@ def test_blow_is_heard_though_the_number_of_modes_changes_at_once(
     visit.wait("struck.instrument.ready")
     dropped, least = visit.page.evaluate(OVERTAKEN)
     assert dropped == 0
-    assert least > 0
+    assert least > 1e-4
     visit.context.close()
 
 

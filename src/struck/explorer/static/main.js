@@ -388,5 +388,10 @@ addEventListener('keyup', (event) => (event.key === 'd' || event.key === 'D') &&
 
 if (!globalThis.crossOriginIsolated) say('the page is not isolated, so that blows reach the sound a little later: open the address that struck printed, with 127.0.0.1 in it', { id: 'isolation' });
 hint();
-follow(tell, (error) => (error ? complain(error) : unsay('lost')));
+let lost = ''; // why the server is out of reach: said once, though it is tried over and over
+follow(tell, (error) => {
+  if (error && error.message !== lost) complain(error);
+  if (!error) unsay('lost');
+  lost = error?.message ?? '';
+});
 page.ready = true;

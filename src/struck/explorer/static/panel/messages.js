@@ -9,6 +9,7 @@ const shown = new Map();
  * @param {{bad?: boolean, id?: string}} [options] `id`: a later message of that id takes its place
  */
 export function say(text, { bad = false, id = text } = {}) {
+  if (shown.get(id)?.dataset.text === text) return;
   unsay(id);
   if ([...shown.values()].some((each) => each.dataset.text === text)) return;
   const message = document.createElement('div');
