@@ -102,7 +102,7 @@ function showProgress() {
     const [first] = objects.playable;
     get('empty').firstElementChild.textContent = first.kind === 'file'
       ? `${first.title} is being read, and appears here in a moment.`
-      : `${waiting} objects are being computed, and appear here one by one. The first is the ${first.title.toLowerCase()}, in some seconds.`;
+      : `${waiting === 1 ? 'One object is' : `${waiting} objects are`} being computed, to appear here one by one. The first is the ${first.title.toLowerCase()}, in some seconds.`;
   }
   hint();
 }
@@ -299,7 +299,8 @@ function hint() {
     if (instrument.waiting) text = `You hear with one ear until two are ready. ${text}`;
   }
   if (get('hint').textContent !== text) get('hint').textContent = text;
-  get('empty').querySelector('button').hidden = instrument.pending || instrument.ready;
+  const sound = instrument.pending ? 'The sound is getting ready' : 'Get the sound ready meanwhile';
+  get('empty').querySelector('button').textContent = instrument.ready ? 'The sound is ready' : sound;
 }
 
 instrument.onReady = () => {

@@ -13,7 +13,8 @@ const RING_WORDS = 2 ** 18;
 const STRIKE_PEAK = 10 ** (-12 / 20); // of full scale: peak of a default strike
 const LISTENED = 0.25; // s of the strike that sets the loudness
 const CHANNELS = 2;
-const JUST = 0.01; // s after a blow in which another model takes it over, as it has hardly sounded
+// s after a blow in which another model takes it over, by judgement: two so close are heard as one
+const JUST = 0.03;
 const HEADS = { mono: null, stereo: 'exact', binaural: 'kemar' };
 
 // Whether a browser has vectors in WebAssembly: a function that returns the sum of one.
