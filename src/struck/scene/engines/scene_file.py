@@ -2,7 +2,8 @@
 
 MuJoCo's own reader opens whatever path a file names, discards what is only seen, and looks for
 ROS packages nowhere. So the text is first made to stand by itself: files that it includes are put
-in their place, and each mesh is handed over as bytes, if it lies in the folder that was given.
+in their place, and each mesh is handed over as bytes, if it lies in the folder that was given. The
+same holds for models that a file attaches: they are read here, and joined by MuJoCo's own `attach`.
 """
 
 # MuJoCo is compiled, and has no stubs.
@@ -19,7 +20,13 @@ from urllib.parse import unquote
 from xml.etree import ElementTree as ET
 
 from struck.core.child_process import safe_children
-from struck.errors import FileFormatError, MeshError, MissingDependencyError, SimulationError
+from struck.errors import (
+    FileFormatError,
+    MeshError,
+    MissingDependencyError,
+    SimulationError,
+    nearest,
+)
 from struck.files.atomic import is_file, read_bytes, real
 from struck.files.meshes import load_surface
 
@@ -29,11 +36,23 @@ if TYPE_CHECKING:
     from struck.model.mesh import Mesh
 
 _LARGEST_TEXT = 2**25  # bytes of one file of text
-_DEEPEST = 20  # files that include each other in a row
+_DEEPEST = 20  # files that include or attach each other in a row
+_MOST_FILES = 1000  # that one scene includes or attaches, each as often as it does
+_ATTACHED = "|attached "  # begins the name of the frame in place of an <attach>
 _READ_BY_MUJOCO = {".obj", ".stl", ".msh"}
 _IMAGES = ("texture", "skin")  # neither moves nor sounds
 _PACKAGE = re.compile(r"package://([^/]*)/(.*)", re.DOTALL)
 _NAMES = re.compile(r"[^\w.-]+")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Attachment:
+    """A place of a scene to which a body of another model, or all of that model, is attached."""
+
+    model: SceneFile
+    name: str  # of the model
+    body: str  # "": all of it
+    prefix: str
 
 
 @dataclass(kw_only=True)
@@ -42,8 +61,11 @@ class SceneFile:
 
     root: ET.Element
     folder: Path  # nothing outside it is read
-    assets: dict[str, bytes] = field(default_factory=dict)
+    assets: dict[str, bytes] = field(default_factory=dict)  # shared with the models it attaches
     notes: list[str] = field(default_factory=list)  # what was left out
+    attachments: list[_Attachment] = field(default_factory=list)
+    attached: int = 0  # number of models that are attached, those of the attached ones as well
+    files: list[Path] = field(default_factory=list)  # that were read, shared as well
 
     @classmethod
     def of(cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None) -> SceneFile:
@@ -56,8 +78,7 @@ class SceneFile:
         if scene.root.tag == "robot":
             scene._take_urdf(real(place).parent)
         elif scene.root.tag == "mujoco":
-            scene._include(scene.root, real(place).parent, ())
-            scene._take_mjcf(real(place).parent)
+            scene._read_mjcf(real(place), ())
         else:
             raise FileFormatError(
                 f"{path} begins with <{scene.root.tag}>: give a model of MuJoCo (<mujoco>) or a "
@@ -76,13 +97,101 @@ class SceneFile:
         text = ET.tostring(self.root, encoding="unicode")
         try:
             spec = mujoco.MjSpec.from_string(text, assets=self.assets)
+            self._attach(spec)
+        except FileFormatError:
+            raise
         except ValueError as error:
             raise SimulationError(f"MuJoCo cannot read the scene: {error}") from None
         if self.is_robot:
             self._let_go(spec)
         return spec
 
+    def _attach(self, spec: mujoco.MjSpec) -> None:
+        """Join the attached models to a specification, at the frames that stand for them."""
+        for frame in [each for each in spec.frames if each.name.startswith(_ATTACHED)]:
+            # <replicate> ends the names of its copies, as it does those of their bodies.
+            number, _, suffix = frame.name.removeprefix(_ATTACHED).partition("|")
+            attachment = self.attachments[int(number)]
+            child = attachment.model.spec()
+            if not attachment.body:
+                spec.attach(child, frame=frame, prefix=attachment.prefix, suffix=suffix)
+                continue
+            body = child.body(attachment.body)
+            if body is None:
+                names = [each.name for each in child.bodies if each.name != "world"]
+                raise FileFormatError(
+                    f"<attach> names body {attachment.body!r} of model {attachment.name!r}, which "
+                    f"has {', '.join(map(repr, names)) or 'none'}: "
+                    f"{nearest(attachment.body, names)}give one of these"
+                )
+            frame.attach_body(body, attachment.prefix, suffix)
+
     # MJCF.
+
+    def _read_mjcf(self, path: Path, chain: tuple[Path, ...]) -> None:
+        """Take over all files of a model; `chain` are those that attach it."""
+        self._include(self.root, path.parent, ())
+        self._take_models(path.parent, (*chain, path))
+        self._take_mjcf(path.parent)
+
+    def _take_models(self, home: Path, chain: tuple[Path, ...]) -> None:
+        """Read the models that are attached, and put a frame in place of each <attach>."""
+        models: dict[str, SceneFile] = {}
+        for assets in self.root.iter("asset"):
+            for element in assets.findall("model"):
+                file = element.get("file", "")
+                model = self._model(self._inside(home / file, file), file, chain)
+                models[element.get("name") or model.root.get("model") or Path(file).stem] = model
+                assets.remove(element)
+        for element in self.root.iter("attach"):
+            name = element.get("model", "")
+            if name not in models:
+                raise FileFormatError(
+                    f"<attach> names model {name!r}, and there are "
+                    f"{', '.join(map(repr, models)) or 'none'}: {nearest(name, models)}"
+                    "name a <model> of <asset>"
+                )
+            attachment = _Attachment(
+                model=models[name],
+                name=name,
+                body=element.get("body", ""),
+                prefix=element.get("prefix", ""),
+            )
+            element.tag = "frame"
+            element.attrib.clear()
+            element.set("name", f"{_ATTACHED}{len(self.attachments)}|")
+            self.attachments.append(attachment)
+            self.attached += 1 + attachment.model.attached
+            self._require_few_files()
+
+    def _model(self, path: Path, file: str, chain: tuple[Path, ...]) -> SceneFile:
+        """Return a model that this one attaches."""
+        if path in chain or len(chain) == _DEEPEST:
+            raise FileFormatError(f"{path} attaches itself: take one of the two out")
+        model = SceneFile(
+            root=self._parsed(path), folder=self.folder, assets=self.assets, files=self.files
+        )
+        if model.root.tag != "mujoco":
+            raise FileFormatError(
+                f"<model file={file!r}> begins with <{model.root.tag}>: give a model of MuJoCo "
+                "(<mujoco>)"
+            )
+        model._read_mjcf(path, chain)
+        self.notes += model.notes
+        return model
+
+    def _parsed(self, path: Path) -> ET.Element:
+        """Return the content of a further file of the scene."""
+        self.files.append(path)
+        self._require_few_files()
+        return _parsed(path)
+
+    def _require_few_files(self) -> None:
+        if max(len(self.files), self.attached) > _MOST_FILES:
+            raise FileFormatError(
+                f"the scene includes or attaches more than {_MOST_FILES} files: write out what "
+                "files include or attach again and again"
+            )
 
     def _include(self, parent: ET.Element, home: Path, chain: tuple[Path, ...]) -> None:
         """Replace each <include> element by the contents of its file."""
@@ -93,7 +202,7 @@ class SceneFile:
             path = self._inside(home / child.get("file", ""), child.get("file", ""))
             if path in chain or len(chain) == _DEEPEST:
                 raise FileFormatError(f"{path} includes itself: take one of the two out")
-            included = _parsed(path)
+            included = self._parsed(path)
             self._include(included, home, (*chain, path))
             parent[number : number + 1] = list(included)
 
@@ -113,7 +222,8 @@ class SceneFile:
                 continue
             if element.tag not in {"mesh", "hfield", "flexcomp"}:
                 raise FileFormatError(
-                    f"<{element.tag} file={file!r}> is not taken: <include> its content instead"
+                    f"<{element.tag} file={file!r}> is not taken: <include> its content instead, "
+                    "or name it as <model> of <asset>"
                 )
             if "name" not in element.attrib and element.tag != "flexcomp":
                 element.set("name", Path(file).stem)
