@@ -306,7 +306,9 @@ def render(
     model : ModalModel, Body, several bodies, or Scene
         What sounds; a `Body` is a model with its place in the scene and what happens to it.
     excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, several of them, or Contacts
-        What pushes a single model and what holds it; or all contacts of a `struck.scene.Scene`.
+        What pushes a single model, or a single `Body` without excitations, and what holds it; or
+        all contacts of a `struck.scene.Scene`. A log of contacts in which nothing sounds renders to
+        silence as long as the log, and the sound's notes give the reason.
     seconds : float or None
         Length of the sound. None: until 60 dB of decay of the slowest among the loud modes (within
         40 dB of the loudest), at most 10 s after the last push.
@@ -328,8 +330,9 @@ def render(
     Raises
     ------
     OptionError, ContactError
-        On nothing to render, arguments outside their bounds, gains that are not finite, pushes that
-        never end where no length is said; on a contact off the body, or a listener inside one.
+        On nothing to render, excitations of which nothing says whose they are, arguments outside
+        their bounds, gains that are not finite, pushes that never end where no length is said; on a
+        contact off the body, or a listener inside one.
     """
     given = locals()  # all goes on under its own name
 

@@ -185,7 +185,7 @@ def test_a_budget_of_what_sounds_is_told_in_its_notes() -> None:
     made, notes = with_fewer_modes(bodies, 3)
     assert [each.silent for each in made] == [False, False, True]
     assert made[0].model is made[1].model
-    assert notes == (f"body 0: {told}", f"body 1: {told}")
+    assert notes == (f"body 0 and body 1: {told}",)
     scene, notes = with_fewer_modes(Scene(bodies={"bar": bodies[0], "wall": silent}), 3)
     assert len(scene.bodies["bar"].model.frequencies) == 3
     assert notes == (f"bar: {told}",)

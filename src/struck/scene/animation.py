@@ -18,7 +18,7 @@ from struck.errors import OptionError
 from struck.files.atomic import write_bytes
 from struck.model.arrays import AnyArray, Array, checked, require_number
 from struck.model.mesh import Mesh
-from struck.scene.body import Body, Scene
+from struck.scene.body import Body, Scene, material_of
 
 COLOURS: dict[str, tuple[float, float, float]] = {  # by group of material
     "metal": (0.72, 0.73, 0.76),
@@ -74,7 +74,7 @@ def group_of(body: Body) -> str:
     """Return the group of a body's material, "other" where it is unknown."""
     from struck.model.material import materials
 
-    material = body.model.material
+    material = material_of(body.model)
     entry = None if material is None else materials().get(material.name)
     return "other" if entry is None else str(entry["group"])
 

@@ -16,11 +16,12 @@ from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
 from struck.errors import MeshError, OptionError, ScaleWarning, article
 from struck.excitation.excitation import Excitation, Hold
-from struck.model.arrays import Array, checked, require_numbers
+from struck.model.arrays import Array, checked, require_number, require_numbers
 from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
+from struck.scene.gathered_notes import gathered
 
 if TYPE_CHECKING:
     from struck.excitation.roughness import Finish
@@ -40,30 +41,40 @@ class RigidBody:
     ----------
     geometry : Mesh or None
         Its surface; None: touched at any place.
-    material : Material or None
-        None: as hard as can be.
+    material : Material, str or None
+        A name is looked up as in `Material.named`. None: as hard as can be.
     mass : float or None
         kg; None: it does not give way.
     centre : array-like (3,) or None
         Centre of mass, m.
     inertia : array-like (3, 3) or None
         Moments of inertia about it, kg m^2.
+    plane : bool
+        Whether the body is all of the plane z = 0 of its coordinates, as a floor is. It changes
+        pictures alone: contacts say where it is touched. Default: False.
 
     Raises
     ------
     OptionError
-        On a mass that does not exceed 0.
+        On a mass that does not exceed 0, or a plane with another surface.
+    MaterialError
+        On an unknown name of a material.
     MeshError
         On a surface that is inside out.
     """
 
     geometry: Mesh | None = None
-    material: Material | None = None
+    material: Material | str | None = None
     mass: float | None = None
     centre: ArrayLike | None = None
     inertia: ArrayLike | None = None
+    plane: bool = False
 
     def __post_init__(self) -> None:
+        if isinstance(self.material, str):
+            object.__setattr__(self, "material", Material.named(self.material))
+        if self.plane and self.geometry is not None:
+            raise OptionError("plane is True, and there is a geometry: give one of the two")
         for name, shape in (("centre", (3,)), ("inertia", (3, 3))):
             value = getattr(self, name)
             if value is not None:
@@ -198,6 +209,9 @@ class Scene:
         m/s^2.
     notes : tuple of str
         What was left out or guessed when the scene was made.
+    logged : float or None
+        End of the log of contacts that excites the bodies, s, as `Events.on` sets it: such a scene
+        may be silent. Default: None, of a scene without a log.
 
     Raises
     ------
@@ -208,6 +222,7 @@ class Scene:
     bodies: Mapping[str, Body]
     gravity: ArrayLike = _EARTH
     notes: tuple[str, ...] = ()
+    logged: float | None = None
 
     def __post_init__(self) -> None:
         wrong = [name for name, body in self.bodies.items() if not isinstance(body, Body)]
@@ -219,6 +234,8 @@ class Scene:
         require_numbers("gravity", gravity, (3,))
         object.__setattr__(self, "bodies", MappingProxyType(dict(self.bodies)))
         object.__setattr__(self, "gravity", gravity)
+        if self.logged is not None:
+            require_number("logged", self.logged, 0.0, np.inf, wanted="give the end of the log, s")
 
     def posed(self, contacts: Contacts) -> Scene:
         """Return the scene with its bodies at the poses of a log of `contacts`.
@@ -256,7 +273,8 @@ def with_fewer_modes(
         return given, ()
     from struck.perception.audibility import budgeted
 
-    made, notes = {}, []
+    made: dict[int, ModalModel] = {}
+    losses: list[tuple[str, str]] = []
 
     def fewer(each: Any, name: str) -> Any:  # noqa: ANN401 - models, bodies, or what is refused
         if isinstance(each, Body):
@@ -266,17 +284,23 @@ def with_fewer_modes(
         if id(each) not in made:  # bodies may share a model
             made[id(each)] = budgeted(each, modes)
         less = made[id(each)]
-        notes.extend(f"{name}{loss}" for loss in less.provenance.dropped[-1:] if less is not each)
+        losses.extend((name, loss) for loss in less.provenance.dropped[-1:] if less is not each)
         return less
 
     if isinstance(given, Scene):
-        named = {name: fewer(body, f"{name}: ") for name, body in given.bodies.items()}
-        return replace(given, bodies=named), tuple(notes)
+        named = {name: fewer(body, name) for name, body in given.bodies.items()}
+        return replace(given, bodies=named), gathered(losses)
     if isinstance(given, Sequence):
-        many = len(given) > 1
-        found = [fewer(body, f"body {n}: " * many) for n, body in enumerate(given)]
-        return found, tuple(notes)
-    return fewer(given, ""), tuple(notes)
+        bodies = [fewer(body, f"body {n}") for n, body in enumerate(given)]
+        notes = gathered(losses) if len(bodies) > 1 else tuple(loss for _, loss in losses)
+        return bodies, notes
+    return fewer(given, ""), tuple(loss for _, loss in losses)
+
+
+def material_of(model: ModalModel | RigidBody) -> Material | None:
+    """Return what a body is made of; None where it is unknown."""
+    material = model.material
+    return Material.named(material) if isinstance(material, str) else material
 
 
 def centre_of(model: ModalModel | RigidBody) -> Array:

@@ -26,7 +26,7 @@ from struck.model.arrays import Array, Index, Mask, checked, require_number
 from struck.model.gains import ShapeGains
 from struck.model.mesh import barycentric
 from struck.model.model import ModalModel
-from struck.scene.body import Action, Body, Scene, centre_of
+from struck.scene.body import Action, Body, Scene, centre_of, material_of
 from struck.scene.contacts import Contacts
 from struck.scene.sustained_contact import SustainedContact, loaded
 from struck.scene.touches import Pair, Touches, pairs_of, touches_of
@@ -39,6 +39,7 @@ _SHARPEST, _FLATTEST = 5e-4, 1.0  # m, the least and largest radius of curvature
 _OFF = 0.1  # of a body's extent: contacts farther off its surface are counted
 _NOISE = 1.0  # share of noise in the force, for the roughness of 2002
 _GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
+_FAINTEST = 1e-6  # of the largest impulse of a point: weaker ones are counted, not listed
 _TINY = 1e-300
 
 
@@ -57,6 +58,12 @@ class Impacts:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def faint(self) -> Mask:
+        """Which points have less than 1e-6 of the largest impulse (P,)."""
+        sizes = np.linalg.norm(self.impulse, axis=1)
+        return sizes < _FAINTEST * np.max(sizes, initial=0.0)
 
     def chosen(self, rows: Index) -> Impacts:
         """Return the impacts at some of the contact points."""
@@ -98,7 +105,10 @@ class Events:
     notes: tuple[str, ...]
 
     def table(self) -> Sequence[Mapping[str, object]]:
-        """Return a row for each point of a blow and for each lasting contact, in order of time."""
+        """Return a row for each point of a blow and for each lasting contact, in order of time.
+
+        Points whose impulse is below 1e-6 of the largest are left out; `notes` count them.
+        """
         names, durations = self.contacts.names, self.durations
         rows: list[Mapping[str, object]] = [
             {
@@ -110,10 +120,33 @@ class Events:
                 "impulse": self.impacts.impulse[k].tolist(),
                 "duration": float(durations[k]),
             }
-            for k in range(len(self.impacts))
+            for k in np.flatnonzero(~self.impacts.faint).tolist()
         ]
         rows += [each.row(names) for each in self.sustained]
         return sorted(rows, key=lambda row: float(str(row["time"])))
+
+    @property
+    def silence(self) -> str:
+        """Reason why these events make no sound; "" if they excite a body that has a model."""
+        sounding = np.array([not self.scene.bodies[n].silent for n in self.contacts.names], bool)
+        pairs = [*zip(self.impacts.first, self.impacts.second, strict=True)]
+        pairs += [(each.first, each.second) for each in self.sustained]
+        if any(sounding[first] or sounding[second] for first, second in pairs):
+            return ""
+        rows = counted(len(self.contacts), "row")
+        if pairs:
+            blows = counted(len(np.unique(self.impacts.blow)), "blow")
+            lasting = counted(len(self.sustained), "lasting contact")
+            return (
+                f"silence: {blows} and {lasting} are between bodies without a model of their "
+                "sound: give one a ModalModel, or a material in a simulation"
+            )
+        if not len(self.contacts):
+            return "silence: the log has no contacts"
+        return (
+            f"silence: no blow that counts in {rows} of contacts, and nothing slides or rolls: a "
+            "load at rest makes no sound"
+        )
 
     @cached_property
     def durations(self) -> Array:
@@ -160,7 +193,14 @@ class Events:
                 if number in {each.first, each.second}
             ]
             bodies[name] = replace(body, excitations=(*body.actions, *strikes, *rubs))
-        return replace(self.scene, bodies=bodies, notes=(*self.scene.notes, *notes))
+        if not any(body.actions for body in bodies.values()):
+            notes.append(self.silence)
+        return replace(
+            self.scene,
+            bodies=bodies,
+            notes=(*self.scene.notes, *filter(None, notes)),
+            logged=_end_of(self.contacts),
+        )
 
     def _strikes(
         self, number: int, body: Body, impacts: Impacts, forces: str, seed: int
@@ -231,13 +271,26 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
     if weak:
         soft = counted(weak, "blow")
         notes.append(f"{soft} left out: no speed changes by more than {1e3 * SLOWEST:g} mm/s")
+    impacts = Impacts.together(blows) if blows else _no_impacts()
+    if faint := np.count_nonzero(impacts.faint):
+        notes.append(
+            f"{counted(faint, 'impact')} of less than {_FAINTEST:g} of the largest impulse left "
+            "out of the table of events"
+        )
     return Events(
         scene=posed,
         contacts=contacts,
-        impacts=Impacts.together(blows) if blows else _no_impacts(),
+        impacts=impacts,
         sustained=tuple(lasting),
         notes=tuple(notes),
     )
+
+
+def _end_of(contacts: Contacts) -> float:
+    """Return when the last row of a log has ended, of contacts or poses, s; 0 at least."""
+    ends = [np.asarray(contacts.time) + contacts.dt]
+    ends += [] if contacts.poses is None else [contacts.poses.time]
+    return max(0.0, *(float(np.max(each, initial=0.0)) for each in ends))
 
 
 def _stands(scene: Scene, contacts: Contacts) -> Mask:
@@ -361,7 +414,8 @@ def durations_of(events: Events) -> Array:
 
 def _hertz(bodies: Sequence[Body], impacts: Impacts) -> Array:
     """Return the durations of blows between two bodies, s (P,)."""
-    solids = [body.model.material for body in bodies if body.model.material is not None]
+    materials = [material_of(body.model) for body in bodies]
+    solids = [material for material in materials if material is not None]
     if not solids:
         return np.zeros(len(impacts))
     sizes = np.linalg.norm(impacts.impulse, axis=1)

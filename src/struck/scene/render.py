@@ -42,6 +42,7 @@ from struck.scene.body import (
     with_fewer_modes,
     without_late_holds,
 )
+from struck.scene.gathered_notes import gathered
 from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
@@ -83,10 +84,18 @@ def render(
     logged = hasattr(excitations, "body0")
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
-        excitations = ()
+        if model.logged is not None and not any(body.actions for body in model.bodies.values()):
+            return _silent_sound(model, listener, lost + told, seconds, sample_rate)
+        excitations, names, every = (), list(model.bodies), list(model.bodies.values())
     elif logged:
         raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
-    bodies = _bodies(model, cast("Action | Sequence[Action]", excitations))
+    else:
+        every = _bodies(model, cast("Action | Sequence[Action]", excitations))
+        names = [f"body {number}" for number in range(len(every))]
+    _require_excited(every)
+    names = [name for name, body in zip(names, every, strict=True) if not body.silent]
+    names = names if len(every) > 1 else []
+    bodies = [body for body in every if not body.silent]
     told += () if logged else unused_roughness(bodies)
     told += doubts(bodies, seconds)
     bodies = [without_late_holds(body, seconds) for body in bodies]
@@ -98,7 +107,9 @@ def render(
     else:
         ears = _listener_of(listener)
         told += _outrun(ears)
-        samples, notes = _mixed(bodies, ears, room, seconds=seconds, sample_rate=sample_rate)
+        samples, notes = _mixed(
+            bodies, ears, room, names=names, seconds=seconds, sample_rate=sample_rate
+        )
     calibrated = all(body.sounding.calibrated for body in bodies)
     samples = np.atleast_2d(samples)
     if (peak := float(np.abs(samples).max(initial=0.0))) > LARGEST:
@@ -116,8 +127,8 @@ def render(
 
 def _excited(
     scene: Scene, contacts: Action | Sequence[Action] | Contacts
-) -> tuple[Sequence[Body], tuple[str, ...]]:
-    """Return the bodies of a scene with the excitations of a contact log, and notes."""
+) -> tuple[Scene, tuple[str, ...]]:
+    """Return a scene with the excitations of a contact log, and notes."""
     from struck.scene.contacts import Contacts
     from struck.scene.events import events_of
 
@@ -125,33 +136,67 @@ def _excited(
         scene = events_of(scene, contacts).on()
         if early := np.count_nonzero(contacts.time < 0):
             note = f"{counted(early, 'contact')} before 0 s, heard as at 0 s: add a time to all"
-            return list(scene.bodies.values()), (*scene.notes, note)
+            return scene, (*scene.notes, note)
     elif contacts:
         raise OptionError(
             "a scene takes Contacts; excitations belong to its bodies: give them there"
         )
-    return list(scene.bodies.values()), scene.notes
+    return scene, scene.notes
+
+
+def _silent_sound(
+    scene: Scene,
+    listener: Listener | ArrayLike | None,
+    notes: tuple[str, ...],
+    seconds: float | None,
+    sample_rate: int,
+) -> Sound:
+    """Return the sound of a scene in which nothing sounds; by default as long as its log."""
+    if seconds is None:
+        seconds = min(max(scene.logged or 0.0, SHORTEST_RING), LONGEST_UNSAID)
+    ears = len(_listener_of(listener).ear_points)
+    return Sound(
+        samples=np.zeros((ears, max(1, round(seconds * sample_rate))), np.float32),
+        sample_rate=sample_rate,
+        calibrated=all(
+            body.sounding.calibrated for body in scene.bodies.values() if not body.silent
+        ),
+        notes=notes,
+    )
 
 
 def _bodies(
     model: ModalModel | Body | Sequence[Body], excitations: Action | Sequence[Action]
 ) -> Sequence[Body]:
-    """Return the bodies that sound; OptionError unless at least one of them is excited."""
+    """Return the bodies that are rendered, one of them with the excitations that are given."""
     if isinstance(model, ModalModel):
-        bodies: Sequence[Body] = (Body(model=model, excitations=excitations),)
-    else:
-        bodies = (model,) if isinstance(model, Body) else tuple(model)
-        if not bodies or not all(isinstance(each, Body) for each in bodies):
-            raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
-        if excitations:
-            raise OptionError("a Body brings its own excitations: give them there")
+        return (Body(model=model, excitations=excitations),)
+    bodies = (model,) if isinstance(model, Body) else tuple(model)
+    if not bodies or not all(isinstance(each, Body) for each in bodies):
+        raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
+    if isinstance(excitations, Sequence) and not excitations:
+        return bodies
+    if len(bodies) > 1:
+        raise OptionError(
+            f"there are {len(bodies)} bodies, and nothing says which of them is excited: give each "
+            "its own excitations, as Body(model=..., excitations=...)"
+        )
+    if bodies[0].actions:
+        raise OptionError(
+            f"the Body has its own excitations ({len(bodies[0].actions)}), and more are given "
+            "beside it: give all of them in one of the two places"
+        )
+    return (replace(bodies[0], excitations=excitations),)
+
+
+def _require_excited(bodies: Sequence[Body]) -> None:
+    """Refuse bodies none of which is excited."""
     actions = [action for body in bodies for action in body.actions]
     if all(isinstance(action, Hold) for action in actions):
         held = f"{counted(len(actions), 'hold')} and nothing that strikes"
         raise OptionError(
             f"there is {held if actions else 'nothing to render'}: give at least one strike"
         )
-    return [body for body in bodies if not body.silent]
 
 
 def _outrun(ears: Listener) -> tuple[str, ...]:
@@ -336,17 +381,21 @@ def _left_out(model: ModalModel, sample_rate: int) -> tuple[str, ...]:
     """Return a note of how many modes are not heard, where any is not or none is there."""
     kept = below_nyquist(model.frequencies, sample_rate)
     if not len(kept):
+        lacking = f"no modes up to {_hertz(model.complete_to)}" if model.complete_to else "no modes"
         if model.recoil is not None:
-            return ("the body has no modes, so that its recoil alone is heard",)
-        return (
-            "the body has no modes, so that it is silent: lower its damping, or widen its band",
-        )
+            return (f"{lacking}, so that its recoil alone is heard",)
+        return (f"{lacking}, so that it is silent: lower its damping, or widen its band",)
     lost = np.count_nonzero(~kept)
     if not lost:
         return ()
     return (
         f"{lost} of {len(kept)} modes lie at or above {sample_rate / 2:g} Hz and were left out",
     )
+
+
+def _hertz(frequency: float) -> str:
+    """Return a frequency as "20 kHz" or "800 Hz"."""
+    return f"{frequency / 1000:.4g} kHz" if frequency >= 1000 else f"{frequency:.4g} Hz"
 
 
 # All other pushes, and holds: block after block through resonators.
@@ -531,10 +580,11 @@ def _mixed(
     listener: Listener,
     room: Room | None,
     *,
+    names: Sequence[str],
     seconds: float | None,
     sample_rate: int,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return the mixed sound of bodies at a listener's ears (ears, n)."""
+    """Return the mixed sound of bodies at a listener's ears (ears, n); names for their notes."""
     from struck.ears.hearing import Hearing
 
     emitters = [body.emitter for body in bodies]
@@ -564,7 +614,7 @@ def _mixed(
             f"{round(each, 6) + 0.0:.3g}" for each in pose.position.at(np.zeros(1))[0]
         )
         told = (f"heard at {place} m, beside the body: listener= says otherwise",)
-    return samples, told + _notes([notes for _, notes in sent], known)
+    return samples, told + _notes([notes for _, notes in sent], known, names)
 
 
 def _sent(
@@ -665,16 +715,19 @@ def _of_one_duration(heard: Array, late: Array, length: int | None) -> Array:
     return (both[: len(heard)] + both[len(heard) :])[:, :length]
 
 
-def _notes(notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool]) -> tuple[str, ...]:
-    many = len(notes) > 1
-    told = [
-        f"body {number}: {note}" if many else note
-        for number, some in enumerate(notes)
-        for note in some
-    ]
+def _notes(
+    notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the notes of bodies, with their names if there are any."""
+    if names:
+        named = zip(names, notes, strict=True)
+        lines = gathered((name, note) for name, some in named for note in some)
+    else:
+        lines = tuple(note for some in notes for note in some)
     if any(calibrated) and not all(calibrated):
-        told.append(
+        relative = (
             f"{calibrated.count(False)} of {len(calibrated)} bodies have relative gains, the "
             "others Pa: their levels cannot be compared"
         )
-    return tuple(told)
+        return (*lines, relative)
+    return lines

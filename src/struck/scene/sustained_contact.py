@@ -28,7 +28,7 @@ from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index
 from struck.model.material import Material, materials
 from struck.model.model import ModalModel
-from struck.scene.body import Body, centre_of
+from struck.scene.body import Body, centre_of, material_of
 from struck.scene.contacts import Contacts
 from struck.scene.touches import Pair, Touches
 
@@ -437,13 +437,14 @@ def _unit(vectors: Array) -> Array:
 
 def _rubbed(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[Rubbed]:
     """Return the roughness of each body as a sliding tip or a rolling body feels it."""
-    solids = [body.model.material for body in bodies if body.model.material is not None]
+    known = [material_of(body.model) for body in bodies]
+    solids = [material for material in known if material is not None]
     least, most = sorted(float(np.linalg.norm(sweep, axis=1).mean()) for sweep in sweeps)
     extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]
     rolls = least > _ROLLS * most
     return [
         Rubbed(
-            roughness=finish(body.roughness or _usual(body.model.material)),
+            roughness=finish(body.roughness or _usual(material_of(body.model))),
             modulus=contact_modulus(*solids),
             radius=max(_TIP, min(extents, default=0.0) / 2) if rolls else _TIP,
             share=ROLLER if rolls else TIP,

@@ -19,7 +19,7 @@ from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
-from struck.scene.body import Body, Scene
+from struck.scene.body import Body, Scene, material_of
 from struck.scene.contacts import Contacts
 from struck.scene.engines.convex_parts import cut
 from struck.scene.engines.explosion import dead, free_masses, overlaps, require_no_blast
@@ -158,7 +158,7 @@ class Simulation:
         elif not model.nmesh:
             told.append("convex='hull' changes nothing: no body is a mesh")
         self._laws = ContactLaws(
-            materials={name: body.model.material for name, body in bodies.items()},
+            materials={name: material_of(body.model) for name, body in bodies.items()},
             restitution=restitution,
             friction=friction,
         )
